@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .design.diagram import collect, diagram
     from .design.ensemble import FoldEnsemble, fold_ensemble, orbit_ensemble
     from .design.fold_curve.curve import fold_curve
-    from .design.fold_curve.points import FoldCurve
+    from .design.fold_curve.data import FoldCurve
     from .design.fold_map import FoldMap, fold_map
     from .design.record.file import Record, read_record
     from .design.record.measure import Measurement, measure, record_of
@@ -77,7 +77,7 @@ _HOMES = {
     "design.diagram": ("collect", "diagram"),
     "design.ensemble": ("FoldEnsemble", "fold_ensemble", "orbit_ensemble"),
     "design.fold_curve.curve": ("fold_curve",),
-    "design.fold_curve.points": ("FoldCurve",),
+    "design.fold_curve.data": ("FoldCurve",),
     "design.fold_map": ("FoldMap", "fold_map"),
     "design.record.file": ("Record", "read_record"),
     "design.record.measure": ("Measurement", "measure", "record_of"),

@@ -102,7 +102,7 @@ def require(
     return x
 
 
-def whole(key: str, value: Any, *, at_least: int) -> int:
+def whole_number(key: str, value: Any, *, at_least: int) -> int:
     """A whole number.
 
     key, value: what the user calls it, and what was given. Raises InputError: it is none, or smaller.
@@ -222,7 +222,7 @@ def finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def known(what: str, name: str, allowed: Iterable[str]) -> str:
+def choice_of(what: str, name: str, allowed: Iterable[str]) -> str:
     """A name that must be one of several.
 
     Returns `name`. Raises InputError: it is none of them; says the nearest spelling.

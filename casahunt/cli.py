@@ -22,11 +22,11 @@ from importlib import import_module
 from typing import Any
 
 from . import effort, interrupts
-from .checks import known
+from .checks import choice_of
 from .errors import InputError, NoOrbit
 from .views.commands.arguments import Parser
 from .views.commands.console import Outputs, complain, explain_complaints, own_process, progress, say
-from .views.commands.written import keep_inputs
+from .views.commands.output_paths import keep_inputs
 
 COMMANDS = (
     "orbit",
@@ -121,7 +121,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         tell = None if name in SAY_THEMSELVES else lambda text: say(stream, text)
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         keep_inputs(options)
-        with Outputs() as options.outputs, effort.watched(tell, limit=limit):
+        with Outputs() as options.outputs, effort.counting_work(tell, limit=limit):
             return _module(name).run(options)
     except InputError as error:
         interrupts.check()
@@ -153,14 +153,14 @@ def _parsed(words: list[str]) -> argparse.Namespace:
         words = [*words[1:2], "--help"]
     named = not words[0].startswith("-")
     if named:
-        known("command", words[0], COMMANDS)
+        choice_of("command", words[0], COMMANDS)
     parser = build_parser(words[:1] if named else COMMANDS)
     words = _joined(words)
     if named:  # a misspelt option is named before one that must be given is missed
         names = [name for name in parser.options_of(words[0]) if name.startswith("--") and name != "--help"]
         for word in words[1 : words.index("--") if "--" in words else None]:
             if word.startswith("--") and word != "--help":
-                known("option", word.partition("=")[0], names)
+                choice_of("option", word.partition("=")[0], names)
     options, unknown = parser.parse_known_args(words)
     if unknown:
         if unknown[0].startswith("-"):

@@ -50,7 +50,7 @@ class GivenUp(Exception):
     """
 
 
-class Watch:
+class WorkCount:
     """What has been done since a computation began, and what may be.
 
     Attributes
@@ -98,7 +98,7 @@ class OutOfTime(Exception):
     """The seconds that were allowed are over.  No NoOrbit, as `GivenUp`."""
 
 
-_watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
+_watch: ContextVar[WorkCount | None] = ContextVar("watch", default=None)
 _deadline: ContextVar[float] = ContextVar("deadline", default=float("inf"))
 
 
@@ -121,13 +121,13 @@ def _in_time() -> None:
 
 
 @contextmanager
-def watched(tell: Callable[[str], None] | None, *, limit: float = float("inf")) -> Iterator[Watch]:
+def counting_work(tell: Callable[[str], None] | None, *, limit: float = float("inf")) -> Iterator[WorkCount]:
     """Count what is computed inside.
 
     tell: hears every `EVERY` seconds where the computation is; None: nobody; limit: collocation intervals after which
     it is given up. Raises GivenUp: beyond `limit`.
     """
-    watch = Watch(tell, limit)
+    watch = WorkCount(tell, limit)
     token = _watch.set(watch)
     try:
         yield watch
@@ -135,7 +135,7 @@ def watched(tell: Callable[[str], None] | None, *, limit: float = float("inf")) 
         _watch.reset(token)
 
 
-def motion() -> None:
+def motion_begins() -> None:
     """A motion begins."""
     watch = _watch.get()
     if watch is not None:

@@ -38,9 +38,7 @@ class Status(Enum):
         "the collocation equations did not converge; start nearer to the orbit, take a smaller step "
         "in the parameter, or use a finer mesh"
     )
-    NOT_FINITE = (
-        "the iteration met NaN or infinity; the starting guess is too far away or a parameter is extreme"
-    )
+    NOT_FINITE = "the iteration met NaN or infinity; the starting guess is too far away or a parameter is extreme"
     SINGULAR = (
         "the linearised equations are singular: the orbit is at or past a fold, where no cycle continues "
         "in this parameter"
@@ -50,8 +48,7 @@ class Status(Enum):
         "search for another phase sequence"
     )
     FAR_FROM_GUESS = (
-        "the solver converged to a root far from its starting point, perhaps on another branch; "
-        "take a smaller step"
+        "the solver converged to a root far from its starting point, perhaps on another branch; take a smaller step"
     )
     TOLERANCE_NOT_REACHED = (
         "the orbit is found but its error estimate stays above the tolerance, or the order of its phases is not clear "
@@ -59,7 +56,7 @@ class Status(Enum):
     )
 
     NOT_FOUND = (
-        "no cycle was met, which does not prove that there is none; simulate the system at these parameters, or try "
+        "no cycle was found, which does not prove that there is none; simulate the system at these parameters, or try "
         "others near them"
     )
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from .checks import finite_or_none
 from .errors import InputError
-from .files import whole, whole_text
+from .files import whole_file, whole_text
 from .tables import table
 
 Columns = Mapping[str, Sequence[Any] | np.ndarray]
@@ -75,7 +75,7 @@ def columns_from(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Columns
 def write_json(content: Mapping[str, Any], path: str | Path) -> None:
     """A mapping of plain Python as a JSON file.
 
-    Raises InputError, OSError: as `files.whole`.
+    Raises InputError, OSError: as `files.whole_file`.
     """
     text = json.dumps(content, indent=JSON_SPACES, allow_nan=False, ensure_ascii=False)
     with whole_text(path) as stream:
@@ -85,7 +85,7 @@ def write_json(content: Mapping[str, Any], path: str | Path) -> None:
 def write_csv(columns: Columns, path: str | Path) -> None:
     """A table as a CSV file (tables.py).
 
-    Raises InputError, OSError: as `files.whole`.
+    Raises InputError, OSError: as `files.whole_file`.
     """
     lists = [plain(column, strict=False) for column in columns.values()]
     with whole_text(path) as stream:
@@ -99,11 +99,11 @@ def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
     equally long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
 
     content, path: the mapping, numbers that are not finite among its values; and the file.
-    Raises InputError: scipy is not installed, or as `files.whole`; OSError: as `files.whole`.
+    Raises InputError: scipy is not installed, or as `files.whole_file`; OSError: as `files.whole_file`.
     """
     savemat, written = extra("scipy.io", "mat", "to_mat").savemat, io.BytesIO()
     savemat(written, {_word(name): _matlab(value) for name, value in content.items()}, long_field_names=True)
-    with whole(path) as stream:
+    with whole_file(path) as stream:
         stream.write(written.getvalue())
 
 

@@ -61,7 +61,7 @@ def bounded(path: str | Path, what: str, most: float) -> bytes:
 
 
 @contextmanager
-def whole(path: str | Path) -> Iterator[IO[bytes]]:
+def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
     """A stream whose content stands at `path` when the block ends without an exception, and nowhere otherwise.
 
     What stood there before is replaced, with its permissions kept; where `path` is a link, what it points to.
@@ -103,7 +103,7 @@ def together() -> Iterator[None]:
     Between two points of a run SIGKILL finds the same points in all of them, but for the moment between two renamings
     (microseconds, or as long as the file system takes).  Where one cannot be written, all stay as they were.
 
-    Raises OSError: as `whole`.
+    Raises OSError: as `whole_file`.
     """
     drafts: list[_Draft] = []
     _WAITING.drafts = drafts
@@ -183,13 +183,13 @@ def _name(stream: IO[bytes], path: Path) -> None:
 
 @contextmanager
 def whole_text(path: str | Path) -> Iterator[IO[str]]:
-    """`whole` for text: UTF-8, line ends as they are written."""
-    with whole(path) as stream:
+    """`whole_file` for text: UTF-8, line ends as they are written."""
+    with whole_file(path) as stream:
         text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
         try:
             yield text
         finally:
-            text.detach()  # the stream is closed by `whole`
+            text.detach()  # the stream is closed by `whole_file`
 
 
 def _said(path: str | Path, error: OSError) -> Exception:

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from .checks import error_text, known, shortened, to_absolute_error
+from .checks import choice_of, error_text, shortened, to_absolute_error
 from .export import Columns, dataframe, plain, write_csv, write_json, write_mat
 
 _SAID = re.compile(
@@ -168,7 +168,7 @@ class Result:
         """
         columns = {name: column for name, column in self._columns().items() if _of_numbers(column)}
         first, second, *_ = [*columns, "", ""]
-        across, up = known("column", across or first, columns), known("column", up or second, columns)
+        across, up = choice_of("column", across or first, columns), choice_of("column", up or second, columns)
         ax.plot(*(np.array(columns[name], dtype=float) for name in (across, up)), **style)
         ax.set(xlabel=across, ylabel=up)
         return ax

@@ -48,7 +48,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casahunt.hybrid.system import Cycle, Event, Mode, Phase
+from casahunt.hybrid.system import Cycle, Phase, VectorEvent, VectorMode
 
 
 def uniform_field(x: Any, p: Any, sign: Any) -> Any:
@@ -97,28 +97,31 @@ def _crosses_axis(x: Any, duration: Any, p: Any) -> Any:
     return x[1] / ca.sqrt(p[0])
 
 
-_AXIS = Event("y = 0", _crosses_axis)
+_AXIS = VectorEvent("y = 0", _crosses_axis)
 _PARAMETERS = ("mu", "omega", "shear", "e")
 
 
-def _cycle(name: str, parameters: tuple[str, ...], *modes: Mode) -> Cycle:
+def _cycle(name: str, parameters: tuple[str, ...], *modes: VectorMode) -> Cycle:
     phases = tuple(Phase(mode, _AXIS) for mode in modes)
     return Cycle(name, ("x", "y"), parameters, phases, closure=np.eye(2), repeats=1)
 
 
-UNIFORM = _cycle("Stuart-Landau cycle", _PARAMETERS[:2], Mode("turn", uniform_field))
+UNIFORM = _cycle("Stuart-Landau cycle", _PARAMETERS[:2], VectorMode("turn", uniform_field))
 """The plain oscillator, from y = 0 once round."""
-KEPLER = _cycle("Stuart-Landau cycle on Kepler's clock", _PARAMETERS, Mode("turn", kepler_field))
+KEPLER = _cycle("Stuart-Landau cycle on Kepler's clock", _PARAMETERS, VectorMode("turn", kepler_field))
 """The oscillator with shear and an uneven clock, from y = 0 once round."""
 TWO_CLOCKS = _cycle(
-    "Stuart-Landau cycle on two clocks", _PARAMETERS, Mode("upper", kepler_field), Mode("lower", uniform_field)
+    "Stuart-Landau cycle on two clocks",
+    _PARAMETERS,
+    VectorMode("upper", kepler_field),
+    VectorMode("lower", uniform_field),
 )
 """Two phases: Kepler's clock above y = 0, the uniform one below."""
 HARD = Cycle("oscillator with hard excitation", ("x", "y"), ("nu", "omega", "b", "c"),
-             (Phase(Mode("turn", hard_field), _AXIS),), closure=np.eye(2), repeats=1)  # fmt: skip
+             (Phase(VectorMode("turn", hard_field), _AXIS),), closure=np.eye(2), repeats=1)  # fmt: skip
 """Two cycles from a fold on, at which nu is smallest."""
 SHEARED = Cycle("sheared oscillator", ("x", "y"), ("nu", "omega", "b", "c", "shear"),
-                (Phase(Mode("turn", sheared_field), _AXIS),), closure=np.eye(2), repeats=1)  # fmt: skip
+                (Phase(VectorMode("turn", sheared_field), _AXIS),), closure=np.eye(2), repeats=1)  # fmt: skip
 """The same with a period that depends on the radius."""
 SHEARED_HALF = replace(SHEARED, name="sheared oscillator, half cycle", closure=-np.eye(2), repeats=2)
 """Half of it."""

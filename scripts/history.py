@@ -85,7 +85,7 @@ def draw(seed: int, number: int) -> Servo:
 def answer(seed: int, question: Question, options: Options, limit: float) -> Answer:
     """What the program says, to the last bit."""
     servo = draw(seed, question.number)
-    with effort.watched(None, limit=limit) as watch:
+    with effort.counting_work(None, limit=limit) as watch:
         try:
             if question.what == "fold":
                 fold = find_fold(servo, question.model, options=options)

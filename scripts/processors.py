@@ -109,7 +109,7 @@ def without_numbers(sentence: str) -> str:
 
 def asked(question: Any, limit: float) -> tuple[Any, Answer | None]:
     """(what comes back, None), or (None, the refusal)."""
-    with effort.watched(None, limit=limit):
+    with effort.counting_work(None, limit=limit):
         try:
             return question(), None
         except effort.GivenUp:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from casahunt.continuation.plane_curve import Reading
+from casahunt.continuation.plane_curve import Evaluation
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,8 @@ class Known:
     phi: object
     reach = (0.3, 0.1)
 
-    def value(self, s: float, m: float) -> Reading | str:
-        return Reading(float(self.phi(self.s + s, self.position + m)))  # type: ignore[operator]
+    def value(self, s: float, m: float) -> Evaluation | str:
+        return Evaluation(float(self.phi(self.s + s, self.position + m)))  # type: ignore[operator]
 
     @property
     def gradient(self) -> tuple[float, float]:
@@ -26,5 +26,5 @@ class Known:
         by_c = (self.value(0, h).value - self.value(0, -h).value) / (2 * h)  # type: ignore[union-attr]
         return by_s, by_c
 
-    def moved(self, s: float, m: float, reading: Reading) -> Known | str:
+    def moved(self, s: float, m: float, reading: Evaluation) -> Known | str:
         return replace(self, s=self.s + s, position=self.position + m)

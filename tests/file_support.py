@@ -42,6 +42,11 @@ def full_disk(monkeypatch, *, numbers: Sequence[int] = range(1000)) -> None:
 def cheap_tuning(monkeypatch) -> None:
     """A tuning that takes no time: only what is written matters here."""
     found = SimpleNamespace(verification=SimpleNamespace(unverified=(), against=()))
-    for name, value in (("tune", found), ("before_tasks", None), ("record_of", {"gain": 1.0}), ("page", TITLE)):
+    for name, value in (
+        ("tune", found),
+        ("before_tasks", None),
+        ("evidence_record", {"gain": 1.0}),
+        ("evidence_page", TITLE),
+    ):
         monkeypatch.setattr(command_tune, name, lambda *a, value=value, **k: value)
     monkeypatch.setattr(pictures_tune, "evidence_images", lambda *a, **k: {})

@@ -1,7 +1,8 @@
 """Independent truth: the stick map of a servo with a remedy, by scipy's DOP853 with events.
 
 A servo that breaks away forward at x1 = -a with m = Fs stops at x1 = P(a): until it breaks away back only x3 changes,
-and |m| = Fs there tells x3.  Cycles are P(a) = a; the border of hunting is the size at which the largest P(a) - a is zero.
+and |m| = Fs there tells x3.  Cycles are P(a) = a; the border of hunting is the size at which the largest P(a) - a is
+zero.
 """
 
 import numpy as np

@@ -18,7 +18,7 @@ from command_line import PROGRESS, ROOT, contents, one_json, process, rows_of, r
 
 from casahunt import Branch, cli
 from casahunt.servo.saved import load_branch
-from casahunt.views.commands.printed import MEANINGS
+from casahunt.views.commands.output import MEANINGS
 
 ORBIT = ["orbit", "--gain", "0.1", "--plot", "plot.png", "--save", "save.npz"]
 DIAGRAM = ["diagram", "--out", "new/out"]

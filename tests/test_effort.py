@@ -7,7 +7,7 @@ import json
 import pytest
 
 from casahunt import Servo, cli, effort, find_orbit, simulate
-from casahunt.effort import GivenUp, watched
+from casahunt.effort import GivenUp, counting_work
 
 SIMULATE = ["simulate", "--gain", "0.04", "--time", "20"]
 UNSTABLE = ["orbit", "--model", "lugre", "--gain", "0.1", "--branch", "unstable"]
@@ -48,7 +48,7 @@ def test_lines_come_after_a_silence(monkeypatch):
     clock, lines = [0.0], []
     monkeypatch.setattr(effort, "EVERY", 2.0)
     monkeypatch.setattr(effort.time, "monotonic", lambda: clock[0])
-    with watched(lines.append) as watch:
+    with counting_work(lines.append) as watch:
         for tenths in range(50):
             clock[0] = tenths / 10
             if tenths == 30:
@@ -60,15 +60,15 @@ def test_lines_come_after_a_silence(monkeypatch):
 
 def test_the_library_is_not_watched():
     """Nothing counts after the block, nor for a call from Python; inside, work is what the units say."""
-    with watched(None) as watch:
+    with counting_work(None) as watch:
         find_orbit(Servo(), "switch", 0.1)
     done = watch.work
     assert done >= effort.MARCHED * watch.motions > 0 and watch.problems > 0
     find_orbit(Servo(), "switch", 0.1)
     assert watch.work == done
-    with pytest.raises(GivenUp), watched(None, limit=done - 1):
+    with pytest.raises(GivenUp), counting_work(None, limit=done - 1):
         find_orbit(Servo(), "switch", 0.1)
-    with watched(None, limit=done):
+    with counting_work(None, limit=done):
         find_orbit(Servo(), "switch", 0.1)
 
 

@@ -28,7 +28,7 @@ from casahunt import Servo, files, find_orbit, load, load_branch, load_orbit, lo
 from casahunt.design.record import file as record_file
 from casahunt.errors import InputError
 from casahunt.files import bounded
-from casahunt.orbits import packed
+from casahunt.orbits import npz_arrays
 from casahunt.servo import servo as servo_file
 
 
@@ -68,7 +68,7 @@ def test_what_is_being_written_has_no_name(tmp_path):
         os.close(os.open(tmp_path, os.O_TMPFILE | os.O_RDWR))
     except OSError:
         pytest.skip("not on this file system")
-    with files.whole(tmp_path / "a.bin") as stream:
+    with files.whole_file(tmp_path / "a.bin") as stream:
         stream.write(b"half")
         stream.flush()
         assert not list(tmp_path.iterdir())
@@ -120,7 +120,7 @@ def test_a_reader_sees_the_old_or_the_new(tmp_path):
 
     def write(letter: bytes) -> None:
         for _ in range(20):
-            with files.whole(path) as stream:
+            with files.whole_file(path) as stream:
                 for _ in range(300):
                     stream.write(letter * 1000)
 
@@ -171,8 +171,8 @@ READERS: dict[str, tuple[Callable[[Any], object], float]] = {
     "servo": (load, servo_file.LARGEST_TOML),
     "uncertainty": (lambda path: load_uncertainty(path, Servo()), servo_file.LARGEST_TOML),
     "record": (read_record, record_file.LARGEST_RECORD),
-    "orbit": (load_orbit, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME),
-    "branch": (load_branch, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME),
+    "orbit": (load_orbit, sum(npz_arrays.LARGEST_ARRAYS.values()) + npz_arrays.FRAME),
+    "branch": (load_branch, sum(npz_arrays.LARGEST_ARRAYS.values()) + npz_arrays.FRAME),
 }
 
 
@@ -304,7 +304,7 @@ def pack(path: Path, count: int, method: int, says: int | None = None) -> None:
 )
 def test_an_archive_is_not_unpacked_to_its_size(tmp_path, monkeypatch, method, says, said):
     """40 MB from a file of 40 kB; the memory that is taken is that of the limit."""
-    monkeypatch.setitem(packed.LARGEST_ARRAYS, "numbers", MOST)
+    monkeypatch.setitem(npz_arrays.LARGEST_ARRAYS, "numbers", MOST)
     path = tmp_path / "a.npz"
     pack(path, 5_000_000, method, says)
     assert path.stat().st_size < MOST
@@ -321,7 +321,7 @@ def test_numpys_own_way_to_pack_is_read(tmp_path):
 
 @pytest.mark.parametrize("what", ["metadata", "numbers"])
 def test_nothing_is_written_that_could_not_be_read(tmp_path, monkeypatch, what):
-    monkeypatch.setitem(packed.LARGEST_ARRAYS, what, 100)
+    monkeypatch.setitem(npz_arrays.LARGEST_ARRAYS, what, 100)
     with pytest.raises(InputError, match=f"a.npz': its {what} take more than 0 MB"):
         save_orbit(find_orbit(Servo(), "switch", 0.1), tmp_path / "a.npz")
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,7 @@ import numpy as np
 
 from casahunt.collocation.interval import point_function
 from casahunt.compiled import alone
-from casahunt.hybrid.system import Mode
+from casahunt.hybrid.system import VectorMode
 from casahunt.servo.cycles import system_of
 from casahunt.servo.friction import Friction, stribeck
 from casahunt.servo.simulation.trajectory import Trajectory
@@ -45,7 +45,7 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
 
 
 @alone
-def _rates(mode: Mode, x: Array, p: Array) -> Array:
+def _rates(mode: VectorMode, x: Array, p: Array) -> Array:
     """(n, m) x' at the states x (n, m)."""
     n, m = x.shape
     field = point_function(mode.field, n, p.size).map(m)

@@ -6,24 +6,24 @@ scheme.py         nodes, weights, interpolation: pure numpy
 interval.py       one collocation interval, compiled, with its exact Jacobian
 elimination.py    its stages eliminated: positions by substitution, the rest by LU
 substitution.py   the same as expressions, for one interval by itself
-over_arrays.py    a function of a point at many points, by numpy
+vectorised.py     a function of a point at many points, by numpy
 ensemble_points.py fields and stages of many members, over arrays
 joints.py         closed-form phases and events, compiled, with their exact Jacobians
 node_system.py    the linear system left when the stages are eliminated
 linearisation.py  the equations at one point: residuals, Newton steps, tangents
 transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
 graphs.py         the same equations as graphs for optimisation, with Jacobian and Hessian
-turn.py           the extended system of a fold: how far to go along the curve
+fold_system.py    the extended system of a fold: how far to go along the curve
 newton.py         Newton's method, and when a solution is one
 ipopt.py          IPOPT: a root, the largest parameter, a small cost
 solve.py          which of the two solves, alone or one after the other
 mesh.py           the same solution on another mesh
-quarters.py       intervals whose halves do not tell their error, cut in four
+low_order.py      intervals whose halves do not tell their error, cut in four
 error_estimate.py the error of what is read from a solution, by an adjoint
-side_by_side.py   solutions on meshes of parts, corrected many at once
+batched_newton.py solutions on meshes of parts, corrected many at once
 remesh.py         the mesh that makes it as small as asked for
 conditions.py     what the phases say of solutions: conditions, features, events there
-near_events.py    is an event met that is all but met?
+near_grazing.py   is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?
 """
 

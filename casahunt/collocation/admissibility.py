@@ -34,7 +34,7 @@ from numpy.polynomial import legendre
 
 from ..hybrid.system import Exit, Feature
 from .conditions import BETWEEN, Conditions, NotSymbolic
-from .near_events import comes_and_goes, tops_of
+from .near_grazing import comes_and_goes, tops_of
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription
 
@@ -49,7 +49,7 @@ No cycle of sixteen notices ten times more or less."""
 PASSED = 1e-6
 """An event is passed where its scalar goes from so far below zero to as far above, relative to its size above one."""
 BARELY = 1e-8
-"""The same of one that is passed, and passed back, by less than that: a cycle that touches shows no more.  Intervals
+"""The same of one that is passed, and passed back, by less than that: a cycle that grazes shows no more.  Intervals
 that do not resolve as little where one is all but met are unclear, whichever side of zero they show."""
 LARGEST_JUMP = 0.5
 """Of a mode's feature between neighbouring collocation points of a march, which has no other look at it."""
@@ -60,7 +60,7 @@ MOVES_BELOW = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Admissibility:
     """What the conditions say.
 
     Attributes
@@ -82,7 +82,7 @@ class Verdict:
         return not self.violated and not self.unclear.any()
 
 
-def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
+def check_admissible(t: Transcription, u: Array, setting: Setting) -> Admissibility:
     """Check whether a converged solution is a motion: all conditions of its phases.
 
     Returns verdict: the first condition that is violated, and the intervals on which one is not clear.
@@ -93,20 +93,20 @@ def judge(t: Transcription, u: Array, setting: Setting) -> Verdict:
         mode = phase.mode
         if not told.durations[k] > 0:
             sentence = f"phase {k + 1} ({mode.name}) has the duration {told.durations[k]:.3g} s"
-            return Verdict(sentence, k, inside.unclear)
+            return Admissibility(sentence, k, inside.unclear)
         if phase.direction and _from_the_other_side(told, k):
             sentence = f"phase {k + 1} ({mode.name}) meets {phase.end.name!r} from the other side"
-            return Verdict(sentence, k, inside.unclear)
+            return Admissibility(sentence, k, inside.unclear)
         if mode.admissible is not None:
             lowest, wrong = inside.of_phase(t, k) if t.counts[k] else _closed_form(told, k, mode.slack)
             if wrong:
                 sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
-                return Verdict(sentence, k, inside.unclear)
+                return Admissibility(sentence, k, inside.unclear)
         passed, by_little = _passed(ways, k, inside.unclear) if phase.exits else ("", False)
         if passed:
-            return Verdict(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
+            return Admissibility(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
         barely = k if by_little and barely < 0 else barely
-    return Verdict("", -1, inside.unclear, barely)
+    return Admissibility("", -1, inside.unclear, barely)
 
 
 def admissible_many(t: Transcription, u: Array, settings: Setting) -> Array:
@@ -130,9 +130,9 @@ def admissible_many(t: Transcription, u: Array, settings: Setting) -> Array:
                     _, *perhaps = ways.passing(k, i)
                     asked |= np.logical_or.reduce(perhaps).any(axis=(1, 2))
         except NotSymbolic:
-            return np.array([judge(t, u[b], settings.of(b)).admissible for b in range(len(u))], dtype=bool)
+            return np.array([check_admissible(t, u[b], settings.of(b)).admissible for b in range(len(u))], dtype=bool)
     for b in np.flatnonzero(good & asked).tolist():
-        verdict = judge(t, u[b], settings.of(b))
+        verdict = check_admissible(t, u[b], settings.of(b))
         good[b] = verdict.admissible and verdict.barely < 0
     return np.asarray(good)
 
@@ -156,10 +156,10 @@ def unclear_on_halves(t: Transcription, better: Place | None) -> Array:
     better: the solution after that step (error_estimate.Estimate); None for nothing to look at.
     Returns (N,) bool, for the intervals of t.
     """
-    return judged_on_halves(t, Verdict("", -1, np.zeros(t.intervals, dtype=bool)), better).unclear
+    return judged_on_halves(t, Admissibility("", -1, np.zeros(t.intervals, dtype=bool)), better).unclear
 
 
-def judged_on_halves(t: Transcription, verdict: Verdict, better: Place | None) -> Verdict:
+def judged_on_halves(t: Transcription, verdict: Admissibility, better: Place | None) -> Admissibility:
     """A solution that is a motion, judged again by what a Newton step on its halved mesh makes of it.
 
     Where an event is all but met, the solution itself may be known less well than it passes that, or keeps clear.
@@ -169,7 +169,7 @@ def judged_on_halves(t: Transcription, verdict: Verdict, better: Place | None) -
     """
     if better is None:
         return verdict
-    finer = judge(*better)
+    finer = check_admissible(*better)
     unclear: Array = np.asarray(finer.unclear.reshape(-1, 2).any(axis=1))
     if finer.violated and not unclear.any():
         unclear[t.phase_intervals(finer.phase)] = True
@@ -252,7 +252,7 @@ class _WaysOut:
 
 
 def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
-    """Whether one of the states next to which a way out is passed leads to another mode: a touch may lead on."""
+    """Whether one of the states next to which a way out is passed leads to another mode: a contact may lead on."""
     values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)
     below = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
     seen = [way_out.successor(x, p) != mode or way_out.reset is not None for x in states[below + 1]]

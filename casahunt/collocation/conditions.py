@@ -1,7 +1,7 @@
 """What the phases of a cycle say of solutions: their states, and conditions, features and events there.
 
 Of one member by the functions themselves, which take arrays of states; of many, whose parameters differ, operation
-after operation at the points of all of them (over_arrays.py).
+after operation at the points of all of them (vectorised.py).
 
 Symbols: B members, n states, d stages, N intervals, E elements, P phases, m points.
 """
@@ -16,10 +16,10 @@ import casadi as ca
 import numpy as np
 
 from ..compiled import kept
-from ..hybrid.system import Event, Feature, Mode, Phase
+from ..hybrid.system import Feature, Phase, VectorEvent, VectorMode
 from .joints import event_rate, flow_at, linear_in_time
-from .over_arrays import OverArrays
 from .transcription import Setting, Transcription
+from .vectorised import OverArrays
 
 Array = np.ndarray
 
@@ -43,7 +43,7 @@ class Conditions:
         self.nodes, self.durations = t.nodes_of(u) * scale[..., None, :], t.durations_of(u)
         self.w = t.intervals_of(u).reshape(*self.lead, t.intervals, t.degree + 1, t.n) * scale[..., None, None, :]
 
-    def condition(self, mode: Mode, x: Array) -> Array:
+    def condition(self, mode: VectorMode, x: Array) -> Array:
         """(..., m) of a mode at states (..., m, n)."""
         if self.lead:
             return self._over(_condition(mode, self.t.n, self.p.shape[-1]), x)[0]
@@ -56,7 +56,7 @@ class Conditions:
             return self._over(_feature(feature, self.t.n, self.p.shape[-1]), x)[0]
         return np.asarray(feature(x.T, self.p), float)
 
-    def event(self, event: Event, x: Array) -> Array:
+    def event(self, event: VectorEvent, x: Array) -> Array:
         """(..., m) of an event at states (..., m, n)."""
         if self.lead:
             return self._over(_event(event, self.t.n, self.p.shape[-1]), x)[0]
@@ -102,7 +102,7 @@ def _built(n: int, parameters: int, outputs: Callable[[ca.SX, ca.SX, ca.SX], lis
 
 
 @kept(maxsize=64)
-def _condition(mode: Mode, n: int, parameters: int) -> OverArrays:
+def _condition(mode: VectorMode, n: int, parameters: int) -> OverArrays:
     assert mode.admissible is not None
     admissible = mode.admissible
     return _built(n, parameters, lambda x, T, p: [admissible(x, p, mode.sign)])
@@ -114,14 +114,14 @@ def _feature(feature: Feature, n: int, parameters: int) -> OverArrays:
 
 
 @kept(maxsize=64)
-def _flow(mode: Mode, n: int, parameters: int) -> OverArrays:
+def _flow(mode: VectorMode, n: int, parameters: int) -> OverArrays:
     assert mode.flow is not None
     flow = mode.flow
     return _built(n, parameters, lambda x, T, p: [flow(x, T, p)])
 
 
 @kept(maxsize=64)
-def _event(event: Event, n: int, parameters: int) -> OverArrays:
+def _event(event: VectorEvent, n: int, parameters: int) -> OverArrays:
     return _built(n, parameters, lambda x, T, p: [event.function(x, 0.0, p)])
 
 

@@ -7,16 +7,16 @@ there, stages eliminated.  With J^T psi = c for the linear functional q = c . y 
     q(exact) - q(u) = sum_e psi_e . r_e,
 
 to first order, the exact solution being that of the refined mesh.  The sum is the error estimate; its terms say which
-interval is to blame and place the next mesh.  An interval far up-stream of an unstable direction weighs exactly as much
+interval contributes and place the next mesh.  An interval far up-stream of an unstable direction weighs exactly as much
 as it matters, which no local monitor can know.
 
 Three things can make that sum too small.  The refined mesh has an error itself: of each term a part (`left_on_halved`),
 without regard to signs, since terms that cancel on one mesh need not on the next.  In stiff modes and at kinks that may
-be several times the term: the few intervals that matter are cut in four there (quarters.py), and of what that changes
+be several times the term: the few intervals that matter are cut in four there (low_order.py), and of what that changes
 half is added.  The others arise where the field changes suddenly inside an interval.  Gauss collocation is far more
 accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside is, whose
 square may be larger.  And what happens between two points of the refined mesh, such as a change in the first hundredth
-of an interval, none of its equations sees.  So an estimate that is about to be believed gets the first added, and what
+of an interval, none of its equations sees.  So an estimate that is about to be accepted gets the first added, and what
 a Newton step leaves inside each interval, psi_e . r'_e with
 
     r' = x + h T sum_m w_m f(X(t_m)) - x+        after the step, by a quadrature graded to the ends of the interval,
@@ -39,8 +39,8 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from .linearisation import Linearisation
+from .low_order import chained, maps_over_quarters
 from .mesh import on_halved_mesh, shape, sizes_of_states
-from .quarters import chained, maps_over_quarters
 from .scheme import Kind, scheme
 from .transcription import Setting, Transcription, settings_of
 
@@ -55,12 +55,12 @@ SMALL_AMPLITUDE = 0.1
 """The error of an amplitude below this part of the largest value of its state is measured by that: it may be zero."""
 
 LEFT_ON_HALVED, LEFT_OF_LOW_ORDER = 1 / 16, 1 / 4
-"""Part of the blame of an interval that its halves keep: that of order four, below the order of the schemes, and of
-order two, to which stiffness and kinks reduce it.  Measured on 60 cycles at five tolerances: at most 0.02; in
-stiff modes at most 0.24, but for one solution in thirty, where up to 11: intervals in which something happens that
-halves do not show.  Those that matter are therefore cut in four."""
+"""Part of the error contribution of an interval that its halves keep: that of order four, below the order of the
+schemes, and of order two, to which stiffness and kinks reduce it.  Measured on 60 cycles at five tolerances: at most
+0.02; in stiff modes at most 0.24, but for one solution in thirty, where up to 11: intervals in which something happens
+that halves do not show.  Those that matter are therefore cut in four."""
 MATTERS, LEFT_OF_CHANGE = 1 / 32, 1 / 2
-"""Intervals of low order that are to blame for more than this part of the error are cut in four, some four in sixty;
+"""Intervals of low order that contribute more than this part of the error are cut in four, some four in sixty;
 part that is left of what this changes."""
 FINE_POINTS, GRADED = 6, 0.125
 """Gauss points in either part of half an interval, of which the outer part is an eighth."""
@@ -77,7 +77,7 @@ class Estimate:
     ----------
     period, amplitude : relative errors.
     parameter : absolute error of lambda under a border row; 0 where it is held fixed.
-    indicators : (N,) relative error of period, amplitude or parameter that each interval is to blame for.
+    indicators : (N,) relative error of period, amplitude or parameter that each interval contributes.
     shape : (N,) last Legendre coefficients in units of the scale.
     measured : the amplitude itself, in physical units.
     better : the solution after a Newton step on the halved mesh: transcription, unknowns, setting; None where that was
@@ -136,12 +136,12 @@ def estimate(
     setting: Setting,
     *,
     border: Array | None = None,
-    believed: float = np.inf,
+    accepted: float = np.inf,
     amplitude: Functional | None = None,
 ) -> Estimate:
     """Error estimates of a converged solution u.
 
-    border: border row under which the solution was computed; default lambda fixed; believed: first-order estimates up
+    border: border row under which the solution was computed; default lambda fixed; accepted: first-order estimates up
     to this get what they overlook added; larger ones only place the next mesh; amplitude: what is measured; default the
     cycle's state at the phase ends.
     Returns estimate; period and amplitude are those of the full cycle, relative errors do not care.
@@ -156,7 +156,7 @@ def estimate(
         goals[1] = amplitude.row / amplitude.size
     if border is not None:
         goals[2, -1] = 1.0
-    errors, per_element, better = functional_errors(t, u, setting, goals, border=border, believed=believed)
+    errors, per_element, better = functional_errors(t, u, setting, goals, border=border, accepted=accepted)
     period, relative, parameter = (*map(float, errors), 0.0)[:3]
     indicators = per_element.max(axis=0)[t.interval_elements]
     return Estimate(period, relative, parameter, indicators, shape(t, u), measured, better)
@@ -178,18 +178,18 @@ def functional_errors(
     goals: Array,
     *,
     border: Array | None = None,
-    believed: float = np.inf,
+    accepted: float = np.inf,
     halved: Halved | None = None,
 ) -> tuple[Array, Array, Start | None]:
     """Errors of linear functionals of the node system at converged solutions u (..., size), of one member or of many.
 
-    goals: (..., k, y) the functionals; border: (..., .) as in `estimate`; believed: as there, of no error larger than
+    goals: (..., k, y) the functionals; border: (..., .) as in `estimate`; accepted: as there, of no error larger than
     it; halved: the solutions on the mesh with halved intervals (`on_halves`), where they are at hand.
     Returns errors (..., k) and the share of each element in them (..., k, E), absolute; and the solutions after a
     Newton step on the halved mesh, where that is looked at.
     """
     with np.errstate(all="ignore"):
-        return _errors(t, halved or on_halves(t, u, setting), goals, border, believed)
+        return _errors(t, halved or on_halves(t, u, setting), goals, border, accepted)
 
 
 def on_halves(t: Transcription, u: Array, setting: Setting) -> Halved:
@@ -200,7 +200,7 @@ def on_halves(t: Transcription, u: Array, setting: Setting) -> Halved:
 
 
 def _errors(
-    t: Transcription, halved: Halved, goals: Array, border: Array | None, believed: float
+    t: Transcription, halved: Halved, goals: Array, border: Array | None, accepted: float
 ) -> tuple[Array, Array, Start | None]:
     """`functional_errors`.
 
@@ -213,24 +213,30 @@ def _errors(
         border = t.system.border(parameter=1.0)
         border = border if finer.ndim == 1 else np.repeat(border[None], len(finer), axis=0)
     matrix, rhs = joined.matrix(border), joined.rhs()
-    errors, weights, blame = _blamed(joined, goals, matrix, rhs)
-    per_element = np.abs(blame)
-    if not errors.max() > believed:
+    errors, weights, contributions = _contributions(joined, goals, matrix, rhs)
+    per_element = np.abs(contributions)
+    if not errors.max() > accepted:
         y = t.system.solve(matrix, rhs)
         better = fine, finer + lin.expand(_with_middles(t, fine, lin, y), 1.0), halves.moved(y[..., -1])
         if t.intervals:
-            first = errors, weights, blame
+            first = errors, weights, contributions
             errors, weights = _with_overlooked(t, halved, joined, goals, border, better, first, per_element)
     flat = weights.reshape(*weights.shape[:-2], 1, -1)
     return errors + ROUNDING * np.sqrt((flat @ flat.swapaxes(-1, -2))[..., 0, 0]), per_element, better
 
 
 def _with_overlooked(
-    t: Transcription, halved: Halved, joined: Linearisation, goals: Array, border: Array, better: Start,
-    first: tuple[Array, Array, Array], per_element: Array,
+    t: Transcription,
+    halved: Halved,
+    joined: Linearisation,
+    goals: Array,
+    border: Array,
+    better: Start,
+    first: tuple[Array, Array, Array],
+    per_element: Array,
 ) -> tuple[Array, Array]:
-    """Errors (..., k) with what `first` of `_blamed` overlooks, which goes to `per_element` too, and psi."""
-    (errors, weights, blame), own, ones = first, t.interval_elements, np.ones(t.intervals)
+    """Errors (..., k) with what `first` of `_contributions` overlooks, which goes to `per_element` too, and psi."""
+    (errors, weights, contributions), own, ones = first, t.interval_elements, np.ones(t.intervals)
     left, inside = _left_by_a_step(*better, halved[3]), weights[..., t.inside, :]
     terms = np.abs(left @ inside.swapaxes(-3, -2).swapaxes(-2, -1))
     overlooked = ANYWHERE * (
@@ -241,15 +247,15 @@ def _with_overlooked(
     where = to_be_quartered(t, by_interval, errors + over + unseen @ ones)
     if where.any():
         _put_over_quarters(t, halved, joined.maps, where)
-        errors, weights, again = _blamed(joined, goals, joined.matrix(border), joined.rhs())
+        errors, weights, again = _contributions(joined, goals, joined.matrix(border), joined.rhs())
         np.maximum(per_element, np.abs(again), out=per_element)
-        on_quarters = left_on_quarters(blame.take(own, axis=-1), again.take(own, axis=-1))
+        on_quarters = left_on_quarters(contributions.take(own, axis=-1), again.take(own, axis=-1))
         unseen = np.where(where[..., None, :], on_quarters, unseen)
     per_element[..., own] += unseen + overlooked.swapaxes(-1, -2)
     return errors + unseen @ ones + over, weights
 
 
-def _blamed(joined: Linearisation, goals: Array, matrix: Array, rhs: Array) -> tuple[Array, Array, Array]:
+def _contributions(joined: Linearisation, goals: Array, matrix: Array, rhs: Array) -> tuple[Array, Array, Array]:
     """First-order errors (..., k) of functionals; psi (..., k, E, n), and psi . r (..., k, E)."""
     E, n = joined.maps.shape[-3:-1]
     psi = joined.transcription.system.solve_transposed(matrix, goals)
@@ -269,22 +275,24 @@ def _put_over_quarters(t: Transcription, halved: Halved, maps: Array, where: Arr
 
 
 def left_on_halved(t: Transcription) -> Array:
-    """(N,) part of the blame of every interval that its halves keep."""
+    """(N,) part of the error contribution of every interval that its halves keep."""
     return np.where(t.low_order, LEFT_OF_LOW_ORDER, LEFT_ON_HALVED)
 
 
-def to_be_quartered(t: Transcription, blame: Array, errors: Array) -> Array:
+def to_be_quartered(t: Transcription, contributions: Array, errors: Array) -> Array:
     """Which intervals matter, and are such that their halves may not tell by how much.
 
-    blame, errors: (..., k, N) blame of its intervals for functionals, and (..., k) errors. Returns (..., N) bool.
+    contributions, errors: (..., k, N) error contributions of its intervals for functionals, and (..., k) errors.
+    Returns (..., N) bool.
     """
-    return t.low_order & (blame > np.maximum(MATTERS * errors, ROUNDING)[..., None]).any(axis=-2)
+    return t.low_order & (contributions > np.maximum(MATTERS * errors, ROUNDING)[..., None]).any(axis=-2)
 
 
 def left_on_quarters(on_halves: Array, on_quarters: Array) -> Array:
     """What quarters of intervals leave.
 
-    on_halves, on_quarters: (..., m) blame of intervals, by their halves and by their quarters. Returns (..., m).
+    on_halves, on_quarters: (..., m) error contributions of intervals, by their halves and by their quarters. Returns
+    (..., m).
     """
     return LEFT_OF_CHANGE * np.abs(on_quarters - on_halves) + LEFT_ON_HALVED * np.abs(on_quarters)
 

@@ -17,7 +17,7 @@ import numpy as np
 from ..compiled import alone, kept
 from ..errors import Status
 from .graphs import graphs, lagrangian_hessian
-from .newton import LARGEST_MOVE, RESIDUAL_LIMIT, ROUNDED, Solution, size_of_step, verdict
+from .newton import LARGEST_MOVE, RESIDUAL_LIMIT, ROUNDED, Solution, size_of_step, status_of
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -161,7 +161,7 @@ def ipopt(
     if lin is not None and lin.finite():
         residual = lin.residual_norm()
         left = size_of_step(t, point, lin.step(row)[0])
-        status = verdict(t, u, point, residual, left <= ROUNDED, largest_move)
+        status = status_of(t, u, point, residual, left <= ROUNDED, largest_move)
     return Solution(point, lam, status, iterations, residual, lin, "ipopt")
 
 

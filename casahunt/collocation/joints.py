@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Cycle, Mode, Phase
+from ..hybrid.system import Cycle, Phase, VectorMode
 
 Array = np.ndarray
 
@@ -45,9 +45,7 @@ def joint_function(cycle: Cycle) -> ca.Function:
     dp, scale = ca.SX.sym("dp", len(cycle.parameters)), ca.SX.sym("scale", n)
 
     def with_derivatives(value: ca.SX, x: ca.SX, duration: ca.SX) -> ca.SX:
-        return ca.horzcat(
-            value, ca.jacobian(value, x), ca.jacobian(value, duration), ca.jtimes(value, p, dp)
-        )
+        return ca.horzcat(value, ca.jacobian(value, x), ca.jacobian(value, duration), ca.jtimes(value, p, dp))
 
     flows: list[ca.SX] = []
     events = []
@@ -67,7 +65,7 @@ def joint_function(cycle: Cycle) -> ca.Function:
 
 
 @kept(maxsize=64)
-def linear_in_time(mode: Mode, n: int, parameters: int) -> bool:
+def linear_in_time(mode: VectorMode, n: int, parameters: int) -> bool:
     """Whether a mode in closed form moves along a straight line, its flow being linear in the time."""
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
@@ -75,14 +73,14 @@ def linear_in_time(mode: Mode, n: int, parameters: int) -> bool:
 
 
 @kept(maxsize=32)
-def _flow_map(mode: Mode, n: int, parameters: int, points: int) -> Caller:
+def _flow_map(mode: VectorMode, n: int, parameters: int, points: int) -> Caller:
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
     function = ca.Function("flow", [x, T, p], [ca.densify(mode.flow(x, T, p))])
     return caller(function.map("flows", "serial", points, [0, 2], []), [n, points, parameters], [(points, n)])
 
 
-def flow_at(mode: Mode, x: Array, times: Array, p: Array) -> Array:
+def flow_at(mode: VectorMode, x: Array, times: Array, p: Array) -> Array:
     """States of a mode in closed form.
 
     Parameters

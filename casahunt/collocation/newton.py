@@ -3,7 +3,7 @@
     G(u, lambda) = 0,    border . (u - u_start, lambda - lambda_start) = 0,
 
 where the border row holds lambda fixed, or measures arclength; on the condensed node system (transcription.py).  At an
-extremum of lambda the way along the border row is one more unknown (turn.py):
+extremum of lambda the way along the border row is one more unknown (fold_system.py):
 
     linearise -> step -> small enough already? -> done
         ^                  | no
@@ -11,7 +11,7 @@ extremum of lambda the way along the border row is one more unknown (turn.py):
         +------------ take it -> was it the last? -> what is left of the equations? -> done
 
 Many members at once have loops of their own: orbits/ensemble.py at fixed parameters, continuation/turning_points.py at
-extrema, side_by_side.py on meshes of parts.  One member as a batch of one takes 2.2 times as long to linearise (three
+extrema, batched_newton.py on meshes of parts.  One member as a batch of one takes 2.2 times as long to linearise (three
 states, ten intervals: 0.24 ms for 0.11; four states, 61 stiff intervals: 0.62 for 0.47), since points of many members
 are evaluated over arrays; and of many no member's next step is judged by the residual, which costs a pass over all.
 
@@ -27,9 +27,9 @@ from typing import Literal
 import numpy as np
 
 from ..errors import Status
+from .fold_system import Turn
 from .linearisation import Linearisation
 from .transcription import Setting, Transcription
-from .turn import Turn
 
 Array = np.ndarray
 Solver = Literal["ipopt", "newton"]
@@ -87,9 +87,14 @@ def newton(
     u: Array,
     setting: Setting,
     *,
-    border: Array | None = None, parameter: float = 0.0,
-    max_iterations: int = MOST_NEWTON_STEPS, largest_move: float = LARGEST_MOVE,
-    accuracy: float = 0.0, rough: float = 0.0, nearby: float = 0.0, turn: Turn | None = None,
+    border: Array | None = None,
+    parameter: float = 0.0,
+    max_iterations: int = MOST_NEWTON_STEPS,
+    largest_move: float = LARGEST_MOVE,
+    accuracy: float = 0.0,
+    rough: float = 0.0,
+    nearby: float = 0.0,
+    turn: Turn | None = None,
 ) -> Solution:
     """Newton's method from u.
 
@@ -110,7 +115,7 @@ def newton(
             return Solution(u, lam, step, iteration, np.inf, None)
         lin = step.linearisation
         if step.whole <= min(accuracy, ROUNDED):
-            status = verdict(t, start, u, residual := lin.residual_norm(), True, largest_move)
+            status = status_of(t, start, u, residual := lin.residual_norm(), True, largest_move)
             return Solution(u, lam, status, iteration, residual, lin)
         u += step.du
         lam += step.dlam
@@ -118,7 +123,7 @@ def newton(
         foreseen = step.size * (step.size / last) if last < np.inf else np.inf
         limit = rough if min(step.size, foreseen) <= rough else RESIDUAL_LIMIT * _sure(step, before, nearby, accuracy)
         if limit and (residual := t.residual_norm(u, setting.moved(lam))) <= limit:
-            return Solution(u, lam, verdict(t, start, u, residual, True, largest_move), iteration, residual, lin)
+            return Solution(u, lam, status_of(t, start, u, residual, True, largest_move), iteration, residual, lin)
         rounding = step.size <= ROUNDED and step.size > 0.3 * last
         # Secants shrink less quickly than Newton's steps do: where the extremum is, the next step is to show.
         if rounding or (turn is None and (step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP)):
@@ -187,7 +192,13 @@ def _towards_extremum(
 
 
 def _arrived(
-    t: Transcription, start: Array, u: Array, lam: float, setting: Setting, row: Array, iteration: int,
+    t: Transcription,
+    start: Array,
+    u: Array,
+    lam: float,
+    setting: Setting,
+    row: Array,
+    iteration: int,
     largest_move: float,
 ) -> Solution:
     """The solution after the last step, judged by the residual and, where that is not small, by the next step."""
@@ -197,7 +208,7 @@ def _arrived(
         return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
     residual = lin.residual_norm()
     small = residual <= RESIDUAL_LIMIT or size_of_step(t, u, lin.step(row)[0]) <= ROUNDED
-    return Solution(u, lam, verdict(t, start, u, residual, small, largest_move), iteration, residual, lin)
+    return Solution(u, lam, status_of(t, start, u, residual, small, largest_move), iteration, residual, lin)
 
 
 def size_of_step(t: Transcription, u: Array, du: Array) -> float:
@@ -210,7 +221,7 @@ def size_of_step(t: Transcription, u: Array, du: Array) -> float:
     return float(sizes.max())
 
 
-def verdict(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
+def status_of(t: Transcription, start: Array, u: Array, residual: float, small: bool, largest_move: float) -> Status:
     """What becomes of a point as a solution.
 
     start, u: (size,) where the solver started, and the point; residual, small: what is left of the equations there, and

@@ -1,8 +1,8 @@
 """The mesh that makes the error as small as asked for.
 
-The blame of every interval (error_estimate.py) behaves like h^(order + 1): each interval is made shorter or longer by
-the power that brings it to its share of the tolerance.  A second measure keeps the solution presentable between the
-nodes: the last Legendre coefficient of each interval in units of the state scale, bounded by `shape_limit`.
+The error contribution of every interval (error_estimate.py) behaves like h^(order + 1): each interval is made shorter
+or longer by the power that brings it to its share of the tolerance.  A second measure keeps the solution presentable
+between the nodes: the last Legendre coefficient of each interval in units of the state scale, bounded by `shape_limit`.
 
 Symbols: N intervals.
 """
@@ -20,7 +20,7 @@ Array = np.ndarray
 SHAPE = 1e-3
 """Largest last Legendre coefficient: the polynomial inside an interval is then good to about 1e-4."""
 KINK_POWER = 1 / 3
-"""In a mode with a kink the blame of an interval falls no faster than h^3."""
+"""In a mode with a kink the error contribution of an interval falls no faster than h^3."""
 SAFETY = 0.01
 """The next mesh aims at this part of the tolerance.  A fifth more intervals than at 0.1, and on walks along which
 fast slips move about on their mesh a quarter fewer changes of it: 5 to 15 % less time."""
@@ -35,15 +35,15 @@ def shape_limit(tol: float) -> float:
 COARSENING = (0.1, 0.3, 1.0)
 """How many intervals may stand in place of one, at least, at the first, second and any later change of a mesh.
 
-Blame is measured on the mesh at hand; an interval without blame may get it when it grows.  Meshes that keep
+Contributions are measured on the mesh at hand; an interval without any may get one when it grows.  Meshes that keep
 coarsening go round in circles."""
 
 
 def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float, changes: int = 0) -> list[Array]:
     """The boundaries of the next mesh: place and number of intervals for the tolerance.
 
-    The blame of an interval behaves like h^(order + 1): its length is changed by the power that would bring it to its
-    share of the tolerance, by at most 4 at a time when it shrinks and `COARSENING` when it grows.
+    The contribution of an interval behaves like h^(order + 1): its length is changed by the power that would bring it
+    to its share of the tolerance, by at most 4 at a time when it shrinks and `COARSENING` when it grows.
 
     fractions: (N,) interval lengths as fractions of their phase; e: error estimate on this mesh; changes: how often
     this mesh has been changed already. Returns boundaries of each collocated phase, from 0 to 1.

@@ -1,6 +1,6 @@
 """Which solver solves: Newton (newton.py) or IPOPT (ipopt.py), alone or one after the other.
 
-A root of the equations, under a border row or at a fixed lambda; or the extremum of lambda (turn.py).
+A root of the equations, under a border row or at a fixed lambda; or the extremum of lambda (fold_system.py).
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import Status
+from .fold_system import MOST_TURNS, Turn
 from .ipopt import ipopt, maximise_parameter
-from .newton import LARGEST_MOVE, Solution, Solver, newton, verdict
+from .newton import LARGEST_MOVE, Solution, Solver, newton, status_of
 from .transcription import Setting, Transcription
-from .turn import MOST_TURNS, Turn
 
 Array = np.ndarray
 
@@ -34,7 +34,7 @@ def ipopt_then_newton(t: Transcription, u: Array, setting: Setting) -> Solution:
     polished = newton(t, found.u, setting, max_iterations=POLISHING, largest_move=POLISHED)
     if not polished.status.ok:
         return found if not found.status.ok else polished
-    status = verdict(t, u, polished.u, polished.residual, True, LARGEST_MOVE)
+    status = status_of(t, u, polished.u, polished.residual, True, LARGEST_MOVE)
     return replace(polished, status=status, iterations=found.iterations + polished.iterations)
 
 
@@ -59,9 +59,7 @@ def solve(
     if bend is None:
         if solver == "ipopt":
             return ipopt(t, u, setting, border=border, parameter=parameter)
-        return newton(
-            t, u, setting, border=border, parameter=parameter, accuracy=accuracy, rough=rough, nearby=nearby
-        )
+        return newton(t, u, setting, border=border, parameter=parameter, accuracy=accuracy, rough=rough, nearby=nearby)
     if solver == "ipopt":
         return _optimum(t, u, setting, parameter, bend)
     turn = Turn(np.array([bend]))

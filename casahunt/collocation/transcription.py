@@ -42,7 +42,7 @@ import numpy as np
 
 from .. import effort
 from ..compiled import kept
-from ..hybrid.system import Cycle, Field, Mode
+from ..hybrid.system import Cycle, Field, VectorMode
 from .elimination import Eliminated, elimination
 from .ensemble_points import eliminate_many, fields_at
 from .interval import points_map
@@ -155,7 +155,7 @@ class Transcription:
         n, phase_of, is_interval, phase_start, phase_end, signs = self.n, [], [], [], [], []
         start: list[Array] = []
         fields: dict[Field, list[Array]] = {}
-        modes: dict[Mode, list[Array]] = {}
+        modes: dict[VectorMode, list[Array]] = {}
         elements, intervals, v = 0, 0, self.intervals * self.rows
         for k, (phase, count) in enumerate(zip(self.cycle.phases, self.counts, strict=True)):
             phase_start.append(elements)

@@ -7,24 +7,24 @@ predictor.py        the last two points of a branch, interpolated and carried on
 curve.py            the curve of a branch: its points and tangents, and the cycle next to one
 walk.py             orbits along it, by pseudo-arclength, or at prescribed values of the parameter
 special_points.py   folds, symmetry breaking, superstable and grazing cycles: what they are
-recut.py            another plane for a cycle that is cut by planes
-touching.py         cycles that touch an event
-locating.py         the orbit between two at which a monitor vanishes, or where a branch turns (collocation/turn.py)
-vanishing.py        where a phase shrinks to nothing, and where between two orbits the phases change
-bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
+poincare_section.py another plane for a cycle that is cut by planes
+grazing_contact.py  cycles that contact an event
+locating.py         the orbit between two at which a monitor vanishes, or where a branch turns
+(collocation/fold_system.py) vanishing.py        where a phase shrinks to nothing, and where between two orbits the
+phases change bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
 crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
 reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
-behind_grazing.py   behind a grazing: the cycle that a branch goes on with
+beyond_grazing.py   behind a grazing: the cycle that a branch goes on with
 equilibrium.py      the curve of equilibria of a mode, and the normal form of their Hopf bifurcations
 equilibrium_branch.py equilibria of a mode, followed in a parameter
 birth.py            the cycle that is born at a Hopf bifurcation
 terminations.py     where cycles end: shrunk, grown, at an equilibrium; and through a rest
-whole.py            half of a symmetric cycle made whole where a parameter breaks the symmetry
+broken_symmetry.py  half of a symmetric cycle made whole where a parameter breaks the symmetry
 branch.py           a branch on its way, and as it is handed out
-closed.py           where a branch closes
+closed_branch.py    where a branch closes
 following.py        a branch of a user's system, with what is met on the way
-grazing_search.py   from a cycle that keeps clear of an event to one that touches it
+grazing_search.py   from a cycle that keeps clear of an event to one that grazes it
 optimum.py          a fold as an optimisation problem: its conditions, and how much it moves with every parameter
 fold.py             a fold as a point of the branch and as an optimum, confirmed
 fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
@@ -59,14 +59,14 @@ if TYPE_CHECKING:
     from .special_points import FOLD, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
     from .terminations import End
     from .two_parameters import SpecialCurve, special_curve, special_walk
-    from .walk import run
+    from .walk import walk_to_end
 
 __all__ = [
     "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium", "EquilibriumBranch",
     "Expansion", "Fold", "FoldConstraints", "Folds", "Missed", "Monitor", "SpecialCurve", "SpecialEquilibrium",
     "SpecialOrbit", "SpecialPoint", "born_at", "branch_off", "equilibria", "expansion", "expansion_beside",
-    "fold_between", "folds_near", "follow", "grazing", "largest", "monitors_of", "next_fold", "run", "smallest",
-    "special_curve", "special_points_between", "special_walk", "user_monitor",
+    "fold_between", "folds_near", "follow", "grazing", "largest", "monitors_of", "next_fold", "smallest",
+    "special_curve", "special_points_between", "special_walk", "user_monitor", "walk_to_end",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -86,9 +86,15 @@ __getattr__ = lazily(
         "sheet": ("Axis",),
         "special_charts": ("SpecialOrbit",),
         "two_parameters": ("SpecialCurve", "special_curve", "special_walk"),
-        "walk": ("run",),
+        "walk": ("walk_to_end",),
         "special_points": (
-            "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Missed", "Monitor", "SpecialPoint", "user_monitor",
+            "FOLD",
+            "SUPERSTABLE",
+            "SYMMETRY_BREAKING",
+            "Missed",
+            "Monitor",
+            "SpecialPoint",
+            "user_monitor",
         ),
         "grazing_search": ("grazing",),
     },

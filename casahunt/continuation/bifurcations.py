@@ -24,7 +24,7 @@ from itertools import combinations
 import numpy as np
 
 from ..orbits.orbit import Orbit
-from .curve import Point
+from .curve import CurvePoint
 from .special_points import FOLD, Monitor
 
 Array = np.ndarray
@@ -53,11 +53,11 @@ def _product(factors: Array, sizes: Array) -> float:
 def _passes(at: float, kind: str, meaning: str) -> Monitor:
     """The monitor of a multiplier that passes `at`."""
 
-    def value(orbit: Orbit, point: Point) -> float:
+    def value(orbit: Orbit, point: CurvePoint) -> float:
         mu = _nontrivial(orbit)
         return _product(mu - at, np.abs(mu))
 
-    def sure(orbit: Orbit, point: Point) -> bool:
+    def sure(orbit: Orbit, point: CurvePoint) -> bool:
         return bool(np.all(np.abs(_nontrivial(orbit) - at) > _errors(orbit)))
 
     return Monitor(kind, value, f"{kind} at {{name}} = {{value:.10g}}: {meaning}", sure=sure, by_multipliers=True)
@@ -71,19 +71,19 @@ def _products(orbit: Orbit) -> Array:
     return np.array([a * b for a, b in _pairs(orbit)], complex)
 
 
-def _pair_on_the_circle(orbit: Orbit, point: Point) -> float:
+def _pair_on_the_circle(orbit: Orbit, point: CurvePoint) -> float:
     products = _products(orbit)
     return _product(products - 1, np.abs(products))
 
 
-def _off_the_circle(orbit: Orbit, point: Point) -> bool:
+def _off_the_circle(orbit: Orbit, point: CurvePoint) -> bool:
     sizes = np.maximum(1.0, np.abs(_nontrivial(orbit)))
     errors = np.array([a * e + b * d for (a, b), (d, e) in zip(
         combinations(sizes, 2), combinations(_errors(orbit), 2), strict=True)])  # fmt: skip
     return bool(np.all(np.abs(_products(orbit) - 1) > errors))
 
 
-def _slope_is_sure(orbit: Orbit, point: Point) -> bool:
+def _slope_is_sure(orbit: Orbit, point: CurvePoint) -> bool:
     return abs(float(point.row[-1])) > NOISE_OF_SLOPE * orbit.error_estimate
 
 

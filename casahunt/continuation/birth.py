@@ -116,7 +116,7 @@ def born_at(
 
 
 @dataclass(frozen=True, eq=False)
-class _Foretold:
+class _NormalFormCycle:
     """A cycle next to a Hopf bifurcation as the normal form has it.
 
     Attributes
@@ -163,7 +163,7 @@ def _largest_radius(hopf: SpecialEquilibrium, form: NormalForm) -> float:
     return 1.0 / (max(float(second), third) or 1.0 / float(np.max(size)))
 
 
-def _foretold(hopf: SpecialEquilibrium, form: NormalForm, rho: float) -> _Foretold:
+def _foretold(hopf: SpecialEquilibrium, form: NormalForm, rho: float) -> _NormalFormCycle:
     """The cycle of a radius."""
     here, names = hopf.equilibrium, hopf.equilibrium.system.names
     x, p = np.array(list(here.states.values())), np.array(list(here.parameters.values()))
@@ -176,10 +176,10 @@ def _foretold(hopf: SpecialEquilibrium, form: NormalForm, rho: float) -> _Foreto
     turning = np.array([name in here.system.angles for name in names.states])
     worst = np.where(seen & ~turning, twisted, np.inf)
     k = int(np.argmin(worst if np.isfinite(worst).any() else np.where(seen, twisted, np.inf)))
-    return _Foretold(hopf, form, x, p, rho, by, w, k)
+    return _NormalFormCycle(hopf, form, x, p, rho, by, w, k)
 
 
-def _segments(told: _Foretold, section: Section, degree: int, kind: Kind) -> list[Segment]:
+def _segments(told: _NormalFormCycle, section: Section, degree: int, kind: Kind) -> list[Segment]:
     """The two halves of a turn, from plane to plane."""
     half, s = INTERVALS_OF_A_TURN // 2, scheme(degree, kind)
     breaks = np.linspace(0.0, 1.0, half + 1)
@@ -193,7 +193,7 @@ def _segments(told: _Foretold, section: Section, degree: int, kind: Kind) -> lis
     return found
 
 
-def _mirrored(told: _Foretold, section: Section, segments: list[Segment], p: Array) -> Closure | None:
+def _mirrored(told: _NormalFormCycle, section: Section, segments: list[Segment], p: Array) -> Closure | None:
     """The symmetry that maps one half of the cycle to the other, where there is one."""
     q, x, form = told.form.q, told.x, with_sections(told.system, (section,))
     scale = np.max(np.abs(np.vstack([told.x, *(s.start for s in segments)])), axis=0)
@@ -205,7 +205,7 @@ def _mirrored(told: _Foretold, section: Section, segments: list[Segment], p: Arr
     return None
 
 
-def _solved(told: _Foretold, measured: str | Function, options: Options, began: float) -> SystemOrbit | str:
+def _solved(told: _NormalFormCycle, measured: str | Function, options: Options, began: float) -> SystemOrbit | str:
     """The cycle that was foretold, or why it was not found."""
     hopf, system, n = told.hopf, told.system, told.x.size
     vary, state = hopf.vary, told.k
@@ -229,7 +229,7 @@ def _solved(told: _Foretold, measured: str | Function, options: Options, began: 
     return f"the one found at {vary} = {parameter_value(orbit, vary):.8g} is another one"
 
 
-def _as_born(orbit: SystemOrbit, told: _Foretold, tol: float) -> bool:
+def _as_born(orbit: SystemOrbit, told: _NormalFormCycle, tol: float) -> bool:
     """Whether what is next to a cycle grows as fast as the parameter foretells; where that is not known, the parameter.
 
     A fold of the cycles between it and the bifurcation would have turned the one round, and not the other.

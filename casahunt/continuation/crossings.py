@@ -28,13 +28,23 @@ import numpy as np
 
 from .. import effort
 from ..orbits.adapt import Options
+from ..orbits.batched_multipliers import ORBITS_AHEAD, know_multipliers
 from ..orbits.orbit import AnyOrbit
-from ..orbits.side_by_side import ORBITS_AHEAD, know_multipliers
 from ..roots import hides_a_pair
 from .bifurcations import BRANCH_POINT
-from .curve import Point, arrived, bend, curve_point, ends, in_units_of, parameter_value, secant, seen_from
-from .locating import length_to, locate
-from .recut import apart_by_kinks
+from .curve import (
+    CurvePoint,
+    arrived,
+    bend,
+    curve_point,
+    ends,
+    in_units_of,
+    parameter_value,
+    secant_direction,
+    seen_from,
+)
+from .locating import length_to, locate_special_point
+from .poincare_section import apart_by_kinks
 from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
 from .vanishing import change_of_phases
 from .walk import step_along
@@ -65,7 +75,7 @@ class _Station(NamedTuple, Generic[AnyOrbit]):
     """
 
     orbit: AnyOrbit
-    point: Point
+    point: CurvePoint
     at: float
     opens: bool = False
 
@@ -110,7 +120,7 @@ class Crossings(Generic[AnyOrbit]):
         return self._so_far()
 
     def _look_up_to(self, last: int) -> None:
-        """Look at all steps up to a station; the multipliers of all of them are computed side by side."""
+        """Look at all steps up to a station; the multipliers of all of them are computed in batches."""
         if self._ahead > 1:
             know_multipliers([station.orbit for station in self._line])
         for k in range(self._looked + 1, last + 1):
@@ -149,7 +159,7 @@ class Crossings(Generic[AnyOrbit]):
         else:
             last = self._line[-1]
             there = arrived(last.orbit, after, self._vary)
-        length = float(np.linalg.norm(secant(self._line[-1].orbit, after, self._vary)))
+        length = float(np.linalg.norm(secant_direction(self._line[-1].orbit, after, self._vary)))
         self._line.append(_Station(after, there, self._line[-1].at + length))
 
     @property
@@ -208,8 +218,8 @@ class Crossings(Generic[AnyOrbit]):
                 found = one(monitor, x, y)
                 special += found.special
                 missed += found.missed
-        way = secant(before.orbit, after.orbit, self._vary)
-        special.sort(key=lambda s: float(np.dot(secant(before.orbit, s.orbit, self._vary), way)))
+        way = secant_direction(before.orbit, after.orbit, self._vary)
+        special.sort(key=lambda s: float(np.dot(secant_direction(before.orbit, s.orbit, self._vary), way)))
         return Passed(tuple(special), tuple(missed))
 
     def _looked_inside(
@@ -252,7 +262,7 @@ class Crossings(Generic[AnyOrbit]):
 
     def _mean_slope(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> float:
         """The mean of d lambda/d s over a step, which its ends know."""
-        way = in_units_of(secant(x.orbit, y.orbit, self._vary), x.orbit.scale, x.point.setting.scale)
+        way = in_units_of(secant_direction(x.orbit, y.orbit, self._vary), x.orbit.scale, x.point.setting.scale)
         return float(way[-1] / np.linalg.norm(way))
 
     def _middle(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> _Station[AnyOrbit] | None:
@@ -278,9 +288,7 @@ class Crossings(Generic[AnyOrbit]):
         near = zero and monitor.by_multipliers and station.orbit.multipliers.trusted
         return 0.0 if near and monitor.confirmed(station.orbit) else float("nan")
 
-    def _sign_change(
-        self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]
-    ) -> _Station[AnyOrbit] | None:
+    def _sign_change(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> _Station[AnyOrbit] | None:
         """The last station with the other sign than at y; None where there is none, or the sign at y is not sure."""
         last = self._signs.last
         if monitor.kind not in last and np.isfinite(first := self._value(monitor, x)):
@@ -299,10 +307,8 @@ class Crossings(Generic[AnyOrbit]):
             return Passed()
         return self._located(monitor, before, y)
 
-    def _located(
-        self, monitor: Monitor, before: _Station[AnyOrbit], after: _Station[AnyOrbit]
-    ) -> Passed[AnyOrbit]:
-        orbit = locate(before.orbit, after.orbit, monitor, vary=self._vary, options=self._options)
+    def _located(self, monitor: Monitor, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
+        orbit = locate_special_point(before.orbit, after.orbit, monitor, vary=self._vary, options=self._options)
         if orbit is not None:
             error = self._error(monitor, orbit, before, after)
             special = (special_point(monitor, orbit, self._vary, error),) if monitor.confirmed(orbit) else ()
@@ -312,9 +318,7 @@ class Crossings(Generic[AnyOrbit]):
             return Passed()  # multipliers may jump where the phases change, and that is located
         return Passed((), (self._not_located(monitor.kind, before, after),))
 
-    def _error(
-        self, monitor: Monitor, orbit: AnyOrbit, before: _Station[AnyOrbit], after: _Station[AnyOrbit]
-    ) -> float:
+    def _error(self, monitor: Monitor, orbit: AnyOrbit, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> float:
         """How far off a point may be, in lambda, by what is left of a product of multipliers and by their errors.
 
         0 of other monitors.
@@ -351,8 +355,8 @@ class Crossings(Generic[AnyOrbit]):
         orbit, vary, options = None, self._vary, self._options
         if watched is not None and len(steps) == 1 and steps[0] != (before, after):
             loosely = replace(watched, tolerance=LOOSELY * watched.tolerance)
-            orbit = locate(steps[0][0].orbit, steps[0][1].orbit, loosely, vary=vary, options=options)
-        orbit = orbit or locate(before.orbit, after.orbit, monitor, vary=vary, options=options)
+            orbit = locate_special_point(steps[0][0].orbit, steps[0][1].orbit, loosely, vary=vary, options=options)
+        orbit = orbit or locate_special_point(before.orbit, after.orbit, monitor, vary=vary, options=options)
         width = abs(before.orbit.problem.distance(vary, parameter_value(after.orbit, vary)))
         if orbit is None and width <= options.tol:
             # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.

@@ -24,11 +24,11 @@ from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
-from ..orbits.border import curve_border, with_other_phases
-from ..orbits.orbit import Orbit, Solved, linearised, orbit_of
+from ..orbits.bordering import curve_border, with_other_phases
+from ..orbits.orbit import Orbit, SolvedOrbit, linearised, orbit_of
 from ..orbits.restart import Start
-from .moving_mesh import Way, by_time, stiff, way_of
-from .predictor import Bend, Place, alive, bent, logarithms, straight, unknowns
+from .moving_mesh import Progress, by_time, stiff, way_of
+from .predictor import Bend, RelativePoint, alive, bent, logarithms, straight, unknowns
 
 Array = np.ndarray
 
@@ -37,7 +37,7 @@ STRAIGHT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class CurvePoint:
     """A point of the curve in the solver's terms.
 
     Attributes
@@ -47,7 +47,7 @@ class Point:
     du : (size,) derivative of u by arclength.
     bend : what the points before say of the way beyond the tangent; None at the first point and after a change of the
         phase sequence.
-    moves : whether its mesh may move along; that of a sketch is too rough, and takes more steps.
+    moves : whether its mesh may move along; that of a provisional orbit is too rough, and takes more steps.
     """
 
     t: Transcription
@@ -59,7 +59,7 @@ class Point:
     moves: bool = True
 
     @property
-    def way(self) -> Way:
+    def way(self) -> Progress:
         """How far the motion has come along its cycle; in smooth modes it comes along as the time does."""
         if self.bend is not None:
             return self.bend.way
@@ -104,7 +104,7 @@ def solved_along(
     return orbit_of(solved, there, wall_s=time.perf_counter() - began)
 
 
-def secant(before: Orbit, after: Orbit, vary: str) -> Array:
+def secant_direction(before: Orbit, after: Orbit, vary: str) -> Array:
     """The way from one orbit to the next.
 
     Returns (n + 2,) in (x_0, ln T_1, lambda), in the scale of `before`.
@@ -125,7 +125,7 @@ def in_units_of(row: Array, scale: Array, other: Array) -> Array:
     return np.concatenate([row[:n] * scale / other, row[n:]])
 
 
-def cosine(before: Point, after: Point) -> float:
+def cosine(before: CurvePoint, after: CurvePoint) -> float:
     """The angle between the tangents at two points; without ln T_1 where that is another thing."""
     carried, row = in_units_of(before.row, before.setting.scale, after.setting.scale), after.row
     if before.t.cycle != after.t.cycle:
@@ -134,7 +134,7 @@ def cosine(before: Point, after: Point) -> float:
     return float(carried @ row / (np.linalg.norm(carried) * np.linalg.norm(row) or 1.0))
 
 
-def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> Point:
+def curve_point(orbit: Orbit, vary: str, *, like: Array | None = None, sense: float = 1.0) -> CurvePoint:
     """The curve at an orbit, with its tangent.
 
     orbit, vary: a converged orbit and the name of the parameter; like: (n + 2,) direction to go on in; the tangent
@@ -154,14 +154,14 @@ def along(problem: Problem, vary: str, value: float | None = None) -> Array:
     return problem.direction(vary) * problem.unit(vary, value)
 
 
-def ends(before: Orbit, after: Orbit, vary: str) -> tuple[Point, Point]:
+def ends(before: Orbit, after: Orbit, vary: str) -> tuple[CurvePoint, CurvePoint]:
     """The curve at two successive orbits, oriented from the first to the second."""
-    return curve_point(before, vary, like=secant(before, after, vary)), arrived(before, after, vary)
+    return curve_point(before, vary, like=secant_direction(before, after, vary)), arrived(before, after, vary)
 
 
-def arrived(before: Orbit, after: Orbit, vary: str) -> Point:
+def arrived(before: Orbit, after: Orbit, vary: str) -> CurvePoint:
     """The curve at an orbit, oriented along the way from another one to it."""
-    return curve_point(after, vary, like=in_units_of(secant(before, after, vary), before.scale, after.scale))
+    return curve_point(after, vary, like=in_units_of(secant_direction(before, after, vary), before.scale, after.scale))
 
 
 def point_at(
@@ -173,7 +173,7 @@ def point_at(
     like: Array | None,
     sense: float = 1.0,
     lin: Linearisation | None = None,
-) -> Point:
+) -> CurvePoint:
     """The curve at a solution, with its tangent.
 
     dp: (np,) the way that p goes for lambda = 1; like: (n + 2,) direction to go on in; the tangent makes an acute angle
@@ -202,10 +202,10 @@ def point_at(
     length = length if (float(row @ like) if like is not None else row[-1] * sense) >= 0 else -length
     u, du = _divided(t, u, factor), _divided(t, du, factor)
     setting = replace(setting, scale=setting.scale * factor, dp=dp)
-    return Point(t, u, setting, row / length, du / length)
+    return CurvePoint(t, u, setting, row / length, du / length)
 
 
-def backwards(point: Point) -> Point:
+def backwards(point: CurvePoint) -> CurvePoint:
     """The same point of the curve, run through in the other sense."""
     flipped = None if point.bend is None else point.bend.backwards()
     return replace(point, row=-point.row, du=-point.du, bend=flipped)
@@ -220,7 +220,7 @@ def _divided(t: Transcription, u: Array, factor: Array) -> Array:
     return fresh
 
 
-def predict(point: Point, ds: float) -> tuple[Array, float, Setting]:
+def predict(point: CurvePoint, ds: float) -> tuple[Array, float, Setting]:
     """Predict a point further on; sizes and durations are multiplied, so that they stay positive.
 
     point: where the prediction is made; ds: how far on, in arclength.
@@ -241,22 +241,22 @@ def predict(point: Point, ds: float) -> tuple[Array, float, Setting]:
     return u, lam, setting
 
 
-def _sign(point: Point) -> float:
+def _sign(point: CurvePoint) -> float:
     """The sign of the parameter where lambda is in units of its value; else 0."""
     index = int(np.argmax(np.abs(point.setting.dp)))
     ratio = float(point.setting.p[index] / point.setting.dp[index])
     return ratio if abs(ratio) == 1 else 0.0
 
 
-def _place(point: Point) -> Place:
-    return Place(0.0, point.t, point.u, point.du, point.setting.fractions, 0.0, float(point.row[-1]), point.way)
+def _place(point: CurvePoint) -> RelativePoint:
+    return RelativePoint(0.0, point.t, point.u, point.du, point.setting.fractions, 0.0, float(point.row[-1]), point.way)
 
 
-def _way_on(point: Point) -> Bend:
+def _way_on(point: CurvePoint) -> Bend:
     return point.bend or straight(_place(point), _sign(point))
 
 
-def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
+def bent_through(point: CurvePoint, ds: float, solved: SolvedOrbit, lam: float) -> CurvePoint:
     """A point whose predictor passes through what was found further on.
 
     The coefficient of the highest power takes up the defect.
@@ -268,12 +268,12 @@ def bent_through(point: Point, ds: float, solved: Solved, lam: float) -> Point:
     if not same or not np.array_equal(solved.setting.scale, point.setting.scale):
         return point
     u = solved.solution.u
-    found = Place(ds, point.t, u, np.zeros_like(u), solved.setting.fractions, lam, 0.0, point.way)
+    found = RelativePoint(ds, point.t, u, np.zeros_like(u), solved.setting.fractions, lam, 0.0, point.way)
     z = logarithms(found, _sign(point), alive(point.t, point.u)).value
     return replace(point, bend=bend.through(ds, z))
 
 
-def seen_from(after: Point, orbit: Orbit, vary: str, value: float) -> tuple[float, float]:
+def seen_from(after: CurvePoint, orbit: Orbit, vary: str, value: float) -> tuple[float, float]:
     """Another value of the parameter in the terms of a point of the curve.
 
     after, orbit: the point, and an orbit of the branch, whose problem knows units.
@@ -285,7 +285,7 @@ def seen_from(after: Point, orbit: Orbit, vary: str, value: float) -> tuple[floa
 
 
 def bend(
-    before: Point, after: Point, seen: tuple[float, float], *, side: float = -1.0, row: Array | None = None
+    before: CurvePoint, after: CurvePoint, seen: tuple[float, float], *, side: float = -1.0, row: Array | None = None
 ) -> Bend | None:
     """The cubic through two points and their tangents.
 
@@ -302,7 +302,7 @@ def bend(
     return bent(_place(after), there, _sign(after))
 
 
-def _seen_along(before: Point, after: Point, seen: tuple[float, float], row: Array) -> Place | None:
+def _seen_along(before: CurvePoint, after: CurvePoint, seen: tuple[float, float], row: Array) -> RelativePoint | None:
     """Another point as it is seen from `after`, s counted along a row; None as for `bend`."""
     t, old = after.t, before.t
     if old.cycle != t.cycle or (old.degree, old.kind) != (t.degree, t.kind):
@@ -320,4 +320,4 @@ def _seen_along(before: Point, after: Point, seen: tuple[float, float], row: Arr
         return None
     if np.any(alive(t, after.u) & ~alive(old, u)):
         return None
-    return Place(s, old, u, du / slope, before.setting.fractions, lam, growth / slope, before.way)
+    return RelativePoint(s, old, u, du / slope, before.setting.fractions, lam, growth / slope, before.way)

@@ -147,7 +147,7 @@ def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
     return None
 
 
-def growth(field: Field, sign: float, x: Array, p: Array, omega: float) -> float:
+def growth_rate(field: Field, sign: float, x: Array, p: Array, omega: float) -> float:
     """How fast what turns with a frequency grows next to an equilibrium.
 
     field, sign, x, p: as of `rates`; the equilibrium is the one next to x.

@@ -25,7 +25,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from ..checks import given_once, known, of_kind, require, to_and_back, to_error
+from ..checks import choice_of, given_once, of_kind, require, to_and_back, to_error
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..hybrid.language import System
@@ -244,7 +244,7 @@ def equilibria(
         raise InputError(f"{system.name}: time enters it, and it has no equilibria; follow a cycle of it")
     p, x = system.values(parameters), system.state(given_once(start, states), parameters)
     name = system.mode(mode).name if mode is not None else system.modes[0].name
-    curve = Curve(system, name, p, known("parameter", vary, system.names.parameters))
+    curve = Curve(system, name, p, choice_of("parameter", vary, system.names.parameters))
     here = float(p[curve.i])
     to, back = to_and_back(vary, here, to, back)
     longest, bounds = require("largest_step", largest_step, above=0.0), (min(to, back), max(to, back))
@@ -321,7 +321,7 @@ class _Steps:
 
     def met(self, before: Place, after: Place) -> str:
         """Put the special points of a step and the point behind it to what is there; why the branch ends there."""
-        for a, b in pairwise(self.parted(before, after)):
+        for a, b in pairwise(self.refined(before, after)):
             signs = zip(KINDS, a.values, b.values, strict=True)
             changes = [kind for kind, f, g in signs if f * g < 0 or (g == 0 and f != 0)]
             located = [(kind, self.root(a, b, partial(value_of, kind))) for kind in changes]
@@ -346,7 +346,7 @@ class _Steps:
         between = f"{self.vary} = {a.y[-1]:.8g} and {b.y[-1]:.8g}"
         self.missed.append(Missed(kind, f"a {kind} between {between} was not located; shorter steps may lead there"))
 
-    def parted(self, a: Place, b: Place) -> list[Place]:
+    def refined(self, a: Place, b: Place) -> list[Place]:
         """The ends of a step, and points between that part the zeros of every monitor."""
         length = float(np.linalg.norm((b.y - a.y) / a.units))
         step = self.curve.ahead(a, length / 2) if length > SHORTEST_PART else None
@@ -356,7 +356,7 @@ class _Steps:
         f = np.array([at.values for at in (a, m, b)])
         if not any(_turns_through(*column) for column in f.T):
             return [a, m, b] if np.any(f[0] * f[1] < 0) or np.any(f[1] * f[2] < 0) else [a, b]
-        return [*self.parted(a, m), *self.parted(m, b)[1:]]
+        return [*self.refined(a, m), *self.refined(m, b)[1:]]
 
     def root(self, a: Place, b: Place, function: Callable[[Place], float]) -> Place | None:
         """The point between two at which a function is zero; None where the steps there do not lead to one."""

@@ -13,18 +13,18 @@ import math
 import time
 from typing import Any
 
-from ..checks import known
+from ..checks import choice_of
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
+from .broken_symmetry import as_whole_as_needed
 from .curve import parameter_value
 from .fold import Fold, confirmed, fold_between
-from .recut import cut_by_planes
+from .poincare_section import cut_by_planes
 from .sheet import finer
 from .special_points import SpecialPoint
 from .vanishing import from_strongest
 from .walk import walk
-from .whole import as_whole_as_needed
 
 
 def largest(
@@ -106,14 +106,12 @@ def smallest(
     return _extremum(start, vary, -1.0, to, options, max_points)
 
 
-def _extremum(
-    start: Any, vary: str, sense: float, to: float, options: Options | None, max_points: int
-) -> Any:
+def _extremum(start: Any, vary: str, sense: float, to: float, options: Options | None, max_points: int) -> Any:
     """The fold at which the parameter is largest (sense = +1) or smallest (-1)."""
     began = time.perf_counter()
     special = start if isinstance(start, SpecialPoint) else None
     orbit = start.orbit if isinstance(start, SpecialPoint) else start
-    known("parameter", vary, orbit.problem.names)
+    choice_of("parameter", vary, orbit.problem.names)
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     if special is None:
         orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)

@@ -7,7 +7,7 @@ Two ways that share nothing but the collocation equations:
 * as an optimisation problem: maximise lambda subject to the transcription, with the exact Hessian: by Newton's method
   on its conditions (optimum.py); by IPOPT where that is named, or where the conditions are not seen to hold.
   Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
-  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (turn.py).
+  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (fold_system.py).
 
 `confirmed` does both, and refuses where they disagree; and it looks for the turning point on the halved mesh.  What a
 coarse mesh does to the place of the fold along the branch, no estimate at a point of the branch can see; that on the
@@ -34,11 +34,11 @@ from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.amplitude import amplitude_off
-from ..orbits.border import curve_border, row_along
+from ..orbits.bordering import curve_border, row_along
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .curve import along, ends, parameter_value
-from .locating import locate, turned_orbit
+from .locating import locate_special_point, turned_orbit
 from .optimum import bend_at, data_of, fold_conditions, multipliers_at, optimum, parameter_slopes
 from .special_points import FOLD, SpecialPoint, special_point
 
@@ -197,7 +197,7 @@ def located(
     before, after: the orbits, in the order of the walk; sense: as in `turns_back`. Returns SpecialPoint, not yet
     confirmed. Raises NoOrbit: neither leads there.
     """
-    found = locate(before, after, FOLD, vary=vary, options=options)
+    found = locate_special_point(before, after, FOLD, vary=vary, options=options)
     beside = max(before, after, key=lambda orbit: sense * parameter_value(orbit, vary))
     return special_point(FOLD, found or _optimal(beside, vary, options, sense), vary)
 

@@ -39,9 +39,9 @@ from ..errors import InputError, NoOrbit, Status
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks, solve_adaptively
 from ..orbits.amplitude import amplitudes_off, estimated, goals_of_many, row_sums
-from ..orbits.border import curve_border, row_along
+from ..orbits.bordering import curve_border, row_along
 from ..orbits.ensemble import ROOM_FOR_KNOWN, sizes_of_steps
-from ..orbits.orbit import Orbit, Solved, orbit_of, unknowns_of
+from ..orbits.orbit import Orbit, SolvedOrbit, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along
 from .fold import Fold
@@ -57,7 +57,7 @@ FARTHEST_SECOND = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class FoldSolution:
     """A fold as the solution of its equations, on a mesh of its own or on that of others.
 
     Attributes
@@ -86,7 +86,7 @@ class Solution:
         nothing = np.zeros(t.intervals)
         estimate = Estimate(period, amplitude, parameter, nothing, nothing, measured)
         root = Root(u, 0.0, Status.CONVERGED, 0, lin.residual_norm(), None)
-        solved = Solved(t, root, self.setting, estimate, Status.CONVERGED, 0)
+        solved = SolvedOrbit(t, root, self.setting, estimate, Status.CONVERGED, 0)
         return orbit_of(solved, problem, wall_s=0.0), float(self.bend / (of_s @ of_s))
 
 
@@ -127,7 +127,7 @@ class Folds:
     statuses: tuple[Status, ...]
     how: tuple[How, ...]
     slopes: Array
-    solutions: tuple[Solution | None, ...]
+    solutions: tuple[FoldSolution | None, ...]
 
     @property
     def errors(self) -> Array:
@@ -177,17 +177,17 @@ def expansion_at(orbit: Orbit, vary: str, names: tuple[str, ...], tol: float) ->
     t, u, setting = unknowns_of(orbit)
     setting = replace(setting, dp=along(problem, vary))
     row = row_along(t, u, setting)
-    error = estimated(t, u, setting, border=curve_border(t, u, row), believed=tol)
+    error = estimated(t, u, setting, border=curve_border(t, u, row), accepted=tol)
     start = t, u, setting
     if np.isfinite(error.error):  # the mesh of the orbit has the history of its walk
         start = on_breaks(start, better_breaks(t, setting.fractions, error, options.tol))
-    found = _known(problem, start, vary, row, np.nan, options)
+    found = _fold_near(problem, start, vary, row, np.nan, options)
     if found is None:
         raise NoOrbit(f"the known fold of {problem.title} was not solved again", Status.NOT_CONVERGED)
     return _expanded(replace(found, names=tuple(name for name in names if name != vary)), tol)
 
 
-def _known(
+def _fold_near(
     problem: Problem, start: Start, vary: str, row: Array, bend: float, options: Options
 ) -> Expansion | None:
     """The fold next to a start, on a mesh and with phases made for it; None where there is none."""
@@ -265,7 +265,7 @@ def expansion_beside(known: Expansion, p: Array, tol: float) -> Expansion | None
     found, settings = from_expansion(known, p[None], tol)
     if found.statuses[0] is not Status.CONVERGED:
         return None
-    near = _recut(known, (known.t, found.u[0], settings.of(0)), tol)
+    near = _remeshed(known, (known.t, found.u[0], settings.of(0)), tol)
     return None if near is None else _expanded(replace(near[0], names=known.names), tol)
 
 
@@ -277,7 +277,7 @@ class _Told:
     numbers: Array
     slopes: Array
     how: How = ""
-    solution: Solution | None = None
+    solution: FoldSolution | None = None
 
 
 def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, ...] = ()) -> Folds:
@@ -324,8 +324,8 @@ def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, 
 
 
 def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> list[_Told]:
-    """A few members: those that have the phases and the mesh of the known one, and what other turning points lead to.
-    """
+    """A few members: those that have the phases and the mesh of the known one, and what other turning points lead
+    to."""
     found, settings = from_expansion(known, p, tol)
     out = [_Told(status, np.full(6, np.nan), np.full(len(slopes_by), np.nan)) for status in found.statuses]
     at = np.array([i for i, s in enumerate(found.statuses) if s is Status.CONVERGED], dtype=int)
@@ -335,7 +335,7 @@ def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) ->
     batch = _judged(known, u, own, found.bend[at], admissible_many(known.t, u, own), tol, slopes_by, "batch")
     for i, told in zip(at.tolist(), batch, strict=True):
         if told.status is not Status.CONVERGED:
-            near = _recut(known, (known.t, found.u[i], settings.of(i)), tol, slopes_by)
+            near = _remeshed(known, (known.t, found.u[i], settings.of(i)), tol, slopes_by)
             told = replace(out[i], status=told.status) if near is None else near[1]
         out[i] = told
     return out
@@ -353,12 +353,14 @@ def _judged(
         for motion, error in zip(admissible, numbers[1::2].max(axis=0), strict=True)
     ]
     return [
-        _Told(statuses[i], numbers[:, i], slopes[i], how, Solution(t, u[i], settings.of(i), known.row, float(bend[i])))
+        _Told(
+            statuses[i], numbers[:, i], slopes[i], how, FoldSolution(t, u[i], settings.of(i), known.row, float(bend[i]))
+        )
         for i in range(len(u))
     ]
 
 
-def _recut(
+def _remeshed(
     known: Expansion, start: Start, tol: float, slopes_by: tuple[str, ...] = ()
 ) -> tuple[Expansion, _Told] | None:
     """The fold that a start leads to which needs other phases or another mesh; None: to none."""
@@ -366,7 +368,7 @@ def _recut(
     local = None
     with suppress(NoOrbit, InputError):
         problem = known.problem.with_values(known.problem.names, start[2].p)
-        local = _known(problem, start, known.vary, known.row, known.bend, options)
+        local = _fold_near(problem, start, known.vary, known.row, known.bend, options)
     if local is None:
         return None
     setting, yes = local.setting(), np.array([True])  # it is a motion: adapt.py has judged it

@@ -5,7 +5,8 @@
 The turning points of all members are found in one loop, for every member until what a next step would bring is a small
 part of the tolerance; who is done leaves the batch:
 
-    linearise at (u, lambda) -> Newton's step at fixed a, and the tangent -> the way along it (collocation/turn.py)
+    linearise at (u, lambda) -> Newton's step at fixed a, and the tangent -> the way along it
+    (collocation/fold_system.py)
 
 What it finds far from its start is another fold.  A member that is lost is approached by way of the turning point
 halfway.
@@ -19,10 +20,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..collocation.fold_system import ACCEPTED_STEP, MOST_TURNS, Turn
 from ..collocation.newton import LARGEST_MOVE
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription, settings_of, transcribe
-from ..collocation.turn import BELIEVED_STEP, MOST_TURNS, Turn
 from ..errors import Status
 from ..hybrid.problem import Problem
 from ..hybrid.system import Signature
@@ -238,7 +239,7 @@ def turning_points(
             foreseen = np.where(last[active] < np.inf, total * (total / last[active]), np.inf)
         finite = np.isfinite(total) & lin.finite()
         positive = (u[active][:, -t.phases :] > 0).all(axis=1)
-        done = finite & positive & (size <= BELIEVED_STEP) & (foreseen <= LEFT_OUT * tol)
+        done = finite & positive & (size <= ACCEPTED_STEP) & (foreseen <= LEFT_OUT * tol)
         grows = (iteration > 2) & (total > 2 * last[active])
         last[active] = total
         moved = np.abs(t.nodes_of(u[active] - start[active])).reshape(active.size, -1).max(axis=1)

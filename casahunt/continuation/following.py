@@ -8,8 +8,8 @@ other side of the parameter, or on the same one, there may be a cycle that keeps
 settles on one next to the last, the branch goes on with it.
 
     walk -> next orbit ----> its own image? an end of all cycles (terminations.py)? -> the branch has ended
-                |      |--> small, or its plane left behind -> cut by another plane (recut.py), and on
-                |-- fails -> an end? a grazing (behind_grazing.py)? -> on behind it; else it is stuck
+                |      |--> small, or its plane left behind -> cut by another plane (poincare_section.py), and on
+                |-- fails -> an end? a grazing (beyond_grazing.py)? -> on behind it; else it is stuck
 """
 
 from __future__ import annotations
@@ -23,24 +23,32 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from .. import effort
-from ..checks import known, of_kind, to_and_back
+from ..checks import choice_of, of_kind, to_and_back
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
+from ..orbits.other_start import may_vanish
 from ..orbits.restart import in_scheme
-from ..orbits.starts import may_vanish
-from .behind_grazing import behind_grazing
+from .beyond_grazing import behind_grazing
 from .bifurcations import monitors_of
 from .branch import Branch, Run
-from .closed import came_round, met_itself, unseen_turns
+from .broken_symmetry import as_whole_as_needed
+from .closed_branch import came_round, met_itself, unseen_turns
 from .crossings import Crossings, Passed
 from .curve import parameter_value, solved_at
-from .recut import NEXT_TO_IT, beside_the_plane, cut_alike, cut_by_planes, cut_elsewhere, left_behind, recut
+from .poincare_section import (
+    NEXT_TO_IT,
+    beside_the_plane,
+    cut_alike,
+    cut_by_planes,
+    cut_elsewhere,
+    section_outgrown,
+    with_better_section,
+)
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
 from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges, through_rest
 from .vanishing import from_strongest, vanishing_soon
 from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
-from .whole import as_whole_as_needed
 
 Array = np.ndarray
 
@@ -123,7 +131,7 @@ def follow(
     ['flip']
     """
     of_kind("orbit", orbit, Orbit)
-    known("parameter", vary, orbit.problem.names)
+    choice_of("parameter", vary, orbit.problem.names)
     here = orbit.problem.value(vary)
     to, back = to_and_back(vary, here, to, back)
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
@@ -166,7 +174,7 @@ def _in_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:
 
 def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> End:
     """The branch from its last orbit on to its end."""
-    way: _Way[AnyOrbit] = _Way(sense, previous)
+    way: _Departure[AnyOrbit] = _Departure(sense, previous)
     while True:
         steps = walk(
             run.last, vary=run.branch.vary, sense=way.sense, previous=way.previous, options=run.options,
@@ -183,7 +191,7 @@ def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> En
 
 
 @dataclass(frozen=True)
-class _Way(Generic[AnyOrbit]):
+class _Departure(Generic[AnyOrbit]):
     """How a walk sets out: its sense, the orbit before or None; for cycles cut by planes, whether the plane is watched
     and whether another was asked for in need."""
 
@@ -193,7 +201,7 @@ class _Way(Generic[AnyOrbit]):
     insisted: bool = False
 
 
-def _after(run: Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
+def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bool) -> End | _Departure[AnyOrbit]:
     """How the branch goes on after a walk, or its end; `came` where the walk had led to any orbit at all."""
     if outcome is _Pause.FIRST_SHRINKS:
         return replace(way, previous=_starting_elsewhere(run))
@@ -215,7 +223,7 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) ->
     run.add(passed=run.line.rest())
     run.add(outcome)
     run.line.go_on_from(outcome)
-    return _Way(sense)
+    return _Departure(sense)
 
 
 def _at_bound(run: Run[AnyOrbit], beyond: AnyOrbit) -> End:
@@ -231,7 +239,9 @@ def _at_bound(run: Run[AnyOrbit], beyond: AnyOrbit) -> End:
     return End("range", f"{vary} reached {bound:.6g}, the end of the range", bound)
 
 
-def _after_planes(run: Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: bool) -> End | _Way[AnyOrbit]:
+def _after_planes(
+    run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bool
+) -> End | _Departure[AnyOrbit]:
     """The same of cycles that are cut by planes, which may be others."""
     failed = isinstance(outcome, Complaint)
     point = isinstance(outcome, End) and outcome.kind == POINT_KIND
@@ -247,10 +257,10 @@ def _after_planes(run: Run[AnyOrbit], outcome: Any, way: _Way[AnyOrbit], came: b
         return End("stuck", str(outcome))
     again = _cut_anew(run, insist)
     if again is not None:
-        return _Way(again[1], again[0], insisted=insist)
+        return _Departure(again[1], again[0], insisted=insist)
     if insist:
         return End("stuck", str(outcome))
-    return _Way(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
+    return _Departure(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
 
 
 def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
@@ -294,7 +304,7 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
             largest = np.maximum(largest, ranges(after))
             if watched and np.all(ranges(after) <= SHRUNK_TO * largest):
                 return _Pause.NEXT_TO_NOTHING
-            if watched and left_behind(after):
+            if watched and section_outgrown(after):
                 return _Pause.LEFT_BEHIND
             continue
         if (part := beside_the_plane(after)) < NEXT_TO_IT <= beside_the_plane(before):
@@ -339,13 +349,13 @@ def _starting_elsewhere(run: Run[AnyOrbit]) -> AnyOrbit | None:
     return before
 
 
-def _past_the_plane(run: Run[AnyOrbit], way: _Way[AnyOrbit]) -> _Way[AnyOrbit]:
+def _past_the_plane(run: Run[AnyOrbit], way: _Departure[AnyOrbit]) -> _Departure[AnyOrbit]:
     """On with the last cycle cut elsewhere, where it can be."""
     last, sense = cut_elsewhere(run.last, run.options), run.line.sense
     if last is None:
         return replace(way, previous=run.branch.orbits[-2])
     run.replaced(last)
-    return _Way(sense or way.sense)
+    return _Departure(sense or way.sense)
 
 
 def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
@@ -364,7 +374,7 @@ def _cut_anew(run: Run[AnyOrbit], insist: bool) -> tuple[AnyOrbit | None, float]
     None where no other serves.
     """
     vary, (*others, last) = run.branch.vary, run.branch.orbits
-    fresh = recut(last, vary, run.options, insist=insist) if cut_by_planes(last) else None
+    fresh = with_better_section(last, vary, run.options, insist=insist) if cut_by_planes(last) else None
     if fresh is None:
         return None
     before = cut_alike(others[-1], fresh, vary, run.options) if others and cut_by_planes(others[-1]) else None

@@ -1,25 +1,25 @@
-"""The first cycle on the way of a parameter that touches an event, from one that keeps clear of it.
+"""The first cycle on the way of a parameter that grazes an event, from one that keeps clear of it.
 
-    h(x(t); p) = 0, dh/dt = 0        sought along the cycles of the loose family (touching.py), which pass the event
+h(x(t); p) = 0, dh/dt = 0        sought along the cycles of the loose family (grazing_contact.py), which pass the event
 """
 
 from __future__ import annotations
 
-from ..checks import known, number
+from ..checks import choice_of, number
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
+from .broken_symmetry import as_whole_as_needed
 from .curve import parameter_value
 from .following import follow
+from .grazing_contact import contacts, events_of
 from .special_points import SpecialPoint
-from .touching import events_of, touches
-from .whole import as_whole_as_needed
 
 
 def grazing(
     orbit: AnyOrbit, vary: str, event: str, *, to: float, options: Options | None = None
 ) -> SpecialPoint[AnyOrbit]:
-    """The first cycle on the way of a parameter that touches an event.
+    """The first cycle on the way of a parameter that grazes an event.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def grazing(
     Raises
     ------
     InputError : unknown parameter or event, or no cycle of a user's system.
-    NoOrbit : the cycle touches it nowhere on the way.
+    NoOrbit : the cycle grazes it nowhere on the way.
 
     Examples
     --------
@@ -54,24 +54,24 @@ def grazing(
     >>> impact = Event("impact", lambda x, p: x.x - 1, +1, to="free", reset=lambda x, p: {"v": -0.8 * x.v})
     >>> modes, turn = (Mode("free", free, ends=(impact,)),), 2 * casadi.pi
     >>> wall = System("oscillator beside a wall", ("x", "v"), {"A": 1.0}, modes, forcing_period=lambda p: turn)
-    >>> touching = grazing(find_cycle(wall, x=0.0, v=0.0), "A", "impact", to=5.0)
-    >>> round(touching.orbit.problem.value("A"), 6)  # the square root of 9.01
+    >>> grazing = grazing(find_cycle(wall, x=0.0, v=0.0), "A", "impact", to=5.0)
+    >>> round(grazing.orbit.problem.value("A"), 6)  # the square root of 9.01
     3.001666
     """
     if orbit.problem.system is None:
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")
-    known("parameter", vary, orbit.problem.names)
-    known("event", event, events_of(orbit))
+    choice_of("parameter", vary, orbit.problem.names)
+    choice_of("event", event, events_of(orbit))
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     orbit = as_whole_as_needed(orbit, (vary,), (number("to", to),), options)
     said = ["the scalar of the event turns inside no phase"]
-    for _, touch in touches(orbit, event):
-        branch = follow(touch.loosened(orbit), vary, to=to, monitors=(touch.monitor,), options=options)
+    for _, contact in contacts(orbit, event):
+        branch = follow(contact.loosened(orbit), vary, to=to, monitors=(contact.monitor,), options=options)
         for special in branch.special:
-            shown = touch.reported(special.orbit)
+            shown = contact.reported(special.orbit)
             if not isinstance(shown, str):
                 return SpecialPoint(special.kind, shown, special.meaning, vary=vary)
             said.append(shown)
         said.append(branch.ended)
     at = f"on the way of {vary} from {parameter_value(orbit, vary):.6g} to {to:.6g}"
-    raise NoOrbit(f"no cycle of {orbit.problem.title} touches {event!r} {at}: {said[-1]}", Status.NOT_FOUND)
+    raise NoOrbit(f"no cycle of {orbit.problem.title} grazes {event!r} {at}: {said[-1]}", Status.NOT_FOUND)

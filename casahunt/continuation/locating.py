@@ -1,7 +1,8 @@
 """The orbit between two of a branch at which a monitor vanishes (special_points.py).
 
     f(s) = 0    by inverse interpolation between true corrections, s the arclength from the orbit that is closer
-    fold        the turning point of the cubic between the orbits -> the extremum next to it (collocation/turn.py), on
+    fold        the turning point of the cubic between the orbits -> the extremum next to it
+    (collocation/fold_system.py), on
                 meshes adapted to the tolerance (orbits/adapt.py)
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.  No orbit on the way
@@ -20,12 +21,12 @@ import numpy as np
 from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, refined
-from ..orbits.border import row_along
+from ..orbits.bordering import row_along
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..orbits.restart import Start
 from ..roots import CLOSED, Bracket, Search
 from .curve import (
-    Point,
+    CurvePoint,
     along,
     backwards,
     bend,
@@ -35,7 +36,7 @@ from .curve import (
     in_units_of,
     parameter_value,
     predict,
-    secant,
+    secant_direction,
     seen_from,
     solved_along,
 )
@@ -79,7 +80,7 @@ def turned_between(before: AnyOrbit, after: AnyOrbit, vary: str, options: Option
     return _between(*ends(before, after, vary), before, vary, options)
 
 
-def _between(here: Point, there: Point, orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+def _between(here: CurvePoint, there: CurvePoint, orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The orbit at the turning point between two points of the curve of `orbit`, from the first to the second."""
     if abs(there.row[-1]) < abs(here.row[-1]):
         here, there = backwards(there), backwards(here)
@@ -115,19 +116,21 @@ def _top(slope: float, cubic: Array) -> tuple[float, float]:
     return (float(s[best[0]]), float(bent[best[0]])) if best.size else (np.nan, np.nan)
 
 
-def _ahead(point: Point, first: Array, duration: float, lam: float) -> Array:
+def _ahead(point: CurvePoint, first: Array, duration: float, lam: float) -> Array:
     """(n + 2,) the way from a point to another first node, scaled as there, first duration and lambda."""
     t, u = point.t, point.u
     longer = np.log(duration / t.durations_of(u)[0])
     return np.concatenate([first - t.nodes_of(u)[0], [longer, lam]])
 
 
-def _value(point: Point, orbit: Orbit, vary: str) -> float:
+def _value(point: CurvePoint, orbit: Orbit, vary: str) -> float:
     """The parameter at a point of the curve of an orbit."""
     return float(point.setting.p[orbit.problem.names.index(vary)])
 
 
-def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options) -> AnyOrbit | None:
+def locate_special_point(
+    before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
+) -> AnyOrbit | None:
     """The orbit between two at which a monitor vanishes.
 
     Steps start at the orbit where it is smaller, which is as a rule the closer one, along its tangent; where they fail,
@@ -149,7 +152,8 @@ def locate(before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, op
 def _located_nearer(
     before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
 ) -> AnyOrbit | None:
-    """`locate` where no step from either orbit leads there: a walk with shorter ones does, as the curve bends."""
+    """`locate_special_point` where no step from either leads there: a walk with shorter ones does, as the curve
+    bends."""
     last, value = before, monitor.value(before, ends(before, after, vary)[0])
     for orbit in nearer(before, after, vary, options):
         f = monitor.value(orbit, ends(last, orbit, vary)[1])
@@ -161,7 +165,7 @@ def _located_nearer(
 
 def nearer(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> Iterator[AnyOrbit]:
     """The orbits of a walk from one orbit towards another of its branch, in shorter steps, as far as one leads."""
-    way, (low, high) = secant(before, after, vary), before.problem.range_of(vary)
+    way, (low, high) = secant_direction(before, after, vary), before.problem.range_of(vary)
     first = FIRST_PART * float(np.linalg.norm(way))
     with suppress(NoOrbit):
         yield from walk(
@@ -181,7 +185,7 @@ def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
 def _located_from(
     before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
 ) -> AnyOrbit | None:
-    """`locate` by steps from `before`; their length along its tangent is the unknown."""
+    """`locate_special_point` by steps from `before`; their length along its tangent is the unknown."""
     before = _accurate(before, options)
     start, end = ends(before, after, vary)
     length = length_to(after, before, start, vary)
@@ -218,10 +222,10 @@ def _located_from(
     return best[1] if best and abs(best[0]) <= accepted else None
 
 
-def length_to(after: Orbit, before: Orbit, start: Point, vary: str) -> float:
+def length_to(after: Orbit, before: Orbit, start: CurvePoint, vary: str) -> float:
     """How far one orbit is from another.
 
     after, before, start, vary: the orbits, the curve at the second, and the name of the parameter.
     Returns the length along the tangent there.
     """
-    return float(in_units_of(secant(before, after, vary), before.scale, start.setting.scale) @ start.row)
+    return float(in_units_of(secant_direction(before, after, vary), before.scale, start.setting.scale) @ start.row)

@@ -29,8 +29,8 @@ WAY_AT_REST = 0.03
 
 
 def stiff(t: Transcription) -> bool:
-    """Whether meshes move along: in smooth modes, of few and long intervals, they would cost more steps than they save.
-    """
+    """Whether meshes move along: in smooth modes, of few and long intervals, they would cost more steps than they
+    save."""
     return any(mode.stiff for mode, _ in t.modes)
 
 
@@ -45,7 +45,7 @@ def starts(t: Transcription, fractions: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class Progress:
     """How far a motion has come, as a function of the time.
 
     Attributes
@@ -77,7 +77,7 @@ class Way:
         return np.asarray(ends - at)
 
 
-def way_of(t: Transcription, u: Array, fractions: Array) -> Way:
+def way_of(t: Transcription, u: Array, fractions: Array) -> Progress:
     """The way of a motion, on any mesh the same: the size of a state is its root mean square over the phases.
 
     t, u, fractions: transcription, unknowns, (N,) lengths of the intervals.
@@ -98,10 +98,10 @@ def way_of(t: Transcription, u: Array, fractions: Array) -> Way:
     ways = ends - lengths + (phase - np.repeat((ends - lengths)[t.first_intervals, 0], count))[:, None]
     times, rate = starts(t, fractions)[:, None] + f * points[:-1], speed / (f * whole)
     end = float(count.size)
-    return Way(np.append(times, end), np.append(ways, end), rate[:, :-1].ravel(), rate[:, 1:].ravel())
+    return Progress(np.append(times, end), np.append(ways, end), rate[:, :-1].ravel(), rate[:, 1:].ravel())
 
 
-def by_time(t: Transcription, fractions: Array) -> Way:
+def by_time(t: Transcription, fractions: Array) -> Progress:
     """The way of a motion that comes along as the time does.
 
     t, fractions: transcription, and (N,) lengths of the intervals.
@@ -109,7 +109,7 @@ def by_time(t: Transcription, fractions: Array) -> Way:
     points = _rules(t.degree, t.kind)[2][:-1]
     times = np.append(starts(t, fractions)[:, None] + fractions[:, None] * points, float(t.collocated_counts.size))
     ones = np.ones(times.size - 1)
-    return Way(times, times, ones, ones)
+    return Progress(times, times, ones, ones)
 
 
 @lru_cache(maxsize=32)

@@ -45,7 +45,7 @@ from ..collocation.newton import RESIDUAL_LIMIT, size_of_step
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import Caller, alone, caller, kept
 from ..errors import Status
-from ..orbits.border import curve_border
+from ..orbits.bordering import curve_border
 from ..orbits.orbit import Orbit, unknowns_of
 
 Array = np.ndarray

@@ -43,7 +43,7 @@ WIDTH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class Evaluation:
     """phi at a place, with whatever it was computed from; |phi| <= accuracy lies on the curve."""
 
     value: float
@@ -69,14 +69,14 @@ class Chart(Protocol):
         """Largest steps in s and in c."""
         ...
 
-    def value(self, s: float, m: float) -> Reading | str:
+    def value(self, s: float, m: float) -> Evaluation | str:
         """Read phi at a place.
 
         Returns phi, or a sentence about why there is none.
         """
         ...
 
-    def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
+    def moved(self, s: float, m: float, reading: Evaluation) -> Chart | str:
         """The chart of a place found on the curve, s oriented as here.
 
         Returns chart, or a sentence about why it is none.
@@ -85,7 +85,7 @@ class Chart(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class PlanePoint:
     """A place on the curve.
 
     Attributes
@@ -114,16 +114,16 @@ def tangent_at(chart: Chart, like: Array) -> Array:
     return tangent if tangent @ like >= 0 else -tangent
 
 
-def follow(
+def follow_curve(
     chart: Chart, *, sense: float, low: float = 0.0, high: float = 1.0, most: int = 200
-) -> Generator[Place, None, str]:
+) -> Generator[PlanePoint, None, str]:
     """Places along the curve, the given one first, until c leaves [low, high].
 
     chart: of a place on the curve; sense: +1 to start towards larger, -1 towards smaller c; low, high: range of c; the
     last place lies on the bound. Yields place; those where the curve turns back are among them.  The generator returns
     "" where a bound was reached, or the sentence that says why it ended.
     """
-    last = Place(chart, tangent_at(chart, np.array([0.0, sense])))
+    last = PlanePoint(chart, tangent_at(chart, np.array([0.0, sense])))
     yield last
     share = ceiling = 1.0
     for _ in range(most):
@@ -161,12 +161,12 @@ def _angle(one: Array, other: Array, reach: tuple[float, float]) -> float:
     return float(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
 
 
-def _longest(place: Place) -> float:
+def _longest(place: PlanePoint) -> float:
     """The largest step whose components are within reach."""
     return float(min(r / max(abs(t), 1e-9) for r, t in zip(place.chart.reach, place.tangent, strict=True)))
 
 
-def _stepped(last: Place, step: float, low: float, high: float) -> tuple[Place, bool] | str:
+def _stepped(last: PlanePoint, step: float, low: float, high: float) -> tuple[PlanePoint, bool] | str:
     """(the place a step further on, whether it lies on a bound of c), or a sentence."""
     chart = last.chart
     at = step * last.tangent
@@ -187,10 +187,10 @@ def _stepped(last: Place, step: float, low: float, high: float) -> tuple[Place, 
     if isinstance(fresh, str):
         return fresh
     tangent = tangent_at(fresh, last.tangent)
-    return Place(fresh, tangent), reached
+    return PlanePoint(fresh, tangent), reached
 
 
-def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Reading] | str:
+def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Evaluation] | str:
     """The root of phi on a line.
 
     at, across: (2,) places at + n across of the line; width: bound of |n|.
@@ -199,7 +199,7 @@ def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[A
     n, slope = 0.0, float(np.dot(chart.gradient, across))
     seen: list[tuple[float, float]] = []
     search: Search | None = None
-    best: tuple[float, Array, Reading] | None = None
+    best: tuple[float, Array, Evaluation] | None = None
     for _ in range(LINE_ROUNDS):
         place = at + n * across
         reading = chart.value(float(place[0]), float(place[1]))
@@ -231,10 +231,10 @@ def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[A
     return best[1], best[2]
 
 
-def _located_turn(before: Place, step: float, after: Place, low: float, high: float) -> Place | None:
+def _located_turn(before: PlanePoint, step: float, after: PlanePoint, low: float, high: float) -> PlanePoint | None:
     """The place between two at which t_c vanishes, by Illinois in the length of the step from the first."""
     bracket = Bracket(0.0, float(before.tangent[1]), step, float(after.tangent[1]))
-    best: Place | None = None
+    best: PlanePoint | None = None
     for _ in range(LINE_ROUNDS // 2):
         h = bracket.illinois
         found = _stepped(before, h, low, high)
@@ -249,4 +249,4 @@ def _located_turn(before: Place, step: float, after: Place, low: float, high: fl
         bracket = bracket.told(h, f)
     if best is None or abs(best.tangent[1]) > UPRIGHT:
         return None
-    return Place(best.chart, best.tangent, turns=True)
+    return PlanePoint(best.chart, best.tangent, turns=True)

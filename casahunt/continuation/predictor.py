@@ -21,7 +21,7 @@ import numpy as np
 
 from ..collocation.mesh import AS_GOOD_AS_ZERO
 from ..collocation.transcription import Transcription
-from .moving_mesh import Way, carried, resampled
+from .moving_mesh import Progress, carried, resampled
 
 Array = np.ndarray
 
@@ -43,7 +43,7 @@ class Logarithms:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class RelativePoint:
     """A point of a branch as it is seen from the one from which a prediction is made.
 
     Attributes
@@ -61,7 +61,7 @@ class Place:
     fractions: Array
     lam: float
     rate: float
-    way: Way
+    way: Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Bend:
     coefficients: Array
     lengths: Array
     drift: Array
-    way: Way
+    way: Progress
 
     def ahead(self, ds: float) -> Array:
         """The point further on.
@@ -131,7 +131,7 @@ def alive(t: Transcription, u: Array) -> Array:
     return np.asarray(np.abs(u[: -t.phases].reshape(-1, t.n)).max(axis=0) > AS_GOOD_AS_ZERO)
 
 
-def sizes(t: Transcription, u: Array, sized: Array) -> Array:
+def rms_of_states(t: Transcription, u: Array, sized: Array) -> Array:
     """Root mean squares of the states over the unknowns.
 
     t, u, sized: transcription, unknowns, and (n,) True for the states that have a size.
@@ -141,14 +141,14 @@ def sizes(t: Transcription, u: Array, sized: Array) -> Array:
     return np.where(sized, np.sqrt(np.einsum("ij,ij->j", x, x) / len(x)), 1.0)
 
 
-def logarithms(place: Place, sign: float, sized: Array) -> Logarithms:
+def logarithms(place: RelativePoint, sign: float, sized: Array) -> Logarithms:
     """z and z' at a point.
 
     sign: of the parameter there where lambda is in units of its value, which is then told by its logarithm; else 0;
     sized: (n,) True for the states that have a size.
     """
     t, u, du = place.t, place.u, place.du
-    P, size = t.phases, sizes(t, u, sized)
+    P, size = t.phases, rms_of_states(t, u, sized)
     x, dx = u[:-P].reshape(-1, t.n), du[:-P].reshape(-1, t.n)
     growth = np.where(sized, np.einsum("ij,ij->j", x, dx) / (len(x) * size * size), 0.0)
     durations, value, rate = u[-P:], place.lam, place.rate
@@ -176,7 +176,7 @@ def unknowns(t: Transcription, z: Array, here: Array, sign: float) -> tuple[Arra
     return u, sign * float(np.expm1(sign * logs[-1])) if sign else float(z[-1])
 
 
-def straight(here: Place, sign: float) -> Bend:
+def straight(here: RelativePoint, sign: float) -> Bend:
     """The tangent alone, on the mesh as it is.
 
     here, sign: as in `bent`.
@@ -186,7 +186,7 @@ def straight(here: Place, sign: float) -> Bend:
     return Bend(z, np.empty((0, z.value.size)), lengths, np.zeros_like(lengths), here.way)
 
 
-def bent(here: Place, there: Place, sign: float) -> Bend | None:
+def bent(here: RelativePoint, there: RelativePoint, sign: float) -> Bend | None:
     """The cubic through two points of a branch and their tangents.
 
     here, there: the point from which predictions are made, at s = 0, and another one, on a mesh of any kind; sign: as
@@ -204,7 +204,7 @@ def bent(here: Place, there: Place, sign: float) -> Bend | None:
     return Bend(z, np.array([3 * first - second, (second - 2 * first) / s]), lengths, drift, here.way)
 
 
-def _on_mesh_of(here: Place, place: Place) -> Place:
+def _on_mesh_of(here: RelativePoint, place: RelativePoint) -> RelativePoint:
     """A point on the mesh whose intervals start at the same parts of the way as those of `here`."""
     t, old, n, N = here.t, place.t, here.t.n, here.t.intervals
     if t == old and np.array_equal(here.way.ways, place.way.ways):
@@ -219,7 +219,7 @@ def _on_mesh_of(here: Place, place: Place) -> Place:
     return replace(place, t=t, u=u, du=du, fractions=fractions)
 
 
-def _moving(place: Place, drift: Array) -> Place:
+def _moving(place: RelativePoint, drift: Array) -> RelativePoint:
     """A point with the derivative of its unknowns on the mesh that moves."""
     t, f = place.t, place.fractions
     if not drift.any():
@@ -228,4 +228,3 @@ def _moving(place: Place, drift: Array) -> Place:
     w = t.intervals_of(place.u).reshape(t.intervals, t.degree + 1, t.n)
     t.intervals_of(du)[:] += carried(t, w, f, rates).reshape(t.intervals, -1)
     return replace(place, du=du)
-

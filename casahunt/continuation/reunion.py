@@ -29,7 +29,7 @@ from ..orbits.restart import Start, in_scale
 from ..orbits.sequences import segments_of, start_of
 from ..roots import secant as secant_root
 from .bifurcations import FLIP, SYMMETRY_LOST
-from .curve import curve_point, in_units_of, parameter_value, secant, solved_at
+from .curve import curve_point, in_units_of, parameter_value, secant_direction, solved_at
 from .special_points import ACCEPTED_TOLERANCES, Missed, Monitor, SpecialPoint, special_point
 from .walk import step_along
 
@@ -133,7 +133,7 @@ def met_at(
     before, after, met: the orbits that it lies between, and what it is.
     Returns special point, whose orbit is computed on half of the phases; what is missed where it is not located.
     """
-    step = float(np.linalg.norm(secant(before, after, vary)))
+    step = float(np.linalg.norm(secant_direction(before, after, vary)))
     for nearer in MUCH_NEARER:
         pair = _beside(before, after, met, vary, options, nearer)
         orbit = None if pair is None else _minus_one_next_to(*pair, met, vary, options, nearer, step)
@@ -174,7 +174,7 @@ def _beside(
     A step of a walk may have gone over to the cycles that are their own image, or far across: shorter ones come up to
     the point.  None where none does: what the two orbits as they are lead to may be another such point.
     """
-    here, first, way = before, 1.0, secant(before, after, vary)
+    here, first, way = before, 1.0, secant_direction(before, after, vary)
     length = float(np.linalg.norm(way))
     for _ in range(APPROACHES):
         off = met.off(after)
@@ -198,8 +198,8 @@ def short_of(before: AnyOrbit, after: AnyOrbit, met: Reunion, vary: str, options
 
     before, after, met, vary, options: as in `met_at`. Returns Orbit; None where no step leads next to it.
     """
-    point = curve_point(before, vary, like=secant(before, after, vary))
-    low, high = 0.0, float(np.linalg.norm(secant(before, after, vary)))
+    point = curve_point(before, vary, like=secant_direction(before, after, vary))
+    low, high = 0.0, float(np.linalg.norm(secant_direction(before, after, vary)))
     for _ in range(APPROACHES):
         ds = (low + high) / 2
         outcome = step_along(point, before, vary, ds, *before.problem.range_of(vary), options)

@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options
 from ..orbits.orbit import Orbit, orbit_of, unknowns_of
-from .curve import Point, along, curve_point, in_units_of, parameter_value, predict
+from .curve import CurvePoint, along, curve_point, in_units_of, parameter_value, predict
 from .walk import corrected
 
 Array = np.ndarray
@@ -102,7 +102,7 @@ def _relative(problem: Problem, vary: str) -> bool:
     return problem.range_of(vary)[0] >= 0
 
 
-def growth(problem: Problem, vary: str, value: float) -> float:
+def relative_distance(problem: Problem, vary: str, value: float) -> float:
     """How far another value of a parameter lies from the problem's own.
 
     problem, vary, value: the problem, the name of the parameter, the other value.
@@ -114,7 +114,7 @@ def growth(problem: Problem, vary: str, value: float) -> float:
 
 
 def grown(problem: Problem, vary: str, much: float) -> float:
-    """The value of a parameter after a `growth`.
+    """The value of a parameter after a `relative_distance`.
 
     problem, vary, much: the problem, the name of the parameter, the growth.
     """
@@ -144,7 +144,7 @@ class Sheet:
     position: float
     options: Options
     spacing: float
-    point: Point
+    point: CurvePoint
     steepness: float = 0.0
     tilt: Array | None = field(default=None, repr=False)
 
@@ -186,13 +186,13 @@ class Sheet:
             return f"the corrector came to {self.vary} = {value:.6g}, which cannot be"
         return orbit_of(solved, posed.with_value(self.vary, value), wall_s=time.perf_counter() - began)
 
-    def point_of(self, orbit: Orbit) -> Point:
+    def point_of(self, orbit: Orbit) -> CurvePoint:
         """The branch at an orbit of the sheet, oriented as here."""
         return curve_point(orbit, self.vary, like=in_units_of(self.point.row, self.point.setting.scale, orbit.scale))
 
     def growth_to(self, orbit: Orbit) -> float:
         """The growth of the first parameter from here to an orbit."""
-        return growth(self.orbit.problem, self.vary, parameter_value(orbit, self.vary))
+        return relative_distance(self.orbit.problem, self.vary, parameter_value(orbit, self.vary))
 
     def tilted(self, ahead: Orbit, m: float) -> Sheet:
         """The sheet that knows an orbit at (0, m): with its tilt, where mesh and phases are the same."""

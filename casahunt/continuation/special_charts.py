@@ -5,7 +5,7 @@
 
 A place where phi vanishes is confirmed before it is one: a fold as an extremum of the parameter on two meshes
 (fold.py), a flip or a loss of symmetry by its multiplier -1, a torus by a complex pair on the unit circle.  Multipliers
-may jump where the phases of the cycle change, and its touch of an event is one of its phases: their curves end there.
+may jump where the phases of the cycle change, and its grazing contact is one of its phases: their curves end there.
 A fold stands for itself, whatever its phases; the slopes of two tell whether they are of one curve.
 
 Error of the parameter: that of lambda along the branch, and what an error e of phi moves the place by along the branch,
@@ -26,7 +26,7 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import Orbit
 from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST, pair_of
 from .fold import Fold, confirmed
-from .plane_curve import LOCATED, Reading
+from .plane_curve import LOCATED, Evaluation
 from .sheet import DIFFERENCE, NEXT_TO_CUSP, Sheet, sheet_of
 from .special_points import FOLD, Monitor, SpecialPoint
 
@@ -76,7 +76,7 @@ class SpecialOrbit:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class ChartSetting:
     """What all charts of a curve share.
 
     Attributes
@@ -95,7 +95,7 @@ class Task:
 class SpecialChart:
     """Coordinates (s, m) around a special point (plane_curve.Chart)."""
 
-    task: Task
+    task: ChartSetting
     sheet: Sheet
     gradient: tuple[float, float] = (0.0, 0.0)
     special: SpecialOrbit | None = None
@@ -112,7 +112,7 @@ class SpecialChart:
         """The largest steps in s and in m."""
         return self.sheet.reach
 
-    def value(self, s: float, m: float) -> Reading | str:
+    def value(self, s: float, m: float) -> Evaluation | str:
         """Read the monitor at a place of the sheet.
 
         Returns its value with the orbit there, or a sentence that says why there is none.
@@ -121,19 +121,19 @@ class SpecialChart:
         if isinstance(orbit, str):
             return orbit
         if orbit.signature != self.sheet.orbit.signature and self.task.monitor is not FOLD:
-            return "the phases of the cycle change: it touches an event, or one of them vanishes"
+            return "the phases of the cycle change: it grazes an event, or one of them vanishes"
         value = self.task.monitor.value(orbit, self.sheet.point_of(orbit))
         near = max(LOCATED, ENOUGH * self.task.options.tol)
-        return Reading(value, orbit, near) if np.isfinite(value) else "its multipliers are not known well enough"
+        return Evaluation(value, orbit, near) if np.isfinite(value) else "its multipliers are not known well enough"
 
-    def along_s(self) -> tuple[Reading, Reading, float] | str:
+    def along_s(self) -> tuple[Evaluation, Evaluation, float] | str:
         """What is read a little further on and further back along the branch, and phi_s; or a sentence."""
         above, below = self.value(DIFFERENCE, 0.0), self.value(-DIFFERENCE, 0.0)
         if isinstance(above, str):
             return above
         return below if isinstance(below, str) else (above, below, (above.value - below.value) / (2 * DIFFERENCE))
 
-    def moved(self, s: float, m: float, reading: Reading) -> SpecialChart | str:
+    def moved(self, s: float, m: float, reading: Evaluation) -> SpecialChart | str:
         """The chart of the special point that was read at a place of the sheet.
 
         s, m: the place, as in `value`. Returns chart, or a sentence that says why there is none.
@@ -146,7 +146,7 @@ class SpecialChart:
         return passes_resonance(self, found, s, m) or found
 
 
-def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> SpecialChart | str:
+def special_chart(task: ChartSetting, reading: Evaluation, like: Sheet, m: float) -> SpecialChart | str:
     """The chart of a place where the monitor vanishes, confirmed, with its gradient, slope and error.
 
     like, m: the sheet in whose direction the branch is followed, and where on it the place lies.
@@ -194,7 +194,7 @@ def special_chart(task: Task, reading: Reading, like: Sheet, m: float) -> Specia
     return SpecialChart(task, sheet, (phi_s, phi_m), special, angle)
 
 
-def _extremum(task: Task, orbit: Orbit, vary: str, phi_s: float) -> Fold | None:
+def _extremum(task: ChartSetting, orbit: Orbit, vary: str, phi_s: float) -> Fold | None:
     """The fold at an orbit, confirmed as the largest or the smallest value; None next to a cusp, and of other points.
 
     Raises NoOrbit: it is not confirmed.
@@ -207,7 +207,7 @@ def _extremum(task: Task, orbit: Orbit, vary: str, phi_s: float) -> Fold | None:
 
 
 def _special_orbit(
-    task: Task, sheet: Sheet, gradient: tuple[float, float], reading: Reading, fold: Fold | None
+    task: ChartSetting, sheet: Sheet, gradient: tuple[float, float], reading: Evaluation, fold: Fold | None
 ) -> SpecialOrbit | str:
     """What a user gets of the place at the origin of a sheet."""
     (phi_s, phi_m), vary, axis = gradient, sheet.vary, sheet.axis

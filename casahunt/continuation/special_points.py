@@ -21,7 +21,7 @@ from typing import Generic
 from ..checks import to_error
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
-from .curve import Point, parameter_value
+from .curve import CurvePoint, parameter_value
 
 ACCEPTED_TOLERANCES = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
@@ -110,15 +110,15 @@ class Monitor:
     """
 
     kind: str
-    value: Callable[[Orbit, Point], float]
+    value: Callable[[Orbit, CurvePoint], float]
     meaning: str
     tolerance: float = 1e-9
     confirmed: Callable[[Orbit], bool] = lambda orbit: True
-    sure: Callable[[Orbit, Point], bool] = lambda orbit, point: True
+    sure: Callable[[Orbit, CurvePoint], bool] = lambda orbit, point: True
     by_multipliers: bool = False
 
 
-def _fold_value(orbit: Orbit, point: Point) -> float:
+def _fold_value(orbit: Orbit, point: CurvePoint) -> float:
     return float(point.row[-1])
 
 

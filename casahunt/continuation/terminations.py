@@ -11,7 +11,7 @@ Towards such an end something b tends to zero, and the parameter with a power of
 
     lambda - lambda_0 = c b^p        b = size, 1/size, 1/T or exp(-T),   1/p the exponent of b in |lambda - lambda_0|
 
-Three orbits tell lambda_0, c and p; the three before them foretell it.  It is believed where the two agree to a part of
+Three orbits tell lambda_0, c and p; the three before them foretell it.  It is accepted where the two agree to a part of
 the way that is left, and the branch has ended where b is small and no more is learnt.
 
 Next to a Hopf bifurcation the cycle goes round the equilibrium x* at a distance A, and
@@ -49,7 +49,7 @@ from ..results import Result
 from ..roots import boundary, secant
 from . import equilibrium
 from .curve import parameter_value, solved_at
-from .recut import cut_by_planes
+from .poincare_section import cut_by_planes
 from .special_points import SpecialPoint
 
 Array = np.ndarray
@@ -147,7 +147,7 @@ class End(Result):
         return self.sentence
 
 
-class Law(NamedTuple):
+class PowerLaw(NamedTuple):
     """lambda - lambda_0 = c b^p: `value` is lambda_0, `power` p, `error` how far the fit before it was off."""
 
     value: float
@@ -167,7 +167,7 @@ def _ranges(orbit: Orbit) -> Array:
     return np.asarray(np.ptp(states[:many], axis=1))
 
 
-def law_of(values: Sequence[float], b: Sequence[float] | Array) -> Law | None:
+def law_of(values: Sequence[float], b: Sequence[float] | Array) -> PowerLaw | None:
     """The power law that four values of a parameter follow.
 
     values, b: (4,) of the parameter and of what tends to zero, which falls from each to the next.
@@ -180,7 +180,7 @@ def law_of(values: Sequence[float], b: Sequence[float] | Array) -> Law | None:
     if first is None or last is None:
         return None
     error = abs(first[0] - last[0])
-    return Law(*last, error) if error <= AGREE * abs(lam[-1] - last[0]) else None
+    return PowerLaw(*last, error) if error <= AGREE * abs(lam[-1] - last[0]) else None
 
 
 def _fitted(lam: Array, b: Array) -> tuple[float, float] | None:
@@ -241,9 +241,7 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
     return None
 
 
-def _spaced(
-    orbits: Sequence[Orbit], size_of: Callable[[Orbit], float], sign: int
-) -> tuple[list[Orbit], list[float]]:
+def _spaced(orbits: Sequence[Orbit], size_of: Callable[[Orbit], float], sign: int) -> tuple[list[Orbit], list[float]]:
     """The last four orbits that differ in size by enough to tell a power, and their sizes; fewer where there are none.
 
     Steps shrink where they fail.
@@ -354,7 +352,7 @@ def hopf_point(before: AnyOrbit, last: AnyOrbit, vary: str) -> SpecialPoint[AnyO
 
     def growth(value: float) -> float:
         p = problem.with_value(vary, float(value)).vector()
-        return equilibrium.growth(field, sign, centre, p, omega)
+        return equilibrium.growth_rate(field, sign, centre, p, omega)
 
     value, left = secant(growth, here, here + way, tolerance=1e-13 * omega)
     if not (abs(left) <= 1e-9 * omega and abs(value - here - way) <= AS_FORETOLD * abs(way) + 1e-9 * abs(here)):

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import error_text, known, require, to_and_back
+from ..checks import choice_of, error_text, require, to_and_back
 from ..collocation.joints import event_rate
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
@@ -25,15 +25,15 @@ from ..orbits.closure import Plane
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
+from .broken_symmetry import keeps_symmetry
 from .curve import parameter_value
 from .folds_ahead import folds_ahead
-from .plane_curve import Reading, follow, root_across
+from .grazing_contact import contact_of
+from .plane_curve import Evaluation, follow_curve, root_across
 from .sheet import Axis, Sheet, finer, sheet_of
-from .special_charts import SpecialChart, SpecialOrbit, Task, special_chart
+from .special_charts import ChartSetting, SpecialChart, SpecialOrbit, special_chart
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint
-from .touching import touch_at
-from .walk import run
-from .whole import keeps_symmetry
+from .walk import walk_to_end
 
 Array = np.ndarray
 
@@ -181,13 +181,11 @@ def special_curve(
     if isinstance(chart, str):
         sentence = f"the curve of the {special.meaning or special.kind} was not begun: {chart}"
         raise NoOrbit(sentence, Status.NOT_CONVERGED)
-    found, reason = run(special_orbits(chart, sense=1.0, most=max_points))
+    found, reason = walk_to_end(special_orbits(chart, sense=1.0, most=max_points))
     return _curve(task.monitor.kind, (vary, other), found, reason, began)
 
 
-def _curve(
-    kind: str, names: tuple[str, str], found: list[SpecialOrbit], reason: str, began: float
-) -> SpecialCurve:
+def _curve(kind: str, names: tuple[str, str], found: list[SpecialOrbit], reason: str, began: float) -> SpecialCurve:
     """What was found as a result; `reason` says why there is no more, "" at an end of the range."""
     (vary, other), last = names, found[-1].orbit
     reason = reason and (_leaves_its_cut(last) or reason)
@@ -249,7 +247,7 @@ def special_walk(
     >>> last.orbit.problem.value("r"), round(last.orbit.problem.value("g"), 3)
     (0.79, 13.023)
     """
-    task, c = Task(monitor, options, lambda orbit: orbit), axis.place(orbit.problem.value(axis.vary))
+    task, c = ChartSetting(monitor, options, lambda orbit: orbit), axis.place(orbit.problem.value(axis.vary))
     chart = chart_at(task, orbit, vary, axis, c, spacing)
     if isinstance(chart, str):
         raise NoOrbit(chart, Status.NOT_CONVERGED)
@@ -283,12 +281,12 @@ def special_orbits(
             position = axis.place(parameter_value(special.orbit, axis.vary))
             if position in (0.0, 1.0):
                 return ""
-            beyond = special_chart(task, Reading(0.0, special.orbit), chart.sheet, position - chart.position)
+            beyond = special_chart(task, Evaluation(0.0, special.orbit), chart.sheet, position - chart.position)
             if isinstance(beyond, str):
                 return beyond
             chart = beyond
     for _ in range(MOST_RESTARTS + 1):
-        places = follow(chart, sense=sense, most=most)
+        places = follow_curve(chart, sense=sense, most=most)
         next(places)
         try:
             while True:
@@ -311,14 +309,14 @@ def _beyond(last: SpecialChart, sense: float, again: Callable[[float], Any]) -> 
     orbit = again(c) if c != last.position else None
     if orbit is None:
         return None
-    chart = special_chart(last.task, Reading(0.0, orbit), last.sheet, c - last.position)
+    chart = special_chart(last.task, Evaluation(0.0, orbit), last.sheet, c - last.position)
     return None if isinstance(chart, str) or not last.sheet.agrees(chart.sheet) else chart
 
 
 def _axis(orbit: Orbit, vary: str, other: str, to: float, back: float | None) -> tuple[Axis, float]:
     """The range of the second parameter from `back` to `to`, and where it starts in it."""
     for name in (vary, other):
-        known("parameter", name, orbit.problem.names)
+        choice_of("parameter", name, orbit.problem.names)
     if vary == other:
         raise InputError(f"{vary}: the two parameters must differ")
     here = parameter_value(orbit, other)
@@ -329,29 +327,29 @@ def _axis(orbit: Orbit, vary: str, other: str, to: float, back: float | None) ->
 
 def _task(
     special: SpecialPoint[AnyOrbit], orbit: Any, vary: str, monitor: Monitor | None, options: Options
-) -> tuple[Task, Any]:
+) -> tuple[ChartSetting, Any]:
     """What is followed, and the orbit that it starts from."""
     if monitor is None and special.kind == GRAZING.kind:
-        touch, orbit = touch_at(orbit, vary, options)
-        return Task(touch.monitor, options, touch.reported), orbit
+        contact, orbit = contact_of(orbit, vary, options)
+        return ChartSetting(contact.monitor, options, contact.reported), orbit
     monitor = monitor or MONITORS.get(special.kind)
     if monitor is None:
         kinds = ", ".join((*MONITORS, GRAZING.kind))
         raise InputError(f"special point {special.kind!r}: its monitor must be given; it is known of {kinds}")
-    return Task(monitor, options, lambda orbit: orbit), orbit
+    return ChartSetting(monitor, options, lambda orbit: orbit), orbit
 
 
-def chart_at(task: Task, orbit: Orbit, vary: str, axis: Axis, c: float, spacing: float) -> SpecialChart | str:
+def chart_at(task: ChartSetting, orbit: Orbit, vary: str, axis: Axis, c: float, spacing: float) -> SpecialChart | str:
     """The chart of a special point that is known, or a sentence that says why there is none.
 
     orbit, vary: its orbit, and the first parameter; axis, c, spacing: the second one, where in its range the point is,
     and the largest step there.
     """
     sheet = sheet_of(orbit, vary, axis, c, options=finer(task.options), spacing=spacing, like=None)
-    return special_chart(task, Reading(0.0, orbit), sheet, 0.0)
+    return special_chart(task, Evaluation(0.0, orbit), sheet, 0.0)
 
 
-def _first(task: Task, sheet: Sheet) -> SpecialChart | str:
+def _first(task: ChartSetting, sheet: Sheet) -> SpecialChart | str:
     """The chart of the special point next to the orbit of a sheet, at the same value of the second parameter."""
     bare = SpecialChart(task, sheet)
     beside = bare.along_s()

@@ -2,13 +2,13 @@
 
     G(u, lambda) = 0,    T_k = given -> 0
 
-A phase between two events that are about to become one touch lasts like a square root of the way that the parameter
+A phase between two events that are about to become one contact lasts like a square root of the way that the parameter
 has left, so the parameter is no coordinate there: the duration is.  Held at ever smaller values, with the parameter
-free, it leads to the touch; behind it stands the cycle without the phase.  Between two orbits with other phases it is
+free, it leads to the contact; behind it stands the cycle without the phase.  Between two orbits with other phases it is
 
     the shortest phase of the orbit with more of them, shrunk to nothing
     where that is too far, the same from the orbits of a walk towards the other one, nearer and nearer
-    where no phase vanishes, the cycle with fewer phases that touches an event, or the last of them found
+    where no phase vanishes, the cycle with fewer phases that grazes an event, or the last of them found
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
 from ..orbits.adapt import Options, on_breaks
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from ..orbits.other_start import may_vanish
 from ..orbits.restart import Start
-from ..orbits.starts import may_vanish
 from ..roots import boundary
-from .curve import along, backwards, curve_point, parameter_value, secant, solved_at
+from .curve import along, backwards, curve_point, parameter_value, secant_direction, solved_at
+from .grazing_contact import CONTACT_RANGE, grazing_at
 from .locating import length_to, nearer
-from .recut import same_events
-from .touching import TOUCHABLE, touching_at
+from .poincare_section import same_events
 from .walk import step_along
 
 Array = np.ndarray
@@ -40,18 +40,18 @@ SHRINKS_TO, SLOWEST = 0.25, 0.95
 VANISHED_PART = 1e-7
 """Part of its duration at which a phase has vanished: what the parameter lacks is this part or its square."""
 MESHES_OF_A_TOUCH = 6
-"""How often a mesh is halved for the touch, two as a rule; one that moves even then, by the tolerance, is none."""
+"""How often a mesh is halved for the contact, two as a rule; one that moves even then, by the tolerance, is none."""
 SOON = 0.7
 """A phase that has shrunk to this part from one orbit to the next vanishes, by a square root, within as long a way."""
 AS_FAR = 3.0
-"""A touch farther away than this many of the last steps is none that the branch has come to."""
+"""A contact farther away than this many of the last steps is none that the branch has come to."""
 BEHIND = 1e-4
-"""How far behind a touch, along the branch, the next cycle is looked for."""
+"""How far behind a grazing contact, along the branch, the next cycle is looked for."""
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
 
 
-def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
+def orbit_at_contact(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle at which the shortest phase of one has vanished, without it.
 
     orbit: a cycle with a phase that is about to vanish. Returns Orbit; None where no phase vanishes.
@@ -81,9 +81,9 @@ def touched(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
 
 
 def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options) -> tuple[AnyOrbit, AnyOrbit | None]:
-    """The same cycles from the boundary on that is crossed the fastest: next to one that is touched, x_0 turns back.
+    """The same cycles from the boundary on that is crossed the fastest: next to one that is grazed, x_0 turns back.
 
-    There its distance from the touch goes like a square root of the parameter's, as if the branch had a fold.
+    There its distance from the contact goes like a square root of the parameter's, as if the branch had a fold.
 
     orbit, previous: the cycle, and the one before it on the branch or None.
     Returns both; as they are where that is not known.
@@ -134,7 +134,7 @@ def _row(t: Transcription, u: Array, k: int) -> Array:
 def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float] | None:
     """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle.
 
-    None where it still moves on the last one that is solved on: that is no place where anything is touched.
+    None where it still moves on the last one that is solved on: that is no place where anything is grazed.
     """
     t, u, setting = start
     for _ in range(MESHES_OF_A_TOUCH):
@@ -153,35 +153,35 @@ def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcr
 def vanishing_soon(
     before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, *, at_kinks: bool = True
 ) -> tuple[AnyOrbit, AnyOrbit] | None:
-    """Where the shortest phase of the last of two orbits is about to vanish: the touch, and the cycle behind it.
+    """Where the shortest phase of the last of two orbits is about to vanish: the contact, and the cycle behind it.
 
     at_kinks: whether it is asked where the motion hardly changes, since the field has but a kink there.
-    Returns (the cycle at the touch, one behind it); None where no phase vanishes soon, or none continues.
+    Returns (the cycle at the contact, one behind it); None where no phase vanishes soon, or none continues.
     """
     k = may_vanish([arc.duration for arc in after.arcs]) if before.signature == after.signature else None
     if k is None or after.arcs[k].duration > SOON * before.arcs[k].duration:
         return None
     if not at_kinks and after.cycle.at_a_kink(k - 1) and after.cycle.at_a_kink(k):
         return None
-    touch = touched(after, vary, options)
-    if touch is None:
+    contact = orbit_at_contact(after, vary, options)
+    if contact is None:
         return None
-    value, last = parameter_value(touch, vary), parameter_value(after, vary)
+    value, last = parameter_value(contact, vary), parameter_value(after, vary)
     came = last - parameter_value(before, vary)
     if abs(value - last) > AS_FAR * abs(came) or (value - last) * came < 0:
         return None  # far away, or where the branch comes from
-    point = curve_point(touch, vary, sense=float(np.sign(value - last)) or 1.0)
+    point = curve_point(contact, vary, sense=float(np.sign(value - last)) or 1.0)
     for way in (point, backwards(point)):
-        behind = step_along(way, touch, vary, BEHIND, *touch.problem.range_of(vary), options)
-        if not isinstance(behind, str) and behind[0].signature == touch.signature:
-            return touch, behind[0]
+        behind = step_along(way, contact, vary, BEHIND, *contact.problem.range_of(vary), options)
+        if not isinstance(behind, str) and behind[0].signature == contact.signature:
+            return contact, behind[0]
     return None
 
 
 def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The orbit at which the phases change from those of `before` to those of `after`.
 
-    It is the cycle at which a phase of the longer sequence has vanished, or the one with fewer phases that touches an
+    It is the cycle at which a phase of the longer sequence has vanished, or the one with fewer phases that grazes an
     event, or the last of those that was found; of what is no user's system, the last one with the phases of `before`.
     Where only a plane cuts the one elsewhere than the other, no phase of
     the motion changes.
@@ -194,26 +194,26 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
     fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
     alike = takewhile(lambda orbit: orbit.signature == more.signature, nearer(more, fewer, vary, options))
     for orbit in chain((more,), alike):
-        gone = touched(orbit, vary, options)
+        gone = orbit_at_contact(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
     last = _last_alike(fewer, more, vary, options)
     distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
-    touch = touching_at(last, event, vary, options) if distance <= TOUCHABLE else None
-    return last if touch is None else touch[1]
+    contact = grazing_at(last, event, vary, options) if distance <= CONTACT_RANGE else None
+    return last if contact is None else contact[1]
 
 
-def _on_the_way(before: Orbit, touch: Orbit, after: Orbit, vary: str) -> bool:
-    """Whether a touch is that between two orbits.
+def _on_the_way(before: Orbit, contact: Orbit, after: Orbit, vary: str) -> bool:
+    """Whether a grazing contact is that between two orbits.
 
     It need not lie between them: the branch may turn there, and the cycle without the phase goes on beyond it by what a
     mode puts up with.
     """
-    if min(_way(before, touch, after, vary), _way(after, touch, before, vary)) > 0:
+    if min(_way(before, contact, after, vary), _way(after, contact, before, vary)) > 0:
         return True
     fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
-    off, step = (abs(parameter_value(orbit, vary) - parameter_value(fewer, vary)) for orbit in (touch, more))
-    return len(touch.arcs) == len(fewer.arcs) and off <= AS_FAR * step
+    off, step = (abs(parameter_value(orbit, vary) - parameter_value(fewer, vary)) for orbit in (contact, more))
+    return len(contact.arcs) == len(fewer.arcs) and off <= AS_FAR * step
 
 
 def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
@@ -224,7 +224,7 @@ def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
 
 def _last_alike(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
     """The last orbit towards `after` with the phases of `before`."""
-    start = curve_point(before, vary, like=secant(before, after, vary))
+    start = curve_point(before, vary, like=secant_direction(before, after, vary))
     length = length_to(after, before, start, vary)
     found = [before]
 

@@ -24,16 +24,16 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import known
+from ..checks import choice_of
 from ..collocation.transcription import Setting
 from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
-from ..orbits.border import with_other_phases
-from ..orbits.orbit import AnyOrbit, Complaint, Orbit, Solved, orbit_of
+from ..orbits.bordering import with_other_phases
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, SolvedOrbit, orbit_of
 from ..orbits.restart import Start
 from .curve import (
-    Point,
+    CurvePoint,
     along,
     bend,
     cosine,
@@ -42,7 +42,7 @@ from .curve import (
     parameter_value,
     point_at,
     predict,
-    secant,
+    secant_direction,
     seen_from,
 )
 
@@ -50,7 +50,7 @@ Array = np.ndarray
 
 FIRST_STEP = 0.1  # as a change of the parameter by a tenth, or of the states by a tenth of their size
 SMALLEST_STEP = 1e-10  # a fold next to a grazing slip may be 1e-7 wide
-SKETCHED_ITERATIONS = 5  # the same of a sketch, which has fewer
+PROVISIONAL_ITERATIONS = 5  # the same of a provisional orbit, which has fewer
 SOFT_STEP = 0.03  # below this a problem may use its last resorts to get past a change of phases
 EASY_ITERATIONS = 7  # iterations of the corrector at which the step is left as it is
 PREDICTED = 0.05  # error of a prediction, as a Newton step is measured, at which it is left as it is too
@@ -139,8 +139,8 @@ def walk(
     """
     vary = varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
-    like = heading if previous is None or heading is not None else secant(previous, start, vary)
-    point = replace(curve_point(start, vary, like=like, sense=sense), moves=not options.sketched)
+    like = heading if previous is None or heading is not None else secant_direction(previous, start, vary)
+    point = replace(curve_point(start, vary, like=like, sense=sense), moves=not options.provisional)
     if not low <= start.problem.moved(vary, LANDED * float(np.sign(point.row[-1]))) <= high:
         return _reached(start, vary)
     largest_step = largest_step or start.problem.largest_step
@@ -173,7 +173,7 @@ def _reached(orbit: Orbit, vary: str) -> Stopped:
     return Stopped(f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range", "range")
 
 
-def _within_change(point: Point, last: Orbit, vary: str, ds: float, largest: float | None) -> float:
+def _within_change(point: CurvePoint, last: Orbit, vary: str, ds: float, largest: float | None) -> float:
     """A step in which the parameter changes by no more than it may, as far as the tangent tells."""
     per_step = abs(float(point.row[-1]) * last.problem.unit(vary))
     return ds if largest is None or per_step * ds <= largest else largest / per_step
@@ -185,13 +185,13 @@ def _changes_more(last: Orbit, orbit: Orbit, vary: str, largest: float | None) -
     return largest is not None and change > CHANGED_TOO_MUCH * largest
 
 
-def _room(point: Point, solved: Solved, options: Options) -> float:
+def _room(point: CurvePoint, solved: SolvedOrbit, options: Options) -> float:
     """How many times longer the next step may be: because the corrector is quick, or because predictions are good."""
-    easy = SKETCHED_ITERATIONS if options.sketched else EASY_ITERATIONS
+    easy = PROVISIONAL_ITERATIONS if options.provisional else EASY_ITERATIONS
     effort = min(easy / max(solved.iterations, 1), MOST_BY_EFFORT)
     if solved.off <= PREDICTED:
         effort = max(effort, 1.0)  # the prediction was good: it is the mesh that took long, as a shorter step's would
-    if options.sketched or point.bend is None or not point.bend.drift.any():
+    if options.provisional or point.bend is None or not point.bend.drift.any():
         return effort
     # On a mesh that moves along the fourth root of the error says what the next one will be; elsewhere it is no guide.
     by_error = float((PREDICTED / max(solved.off, SMALLEST_STEP)) ** (1 / 4))
@@ -204,12 +204,12 @@ def varied(start: Orbit, vary: str | None) -> str:
     start, vary: an orbit, and the name or None for the principal one of its problem.
     Raises InputError: there is none such.
     """
-    return start.problem.principal if vary is None else known("parameter", vary, start.problem.names)
+    return start.problem.principal if vary is None else choice_of("parameter", vary, start.problem.names)
 
 
 def _step_and_tangent(
-    point: Point, last: AnyOrbit, vary: str, ds: float, low: float, high: float, options: Options
-) -> tuple[AnyOrbit, Point | None, Solved] | str:
+    point: CurvePoint, last: AnyOrbit, vary: str, ds: float, low: float, high: float, options: Options
+) -> tuple[AnyOrbit, CurvePoint | None, SolvedOrbit] | str:
     """(orbit, the curve there or None at a bound, what was solved) of one step, or what went wrong.
 
     The new tangent is oriented along the way from the last orbit, and a step in which it turns by more than a
@@ -222,7 +222,7 @@ def _step_and_tangent(
     orbit, solved, reached = outcome
     if reached:
         return orbit, None, solved
-    like = in_units_of(secant(last, orbit, vary), last.scale, solved.setting.scale)
+    like = in_units_of(secant_direction(last, orbit, vary), last.scale, solved.setting.scale)
     lin, setting = solved.solution.linearisation, _setting_at(solved)
     dp = along(orbit.problem, vary, float(setting.p[orbit.problem.names.index(vary)]))
     following = replace(point_at(solved.t, solved.solution.u, setting, dp, like=like, lin=lin), moves=point.moves)
@@ -231,13 +231,13 @@ def _step_and_tangent(
     return orbit, following, solved
 
 
-def _setting_at(solved: Solved) -> Setting:
+def _setting_at(solved: SolvedOrbit) -> Setting:
     return solved.setting.moved(solved.solution.parameter)
 
 
 def step_along(
-    point: Point, last: AnyOrbit, vary: str, ds: float, low: float, high: float, options: Options
-) -> tuple[AnyOrbit, Solved, bool] | str:
+    point: CurvePoint, last: AnyOrbit, vary: str, ds: float, low: float, high: float, options: Options
+) -> tuple[AnyOrbit, SolvedOrbit, bool] | str:
     """One corrected step of length ds from `point`, the curve at the orbit `last`.
 
     point, last: a point of the curve, and the orbit there; low, high: range of the parameter; a step beyond lands on
@@ -262,7 +262,7 @@ def step_along(
     if not low - slack <= value <= high + slack:
         return "the corrector left the range"
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
-    way = in_units_of(secant(last, orbit, vary), last.scale, point.setting.scale)
+    way = in_units_of(secant_direction(last, orbit, vary), last.scale, point.setting.scale)
     row = point.row
     if orbit.signature != last.signature and sorted(orbit.signature) == sorted(last.signature):
         return "the corrector went through a point, to the same cycles from another of their phases on"
@@ -281,7 +281,7 @@ def corrected(
     *,
     ds: float,
     border: Array | None,
-) -> Solved:
+) -> SolvedOrbit:
     """The corrector from a predicted point, across changes of the phase sequence.
 
     In turn: the phase sequences that the problem expects there; and, on short steps only, with its last resorts.
@@ -292,7 +292,7 @@ def corrected(
     """
     t, u, setting = predicted
     start = t, u, setting.moved(lam)
-    solved: Solved | None = None
+    solved: SolvedOrbit | None = None
     for candidate in problem.expected(*start):
         solved = solve_adaptively(problem, candidate, options, solver="newton", border=border, soft=False)
         if solved.status.ok:
@@ -302,7 +302,7 @@ def corrected(
     return solved
 
 
-def run(generator: Generator[Any, None, str]) -> tuple[list[Any], str]:
+def walk_to_end(generator: Generator[Any, None, str]) -> tuple[list[Any], str]:
     """All that a walk leads to, and the sentence with which it ended.
 
     Examples
@@ -395,13 +395,13 @@ def walk_naturally(
     return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
 
 
-def _natural_step(point: Point, last: AnyOrbit, vary: str, value: float, options: Options) -> AnyOrbit | str:
+def _natural_step(point: CurvePoint, last: AnyOrbit, vary: str, value: float, options: Options) -> AnyOrbit | str:
     """The orbit at a value: a step along the curve that lands there, on this side of a fold; or what went wrong."""
     ds = last.problem.distance(vary, value) / float(point.row[-1])
     outcome = step_along(point, last, vary, ds, value, value, options)
     if isinstance(outcome, str):
         return outcome
-    after = curve_point(outcome[0], vary, like=secant(last, outcome[0], vary))
+    after = curve_point(outcome[0], vary, like=secant_direction(last, outcome[0], vary))
     if after.row[-1] * (value - parameter_value(last, vary)) <= 0:
         return "the solver converged to the other side of the fold"
     return outcome[0]

@@ -28,7 +28,7 @@ SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": Archive.SIGN}
 
 
 @dataclass(frozen=True)
-class Task:
+class DiagramTask:
     """What is asked for, of every model.
 
     Attributes
@@ -70,7 +70,7 @@ class Words:
 
 
 def keep(
-    task: Task,
+    task: DiagramTask,
     model: Model,
     points: Sequence[DiagramPoint],
     ended: str,
@@ -111,7 +111,7 @@ class Left(NamedTuple):
     lopsided: tuple[Branch, ...] = ()
 
 
-def begun(task: Task, model: Model, out: Path) -> Left:
+def saved_points(task: DiagramTask, model: Model, out: Path) -> Left:
     """The points that an earlier run of the same task has left; none where there is no file.
 
     Without a start asked for, it is theirs.

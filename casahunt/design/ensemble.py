@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks import known
+from ..checks import choice_of
 from ..continuation import Expansion, folds_near
 from ..effort import ROWS_OF_A_TASK
 from ..errors import NoOrbit, Status
@@ -146,7 +146,7 @@ def fold_ensemble(
     (True, (5, 1))
     """
     a_servo(servo)
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     names = tuple(names)
     table = Hunting(model, servo, 1.0).rows(names, rows)
     options = options or Options()
@@ -218,9 +218,7 @@ def _work(task: _Task) -> list[_Member]:
         folds.values, folds.value_errors, folds.periods, folds.period_errors, folds.amplitudes, folds.amplitude_errors,
         folds.slopes,
     ])  # fmt: skip
-    return [
-        _Member(numbers[i], folds.statuses[i], how) if how else _alone(task, i) for i, how in enumerate(folds.how)
-    ]
+    return [_Member(numbers[i], folds.statuses[i], how) if how else _alone(task, i) for i, how in enumerate(folds.how)]
 
 
 def _alone(task: _Task, i: int) -> _Member:
@@ -288,7 +286,7 @@ def orbit_ensemble(
     ['0.01771', '0.01724']
     """
     a_servo(servo)
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     known_orbit = orbit if orbit is not None else find_orbit(servo, model, gain, options=options)
     branch: BranchName = "unstable" if known_orbit.multipliers.leading.real > 1 else "stable"
     return orbits_near(

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import known
+from ..checks import choice_of
 from ..continuation import Expansion, expansion_beside, folds_near
 from ..effort import MEMBERS_OF_A_PASS
 from ..errors import InputError, NoOrbit, Status
@@ -42,6 +42,7 @@ Array = np.ndarray
 SIDES = (2, 200)
 """Fewest and most values of a parameter."""
 NO_SERVO = "no servo has these two values"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FoldMap(Result):
@@ -169,7 +170,7 @@ def fold_map(
     """
     a_servo(servo)
     began = time.perf_counter()
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     values = _checked(servo, names, (first, second))
     options = options or Options()
     start = fold or find_fold(servo, model, options=options)
@@ -277,7 +278,7 @@ def _checked(servo: Servo, names: tuple[str, str], values: tuple[Array, Array]) 
     """The two axes as arrays.  Raises InputError where one is none."""
     allowed = [name for name in NAMES if name in servo.names]
     for name in names:
-        known("parameter", name, allowed)
+        choice_of("parameter", name, allowed)
     if names[0] == names[1]:
         raise InputError(f"{names[0]} and {names[1]}: must be two different parameters")
     axes = []

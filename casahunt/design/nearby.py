@@ -16,7 +16,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from ..checks import known as one_of
+from ..checks import choice_of as one_of
 from ..continuation import Expansion, expansion
 from ..errors import NoOrbit, Status
 from ..orbits import Options

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import known, number, quoted, require
+from ..checks import choice_of, number, quoted, require
 from ..compiled import kept
 from ..errors import InputError
 from . import system as engine
@@ -58,7 +58,7 @@ class Event:
     direction : +1 where h rises through zero, -1 where it falls, 0 for either way.
     to : name of the next mode, or a function (x, p) of numbers that returns it.  The name of the mode itself makes the
         event a boundary between two phases although the mode goes on; where a function returns it, the event was
-        touched only, and the phase goes on.
+        grazed only, and the phase goes on.
     reset : (x, p) -> the states that jump, by name; what is not named stays.  None where nothing jumps.
 
     Examples
@@ -92,7 +92,7 @@ class Mode:
     feature : (x, p) -> a part of the field, of order one, that changes so suddenly that a mesh may step over it.
     unsplit : name of a mode with the same field that this one is a part of.  Where an event leads from one part to
         another the field has a kink, and no more: that a phase comes or goes there hardly changes the motion, and
-        `follow` says between which cycles it does, without a search for the touch unless its `monitors` ask for it.
+        `follow` says between which cycles it does, without a search for the contact unless its `monitors` ask for it.
         Where the kinks of a phase are too weak for boundaries, it is computed in one, as of that mode.
     sign : a number of the mode's own, p.sign in its functions and in those of its events: modes that differ in it alone
         share their functions, and what is compiled of them.
@@ -179,13 +179,13 @@ class System:
         return System, (*given, self.forcing_period, self.symmetries, self.angles)
 
     @property
-    def vector_form(self) -> engine.System:
+    def vector_form(self) -> engine.VectorSystem:
         """The system in the terms of the engine."""
         return _vector_form(self)
 
     def mode(self, name: str) -> Mode:
         """The mode of that name.  Raises InputError where there is none."""
-        known("mode", name, [mode.name for mode in self.modes])
+        choice_of("mode", name, [mode.name for mode in self.modes])
         return next(mode for mode in self.modes if mode.name == name)
 
     def values(self, parameters: Mapping[str, float] | None = None) -> Array:
@@ -197,7 +197,7 @@ class System:
         """
         changed = dict(self.parameters)
         for name, value in (parameters or {}).items():
-            changed[known("parameter", name, self.parameters)] = number(name, value)
+            changed[choice_of("parameter", name, self.parameters)] = number(name, value)
         p = np.array(list(changed.values()), float)
         if self.forcing_period is not None:
             require(f"system {self.name!r}: forcing_period", float(self.names.turn(p)), above=0.0)
@@ -223,7 +223,7 @@ class System:
         """
         allowed = (*self.states, TIME) if self.forcing_period else self.states
         for name in values:
-            known("state", name, allowed)
+            choice_of("state", name, allowed)
         missing = [name for name in self.states if name not in values]
         if missing:
             raise InputError(f"{self.name}: no value is given for the state {listed(missing)}")
@@ -234,20 +234,20 @@ class System:
 
 
 @kept(maxsize=64)
-def _vector_form(system: System) -> engine.System:
+def _vector_form(system: System) -> engine.VectorSystem:
     modes = {mode.name: _engine_mode(mode, system.names) for mode in system.modes}
     exits = {mode.name: tuple(_exits(mode, system)) for mode in system.modes}
-    return engine.System(system.name, system.names.entries, modes, exits)
+    return engine.VectorSystem(system.name, system.names.entries, modes, exits)
 
 
-def _engine_mode(mode: Mode, names: Names) -> engine.Mode:
+def _engine_mode(mode: Mode, names: Names) -> engine.VectorMode:
     signed, sign = mode.sign is not None, mode.sign or 0.0
     if mode.field is not None:
         vector_field = Field(mode.field, names, signed)
     else:
         assert mode.flow is not None
         vector_field = FieldOfFlow(mode.flow, names, signed)
-    return engine.Mode(
+    return engine.VectorMode(
         mode.name,
         vector_field,
         sign,
@@ -267,7 +267,7 @@ def _exits(mode: Mode, system: System) -> Iterator[engine.Exit]:
     known_modes = tuple(m.name for m in system.modes)
     for event in mode.ends:
         what = f"event {event.name!r} of mode {mode.name!r}"
-        boundary = engine.Event(event.name, Bound(Scalar(event.function, names, signed), sign))
+        boundary = engine.VectorEvent(event.name, Bound(Scalar(event.function, names, signed), sign))
         next_mode = (
             Always(event.to) if isinstance(event.to, str) else Successor(event.to, names, what, known_modes, mode.sign)
         )

@@ -4,15 +4,15 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
 
     names, vector         the parameters p, by name and as numbers;  with_value changes one
     cycle                 phase sequence -> the boundary value problem
-    next_sequence, parted, remarch, expected, vanishing
+    next_sequence, split, remarch, expected, vanishing
                           where a sequence has stopped being a motion: starting points for the one that comes next
     scheme, largest_step  how it is best computed, where the user does not say
     principal             the parameter that is followed by default, and freed where at fixed p the equations are
                           singular: next to a fold
     title, orbit_type     what refusals call it; the class in which its orbits come back (and fold_type)
     system                what moves so, of which other motions can be asked; None where one cycle is all that is known
-    sections, marks, forced, strongest, starting_at, with_touch, nearest_touch
-                          where its cycles are cut, and what they touch: of a cycle alone there is nothing to know
+    sections, marks, forced, strongest, starting_at, with_contact, nearest_touch
+                          where its cycles are cut, and what they graze: of a cycle alone there is nothing to know
 
 A starting point is (transcription, unknowns, setting) of whoever solves (orbits/restart.py); nothing here computes.
 
@@ -28,7 +28,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from ..checks import known
+from ..checks import choice_of
 from ..errors import InputError
 from .system import Cycle, Signature
 from .vector_form import Names
@@ -174,7 +174,7 @@ class Problem(ABC):
         InputError : an unknown parameter, a table of another shape, or values that the problem cannot have.
         """
         for name in names:
-            known("parameter", name, self.names)
+            choice_of("parameter", name, self.names)
         if not names or len(set(names)) < len(names):
             raise InputError(f"names = {list(names)!r}: must be at least one parameter, each once")
         try:
@@ -267,7 +267,7 @@ class Problem(ABC):
         """
         return []
 
-    def parted(self, t: Any, u: Array, setting: Any, phase: int) -> Any | None:
+    def split(self, t: Any, u: Array, setting: Any, phase: int) -> Any | None:
         """An orbit with boundaries where one of its phases passes events.
 
         Parameters
@@ -355,8 +355,8 @@ class Problem(ABC):
         """
         return None
 
-    def with_touch(self, phase: int, event: str, t: Any, u: Array, setting: Any) -> Any | None:
-        """A cycle that touches an event inside a phase, as one that meets it with no speed.
+    def with_contact(self, phase: int, event: str, t: Any, u: Array, setting: Any) -> Any | None:
+        """A cycle that grazes an event inside a phase, as one that meets it with no speed.
 
         Parameters
         ----------

@@ -65,7 +65,7 @@ class HashedOnce:
 
 
 @dataclass(frozen=True)
-class Mode(HashedOnce):
+class VectorMode(HashedOnce):
     """One smooth piece of the dynamics.
 
     Attributes
@@ -97,7 +97,7 @@ class Mode(HashedOnce):
 
 
 @dataclass(frozen=True)
-class Event(HashedOnce):
+class VectorEvent(HashedOnce):
     """A phase boundary h(x, T; p) = 0, crossed transversally."""
 
     name: str
@@ -112,7 +112,7 @@ class Exit(HashedOnce):
     is a phase boundary although the mode goes on.  `reset` is the jump of the state there, or None.
     """
 
-    event: Event
+    event: VectorEvent
     direction: int
     successor: Callable[[np.ndarray, np.ndarray], str]
     mark: bool = False
@@ -131,15 +131,15 @@ class Phase(HashedOnce):
     exits : ways out of the mode, none of which may be passed inside the phase.
     """
 
-    mode: Mode
-    end: Event
+    mode: VectorMode
+    end: VectorEvent
     reset: Reset | None = None
     direction: int = 0
     exits: tuple[Exit, ...] = ()
 
 
 @dataclass(frozen=True)
-class System:
+class VectorSystem:
     """A hybrid automaton: what simulation needs beyond the modes of a cycle.
 
     Attributes
@@ -151,7 +151,7 @@ class System:
 
     name: str
     states: tuple[str, ...]
-    modes: Mapping[str, Mode]
+    modes: Mapping[str, VectorMode]
     exits: Mapping[str, tuple[Exit, ...]]
 
     def ways_out(self, mode: str, event: str) -> tuple[Exit, ...]:

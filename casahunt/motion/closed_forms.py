@@ -42,7 +42,7 @@ def check_closed_forms(system: System, x: Array, p: Array) -> None:
                 _check_at(mode, point, p, of_field)
 
 
-def _check_at(mode: engine.Mode, x: Array, p: Array, of_field: bool) -> None:
+def _check_at(mode: engine.VectorMode, x: Array, p: Array, of_field: bool) -> None:
     """One state."""
     y, *_ = _along(mode, x, 0.0, p)
     if not np.isfinite(y).all() or mode.admissible is not None and not _holds(mode, y, p):
@@ -59,7 +59,7 @@ def _check_at(mode: engine.Mode, x: Array, p: Array, of_field: bool) -> None:
         _compare(mode, T, rate, slope, of_field)
 
 
-def _compare(mode: engine.Mode, T: float, rate: Array, slope: Array, of_field: bool) -> None:
+def _compare(mode: engine.VectorMode, T: float, rate: Array, slope: Array, of_field: bool) -> None:
     """The rate of the flow against the field at the same state."""
     size = max(float(np.max(np.abs(slope))), float(np.max(np.abs(rate))))
     if np.isfinite(size) and np.max(np.abs(rate - slope)) > SAME_MOTION * size:
@@ -74,12 +74,12 @@ def _listed(values: Array) -> str:
     return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
 
 
-def _holds(mode: engine.Mode, x: Array, p: Array) -> bool:
+def _holds(mode: engine.VectorMode, x: Array, p: Array) -> bool:
     assert mode.admissible is not None
     return bool(np.all(np.asarray(mode.admissible(x, p, mode.sign)) >= -mode.slack))
 
 
-def _along(mode: engine.Mode, x: Array, T: float, p: Array) -> tuple[Array, Array, Array]:
+def _along(mode: engine.VectorMode, x: Array, T: float, p: Array) -> tuple[Array, Array, Array]:
     """(flow(x, T), its derivative by T, the field there), (n,) each."""
     buffers = _compiled(mode, x.size, p.size).buffers
     for store, value in zip(buffers.inputs, (x, T, p), strict=True):
@@ -90,7 +90,7 @@ def _along(mode: engine.Mode, x: Array, T: float, p: Array) -> tuple[Array, Arra
 
 
 @kept(maxsize=32)
-def _compiled(mode: engine.Mode, n: int, parameters: int) -> Caller:
+def _compiled(mode: engine.VectorMode, n: int, parameters: int) -> Caller:
     assert mode.flow is not None
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
     end = mode.flow(x, T, p)

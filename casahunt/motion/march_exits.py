@@ -18,10 +18,10 @@ import numpy as np
 
 from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Exit, Mode, Reset
+from ..hybrid.system import Exit, Reset, VectorMode
 from ..roots import LOOKED_AT, MOST_HALVINGS, Bracket, secant
-from .march_step import Foretold, Solved
-from .march_watch import EVENT_LIMIT, Watch
+from .march_step import ExtrapolatedStages, SolvedInterval
+from .march_watch import EVENT_LIMIT, EventWatch
 
 Array = np.ndarray
 
@@ -32,7 +32,7 @@ FLOW_LIMIT = 1e-9  # the same at the end of a closed form that is known nearly, 
 
 
 @kept(maxsize=64)
-def ends_linear_in_time(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> bool:
+def ends_linear_in_time(mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int) -> bool:
     """Whether the events of all exits of a mode in closed form are linear in the time spent in it.
 
     mode, exits: a mode with a flow, and its exits.
@@ -67,7 +67,7 @@ def behind(way_out: Exit, end: Array, p: Array) -> Array | None:
 class _FlowMap:
     """Closed form of a mode and its exits' events, compiled and called through fixed buffers: views into them."""
 
-    def __init__(self, mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> None:
+    def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int) -> None:
         assert mode.flow is not None
         x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
         end = mode.flow(x, T, p)
@@ -86,12 +86,12 @@ class _FlowMap:
 
 
 @kept(maxsize=16)
-def _flow_map(mode: Mode, exits: tuple[Exit, ...], n: int, parameters: int) -> _FlowMap:
+def _flow_map(mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int) -> _FlowMap:
     """Kept for reuse."""
     return _FlowMap(mode, exits, n, parameters)
 
 
-def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tuple[float, Exit, Array] | None:
+def end_of_flow(mode: VectorMode, exits: tuple[Exit, ...], x: Array, p: Array) -> tuple[float, Exit, Array] | None:
     """The first exit of a mode in closed form whose events are linear in time.
 
     x, p: (n,) state at its start; parameter vector.
@@ -114,7 +114,7 @@ def end_of_flow(mode: Mode, exits: tuple[Exit, ...], x: Array, p: Array) -> tupl
 
 
 def flow_to(
-    mode: Mode, exits: tuple[Exit, ...], way_out: Exit | None, x: Array, T: float, p: Array
+    mode: VectorMode, exits: tuple[Exit, ...], way_out: Exit | None, x: Array, T: float, p: Array
 ) -> tuple[float, Array]:
     """The end of a phase in closed form that is known nearly.
 
@@ -130,7 +130,7 @@ def flow_to(
     return T, motion(x, T, p)[0].copy()
 
 
-def _true_value(watch: Watch, which: int, start: Array, guess: Foretold, h: float) -> float:
+def _true_value(watch: EventWatch, which: int, start: Array, guess: ExtrapolatedStages, h: float) -> float:
     """An exit's event at the end of an interval of length h; no number where that is not solved."""
     solved = watch.stepper(start, guess, h, EXACT)
     return math.nan if solved is None else watch.at(solved.end)[0][which]
@@ -149,8 +149,8 @@ def _begin(
     return theta, margin, max(-min(f_low, 0.0), f_high)
 
 
-def locate(
-    watch: Watch, way_out: Exit, beyond: float, start: Array, stages: Array, h: float
+def locate_exit(
+    watch: EventWatch, way_out: Exit, beyond: float, start: Array, stages: Array, h: float
 ) -> tuple[float, Array, Array] | None:
     """Shorten an interval until it ends on an event.
 
@@ -169,11 +169,11 @@ def locate(
     theta, bracket, size = _begin(value, s, w, beyond)
     # Rounding in the states keeps the event from vanishing better than this.
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * max(size, stepper.scale_of(way_out)))
-    solved: Solved | None = None
+    solved: SolvedInterval | None = None
     f = last = np.inf
     reach = 1.0  # local time at the end of the interval whose polynomial w is
     for _ in range(MOST_HALVINGS):
-        solved = stepper(start, Foretold(w, 0.0, theta / reach), theta * h, EXACT)
+        solved = stepper(start, ExtrapolatedStages(w, 0.0, theta / reach), theta * h, EXACT)
         if solved is None:
             return None
         w, reach = np.concatenate([start, solved.stages]).reshape(s.degree + 1, -1), theta
@@ -188,7 +188,7 @@ def locate(
         if not shrinks and not (np.isfinite(bracket.f_a) and np.isfinite(bracket.f_b)):
             # Before it is halved to nothing: does the event change its sign on true intervals at all?
             ends = [
-                _true_value(watch, which, start, Foretold(w, 0.0, end / reach), end * h)
+                _true_value(watch, which, start, ExtrapolatedStages(w, 0.0, end / reach), end * h)
                 for end in (bracket.a, bracket.b)
             ]
             if not ends[0] < 0 < ends[1]:

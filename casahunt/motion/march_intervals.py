@@ -12,10 +12,10 @@ import numpy as np
 
 from .. import effort
 from ..hybrid.system import Exit
-from .march_exits import locate
+from .march_exits import locate_exit
 from .march_series import Reached
-from .march_step import Foretold, Previous, foretold
-from .march_watch import TooLong, Watch
+from .march_step import ExtrapolatedStages, Previous, extrapolated_stages
+from .march_watch import EventWatch, TooLong
 from .segment import MarchFailure
 from .series import TooMany
 
@@ -52,7 +52,7 @@ def _first_length(slope: Array, max_time: float, tol: float, d: int) -> float:
 
 def collocated(
     name: str,
-    watch: Watch,
+    watch: EventWatch,
     passes: Callable[[Exit, Array], bool],
     begun: Reached,
     at_most: float,
@@ -101,7 +101,7 @@ def collocated(
 
 
 def _attempt(
-    watch: Watch,
+    watch: EventWatch,
     previous: Previous | None,
     start: Array,
     slope: Array | None,
@@ -112,10 +112,10 @@ def _attempt(
     stepper = watch.stepper
     s = stepper.scheme
     d = s.degree
-    guess = foretold(d, previous, start, h)
+    guess = extrapolated_stages(d, previous, start, h)
     solved = stepper(start, guess, h, GOAL * tol)
     if solved is None and guess.w is not start:
-        solved = stepper(start, Foretold(start), h, GOAL * tol)
+        solved = stepper(start, ExtrapolatedStages(start), h, GOAL * tol)
     error = np.inf if solved is None else solved.error
     if solved is None or error > ACCEPTED_ERROR * tol:
         return _Shorter(0.3 if not np.isfinite(error) else max(0.2, 0.8 * (tol / error) ** (1 / d)), VANISHED)
@@ -132,7 +132,7 @@ def _attempt(
         rough = s.interpolation(crossings[0][1] * s.points) @ np.concatenate([start, stages]).reshape(d + 1, -1)
         missed = watch.hides(start, rough[1:].ravel(), rough[-1])
         for candidate, beyond in crossings:  # all of them between the same two watched times: the first is the exit
-            located = None if missed else locate(watch, candidate, beyond, start, stages, h)
+            located = None if missed else locate_exit(watch, candidate, beyond, start, stages, h)
             if located is None:
                 return _Shorter(0.5, f"exit {candidate.event.name!r} cannot be located")
             if way_out is None or located[0] < reached[0]:

@@ -29,12 +29,12 @@ import numpy as np
 from .. import effort
 from ..collocation.admissibility import hides
 from ..collocation.scheme import Scheme
-from ..hybrid.system import Exit, Mode
+from ..hybrid.system import Exit, VectorMode
 from ..roots import LOOKED_AT, MOST_HALVINGS, Bracket
 from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING
-from .march_step import Foretold, Stepper
+from .march_step import ExtrapolatedStages, Stepper
 from .march_watch import EVENT_LIMIT, ON_EVENT
-from .series import Piece, Series, at, cut_off, looked_at, meshed, most_in_a_step
+from .series import Piece, Series, cut_off, looked_at, meshed, most_in_a_step, series_value
 
 Array = np.ndarray
 
@@ -209,7 +209,7 @@ def _right_part(series: Series, C: Array, h: float, theta: float) -> float:
 
 def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
     """Whether an interval of so many steps is resolved."""
-    solved = stepper(x, Foretold(x), STIFF * h, tol)
+    solved = stepper(x, ExtrapolatedStages(x), STIFF * h, tol)
     return solved is not None and solved.error <= tol
 
 
@@ -226,7 +226,10 @@ def first_exit(
     """
     inner = points[:, :-1].reshape(-1, points.shape[2])
     looks, parts = len(inner) + 1, LOOKED_AT.size - 1
-    states = np.vstack([inner, points[-1, -1], *([at(C[0], JUST_BEHIND)] if fresh else [])]).T * stepper.scale[:, None]
+    states = (
+        np.vstack([inner, points[-1, -1], *([series_value(C[0], JUST_BEHIND)] if fresh else [])]).T
+        * stepper.scale[:, None]
+    )
     best: Exit | None = None
     first, place = looks - 1, 1.0
     for way_out in exits:
@@ -254,7 +257,7 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
     """The place between two looks where an event vanishes; None where it does not, as one that is no number."""
 
     def value(s: float) -> float:
-        state = at(C, s) * stepper.scale
+        state = series_value(C, s) * stepper.scale
         return way_out.direction * float(way_out.event.function(state, 0.0, stepper.p))
 
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
@@ -279,7 +282,7 @@ def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f
 
 
 def intervals_of(
-    mode: Mode, stepper: Stepper, stretches: list[list[Piece]], tol: float, most: float = np.inf
+    mode: VectorMode, stepper: Stepper, stretches: list[list[Piece]], tol: float, most: float = np.inf
 ) -> tuple[list[float], list[Array]]:
     """The intervals of a motion that was followed by series.
 

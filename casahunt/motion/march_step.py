@@ -32,7 +32,7 @@ NOTHING_LESS = 1e-16  # relative to the states, nothing smaller is left of an in
 LED_ASTRAY = 0.1  # error of foretold stages, in units of the way to go, beyond which constant ones are no worse
 
 
-class Foretold(NamedTuple):
+class ExtrapolatedStages(NamedTuple):
     """Where Newton begins: the polynomial through w at the local times begins + part c, c those of the stages.
 
     Attributes
@@ -54,7 +54,7 @@ class Previous(NamedTuple):
     error: float
 
 
-class Solved(NamedTuple):
+class SolvedInterval(NamedTuple):
     """An interval: (d n,) stages, (n,) end, largest last Legendre coefficient of a state."""
 
     stages: Array
@@ -97,12 +97,12 @@ class Stepper:
     def _call(self, w: Array, h: float) -> Array:
         return self.function(w, self.no_next, h, 1.0, self.sign, self.p, self.dp, self.scale)[0]
 
-    def __call__(self, x: Array, guess: Foretold, h: float, goal: float) -> Solved | None:
+    def __call__(self, x: Array, guess: ExtrapolatedStages, h: float, goal: float) -> SolvedInterval | None:
         """The interval to an error of about `goal`, or None where Newton does not converge."""
         goal = max(goal, NOTHING_LESS)
         return self._stepped(x, guess, h, goal) if self._compiled is not None else self._factorised(x, guess, h, goal)
 
-    def _stepped(self, x: Array, guess: Foretold, h: float, goal: float) -> Solved | None:
+    def _stepped(self, x: Array, guess: ExtrapolatedStages, h: float, goal: float) -> SolvedInterval | None:
         """By compiled steps, a few at a time."""
         assert self._compiled is not None
         buffers = self._compiled.buffers
@@ -120,14 +120,14 @@ class Stepper:
             shrinks = final / before if before > 0 else 0.0
             stalled = shrinks > 0.3 and final <= STALLED * max(1.0, size)
             if stalled or shrinks < 0.5 and final * shrinks / (1 - shrinks) <= goal * max(1.0, size):
-                return Solved(stages.copy(), end.copy(), error)
+                return SolvedInterval(stages.copy(), end.copy(), error)
             if sizes[0] > min(0.5 * last, 1e6):
                 return None
             last = sizes[0]
             w[0], w[1:], place[0], place[1] = x, stages.reshape(-1, x.size), 0.0, 1.0
         return None
 
-    def _factorised(self, x: Array, guess: Foretold, h: float, goal: float) -> Solved | None:
+    def _factorised(self, x: Array, guess: ExtrapolatedStages, h: float, goal: float) -> SolvedInterval | None:
         """By numpy's LU of the whole."""
         n, d = x.size, self.scheme.degree
         rows = n * (d + 1)
@@ -151,7 +151,7 @@ class Stepper:
             stalled = size > 0.3 * last and size <= STALLED * max(1.0, float(abs(w).max()))
             if size * size <= goal or stalled:  # the square of a Newton step is what it leaves
                 end = jacobian[rows - n :] @ step - residual[rows - n :]
-                return Solved(w[n:], end, last_mode(self.scheme, w.reshape(d + 1, n)))
+                return SolvedInterval(w[n:], end, last_mode(self.scheme, w.reshape(d + 1, n)))
             slow += size > 0.5 * last
             if slow > MOST_SLOW or size > min(2 * last, 1e6):
                 return None
@@ -159,7 +159,7 @@ class Stepper:
         return None
 
 
-def foretold(d: int, previous: Previous | None, start: Array, h: float) -> Foretold:
+def extrapolated_stages(d: int, previous: Previous | None, start: Array, h: float) -> ExtrapolatedStages:
     """Stages extrapolated from the previous interval; constant where that leads astray.
 
     Its last Legendre coefficient grows on the way to the end of the new interval by less than the Chebyshev polynomial
@@ -168,11 +168,11 @@ def foretold(d: int, previous: Previous | None, start: Array, h: float) -> Foret
     previous: the previous interval; None: there is none; start, h: (n,) start and length [s] of the new one.
     """
     if previous is None:
-        return Foretold(start)
+        return ExtrapolatedStages(start)
     part = h / previous.h
     astray = previous.error * math.cosh(d * math.acosh(1 + 2 * part))
     moves = part * float(np.abs(previous.w[-1] - previous.w[0]).max())
-    return Foretold(previous.w, 1.0, part) if astray <= LED_ASTRAY * moves else Foretold(start)
+    return ExtrapolatedStages(previous.w, 1.0, part) if astray <= LED_ASTRAY * moves else ExtrapolatedStages(start)
 
 
 def last_mode(s: Scheme, w: Array) -> float:

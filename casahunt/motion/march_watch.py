@@ -26,7 +26,7 @@ class TooLong(Exception):
     """The interval is too long to tell whether an event crosses zero in it."""
 
 
-class Watch:
+class EventWatch:
     """The events of a mode's exits, each in its direction, and its feature, compiled."""
 
     def __init__(self, exits: tuple[Exit, ...], feature: Feature | None, stepper: Stepper) -> None:

@@ -26,12 +26,12 @@ from .. import effort
 from ..collocation.admissibility import PASSED
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
-from ..hybrid.system import Exit, Mode, System
+from ..hybrid.system import Exit, VectorMode, VectorSystem
 from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
 from .march_intervals import collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
-from .march_watch import Watch
+from .march_watch import EventWatch
 from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
 
@@ -58,7 +58,7 @@ UNLIKE_ITS_FIELD = 1e-2
 
 
 def march(
-    system: System,
+    system: VectorSystem,
     mode: str,
     x: Array,
     p: Array,
@@ -79,7 +79,7 @@ def march(
     Parameters
     ----------
     system, mode
-        the hybrid system in vectors (`System.vector_form`), and the mode that it starts in.
+        the hybrid system in vectors (`VectorSystem.vector_form`), and the mode that it starts in.
     x, p
         (n,) initial state, and (np,) the parameters.
     scale
@@ -115,7 +115,7 @@ def march(
     >>> [(segment.mode, segment.event, round(segment.duration, 4)) for segment in segments]
     [('slip', 'catches up', 0.2624), ('stick', 'breaks away', 4.8783)]
     """
-    effort.motion()
+    effort.motion_begins()
     s = scheme(degree, kind)
     segments: list[Segment] = []
     time, used = 0.0, 0
@@ -150,7 +150,7 @@ def _begins(after: Segment | None, mode: str) -> _Begins:
 
 
 def _phase(
-    system: System,
+    system: VectorSystem,
     name: str,
     x: Array,
     p: Array,
@@ -213,7 +213,7 @@ def _at_rest(noise: list[Segment], left: float) -> Segment:
     return Segment(first.mode, "", duration, np.array([0.0, 1.0]), np.tile(first.start, (1, 2)), first.start.copy())
 
 
-def _check(system: System, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:
+def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:
     """Whether the last phase, begun at `time`, is a motion of its mode.  Raises MarchFailure where it is none."""
     last = segments[-1]
     _check_holds(system.modes[last.mode], last, p, time)
@@ -224,7 +224,7 @@ def _check(system: System, segments: list[Segment], p: Array, scale: Array, time
         raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
 
 
-def _check_start(system: System, segment: Segment, p: Array, time: float, met: str) -> None:
+def _check_start(system: VectorSystem, segment: Segment, p: Array, time: float, met: str) -> None:
     """Whether a mode starts on an event of its own and goes on through it.  Raises MarchFailure where it does.
 
     No zero of the event is crossed then, and the mode would never end.  An event at which the mode goes on is none, nor
@@ -253,7 +253,7 @@ def _check_start(system: System, segment: Segment, p: Array, time: float, met: s
             )
 
 
-def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
+def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> None:
     """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
     if mode.admissible is None or not np.isfinite(segment.duration):
         return
@@ -269,7 +269,7 @@ def _check_holds(mode: Mode, segment: Segment, p: Array, time: float) -> None:
         )
 
 
-def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment, str]:
+def _closed_form(system: VectorSystem, mode: str, x: Array, p: Array) -> tuple[Segment, str]:
     """(segment, next mode) of a phase in closed form."""
     found = end_of_flow(system.modes[mode], system.exits[mode], x, p)
     breaks, w = np.array([0.0, 1.0]), x[None].copy()
@@ -281,7 +281,7 @@ def _closed_form(system: System, mode: str, x: Array, p: Array) -> tuple[Segment
     return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor
 
 
-def _polished(system: System, segment: Segment, p: Array, scale: Array) -> Segment:
+def _polished(system: VectorSystem, segment: Segment, p: Array, scale: Array) -> Segment:
     """A phase in closed form whose end was found by intervals: its duration to rounding.
 
     Raises MarchFailure where the closed form ends elsewhere: x(s + t) from x is x(t) from x(s) in a flow alone.
@@ -301,7 +301,7 @@ def _polished(system: System, segment: Segment, p: Array, scale: Array) -> Segme
 
 
 def _followed(
-    system: System,
+    system: VectorSystem,
     name: str,
     x: Array,
     stepper: Stepper,
@@ -316,7 +316,7 @@ def _followed(
     behind_it: tuple[Array | None, str] = None, name
 
     def passes(way_out: Exit, end: Array) -> bool:
-        """An event that leads back into its own mode was touched, not crossed: the motion goes on."""
+        """An event that leads back into its own mode was grazed, not crossed: the motion goes on."""
         nonlocal behind_it
         jumped = behind(way_out, end * scale, p)
         successor = way_out.successor(end * scale if jumped is None else jumped, p)
@@ -344,7 +344,7 @@ def _followed(
         raise TooMany(reached.time) from None
     by_intervals = not reached.over
     if by_intervals:
-        watch, limits = Watch(exits, mode.feature, stepper), (tol, max_time, max_intervals)
+        watch, limits = EventWatch(exits, mode.feature, stepper), (tol, max_time, max_intervals)
         reached = collocated(name, watch, passes, reached, begins.at_most, limits, lengths, pieces)
     breaks, w = _meshed(lengths, pieces, scale)
     jumped, successor = behind_it if reached.way_out is not None else (None, name)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..collocation.interval import field_at, interval_map
 from ..hybrid.problem import Kind
-from ..hybrid.system import Mode, System
+from ..hybrid.system import VectorMode, VectorSystem
 from .segment import Segment
 
 Array = np.ndarray
@@ -25,14 +25,22 @@ ELIMINATED = 16
 
 
 def forward_sensitivity(
-    system: System, segment: Segment, dx: Array, p: Array, dp: Array, *, scale: Array, degree: int, kind: Kind = "gauss"
+    system: VectorSystem,
+    segment: Segment,
+    dx: Array,
+    p: Array,
+    dp: Array,
+    *,
+    scale: Array,
+    degree: int,
+    kind: Kind = "gauss",
 ) -> tuple[Array, Array]:
     """How the end of a phase moves with its start, and with parameters, at a fixed duration.
 
     Parameters
     ----------
     system, segment
-        the hybrid system in vectors (`System.vector_form`), and the phase, as `march` has followed it.
+        the hybrid system in vectors (`VectorSystem.vector_form`), and the phase, as `march` has followed it.
     dx
         (n, k) how the start moves, in units of `scale`.
     p, dp
@@ -66,7 +74,7 @@ def forward_sensitivity(
 
 
 def _interval_slopes(
-    mode: Mode, segment: Segment, dp: Array, p: Array, scale: Array, degree: int, kind: Kind
+    mode: VectorMode, segment: Segment, dp: Array, p: Array, scale: Array, degree: int, kind: Kind
 ) -> Iterator[tuple[Array, Array]]:
     """Of each interval d end/d start (n, n) and d end/d lambda (n,), scaled; stages eliminated many at a time."""
     n = scale.size

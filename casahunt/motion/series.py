@@ -176,7 +176,7 @@ def cut_off(C: Array, s: float) -> Array:
     return C * (s**_POWERS)[:, None]
 
 
-def at(C: Array, s: float) -> Array:
+def series_value(C: Array, s: float) -> Array:
     """The value of a series at one place.
 
     C, s: (P + 1, n) coefficients; the place. Returns (n,) scaled state.

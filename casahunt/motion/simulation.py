@@ -123,7 +123,7 @@ class Motion(Result):
 
 
 def sampled(
-    system: engine.System, phases: tuple[Segment, ...] | list[Segment], p: Array, kind: Kind, per_interval: int
+    system: engine.VectorSystem, phases: tuple[Segment, ...] | list[Segment], p: Array, kind: Kind, per_interval: int
 ) -> tuple[Array, Array]:
     """Marched phases at points.
 
@@ -210,8 +210,16 @@ def simulate(
 
 
 def follow_for(
-    form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float, tol: float,
-    events: float = np.inf, most: int = MARCHED_AT_MOST,
+    form: engine.VectorSystem,
+    mode: str,
+    x: Array,
+    p: Array,
+    scale: Array,
+    kind: Kind,
+    duration: float,
+    tol: float,
+    events: float = np.inf,
+    most: int = MARCHED_AT_MOST,
 ) -> list[Segment]:
     """The phases of a motion for exactly this time, or until so many events.
 
@@ -238,8 +246,16 @@ def follow_for(
 
 
 def look(
-    form: engine.System, mode: str, x: Array, p: Array, scale: Array, kind: Kind, duration: float,
-    events: float = np.inf, most: int = MARCHED_AT_MOST, least: float | Array = 0.0,
+    form: engine.VectorSystem,
+    mode: str,
+    x: Array,
+    p: Array,
+    scale: Array,
+    kind: Kind,
+    duration: float,
+    events: float = np.inf,
+    most: int = MARCHED_AT_MOST,
+    least: float | Array = 0.0,
 ) -> tuple[Array, list[Segment], tuple[Array, Array]]:
     """A look at a motion, again where the states turn out to be much smaller than was thought.
 

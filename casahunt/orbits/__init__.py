@@ -8,19 +8,19 @@ map_chain.py the linearised map of a cycle, in factors
 floquet.py   Floquet multipliers
 observables.py a state or an expression as numbers
 extrema.py   its largest and smallest value over a cycle
-passage.py   where an expression turns or goes through zero inside a phase
+event_passage.py where an expression turns or goes through zero inside a phase
 amplitude.py what is measured of a cycle, with the errors
 multiplier_mesh.py  the multipliers on meshes made for them
 orbit.py     Orbit and Arc: results as frozen numpy
-side_by_side.py the multipliers of many orbits
+batched_multipliers.py the multipliers of many orbits
 restart.py   starting points for another phase sequence
 options.py   how orbits are computed
-border.py    the row under which the parameter is free
+bordering.py the row under which the parameter is free
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 fold_side.py on which side of a fold a cycle lies
 ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
-packed.py    arrays of a file, unpacked within limits
+npz_arrays.py arrays of a file, unpacked within limits
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it
 closure.py   how a cycle of a user's system closes, and where it is cut
@@ -28,8 +28,8 @@ recurrence.py  when a motion repeats, as it is or mirrored
 watching.py  a first look at a motion: sizes, where it is cut
 returning.py a motion followed until it comes back
 sequences.py   other phase sequences, where one has stopped being a motion
-remarched.py the phases that the motion itself has
-starts.py    the same cycle from another of its boundaries
+simulated_phases.py the phases that the motion itself has
+other_start.py the same cycle from another of its boundaries
 family.py    the cycles of a user's system at one p
 marched_mesh.py  from a motion that is not yet the orbit to the orbit
 saved_cycle.py cycles of a user's system in files
@@ -43,6 +43,7 @@ from ..lazy import lazily
 if TYPE_CHECKING:
     from .adapt import refined
     from .archive import Archive, write_archive
+    from .batched_multipliers import with_multipliers
     from .closure import Closure
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
     from .options import Options
     from .orbit import Arc, Orbit
     from .saved_cycle import load_orbit
-    from .side_by_side import with_multipliers
     from .system_orbit import SystemOrbit
 
 __all__ = [
@@ -74,7 +74,7 @@ __getattr__ = lazily(
         "floquet": ("Multipliers",),
         "orbit": ("Arc", "Orbit"),
         "ensemble": ("OrbitEnsemble", "orbit_ensemble"),
-        "side_by_side": ("with_multipliers",),
+        "batched_multipliers": ("with_multipliers",),
         "system_orbit": ("SystemOrbit",),
     },
 )

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ..collocation.admissibility import Verdict, judge, judged_on_halves, stands_still
+from ..collocation.admissibility import Admissibility, check_admissible, judged_on_halves, stands_still
 from ..collocation.error_estimate import Estimate
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
 from ..collocation.newton import Solution, Solver, newton, size_of_step
@@ -29,9 +29,9 @@ from ..collocation.transcription import Setting, Transcription
 from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem
 from .amplitude import estimated, measured
-from .border import curve_border, with_other_phases
+from .bordering import curve_border, with_other_phases
 from .options import Options
-from .orbit import AnyOrbit, Solved, orbit_of, unknowns_of
+from .orbit import AnyOrbit, SolvedOrbit, orbit_of, unknowns_of
 from .restart import Start
 
 Array = np.ndarray
@@ -41,8 +41,8 @@ MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
 ROUGH_SHAPE = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
-SKETCHED = 0.1
-"""Part of the tolerance of a sketch that its next Newton step is let to be."""
+PROVISIONAL = 0.1
+"""Part of the tolerance of a provisional orbit that its next Newton step is let to be."""
 LEFT_OUT = 0.01
 """Newton leaves out a step smaller than this part of the tolerance; the estimate sees what that leaves."""
 
@@ -59,7 +59,7 @@ def solve_adaptively(
     border: Array | None = None,
     bend: float | None = None,
     soft: bool = True,
-) -> Solved:
+) -> SolvedOrbit:
     """Solve from `start` and adapt mesh and phase sequence until the tolerance holds.
 
     problem: whose cycle it is, and whose phase sequences are sought where one stops being a motion; solver: for the
@@ -73,25 +73,25 @@ def solve_adaptively(
     t = start[0]
     if t.cycle != problem.cycle(t.cycle.signature, t.cycle.repeats):
         raise ValueError(f"the {t.cycle.name} to be solved is no cycle of {problem.title}")
-    task, spent = _Task(problem, options, border, bend, soft), _Spent()
+    task, spent = _Adaptation(problem, options, border, bend, soft), _Spent()
     root = _corrected(task, start, solver)
     spent.off = size_of_step(t, start[1], root.solution.u - start[1])
     found = _adapted(task, root, spent)
-    while found.status.ok and spent.barely >= 0 and (other := _parted(task, found, spent)) is not None:
+    while found.status.ok and spent.barely >= 0 and (other := _with_passed_event(task, found, spent)) is not None:
         found = other
     return found
 
 
-def _adapted(task: _Task, root: _Root, spent: _Spent) -> Solved:
+def _adapted(task: _Adaptation, root: _Root, spent: _Spent) -> SolvedOrbit:
     """The loop."""
-    accepted: Solved | None = None
+    accepted: SolvedOrbit | None = None
     for _ in range(MAX_ROUNDS):
         spent.iterations += root.solution.iterations
         if not root.solution.status.ok:
             return accepted or root.ended(root.solution.status, spent)
         if stands_still(root.t, root.solution.u):
             return root.ended(Status.INADMISSIBLE, spent, "nothing moves: it is an equilibrium, and no cycle")
-        verdict = judge(root.t, root.solution.u, root.moved)
+        verdict = check_admissible(root.t, root.solution.u, root.moved)
         spent.barely = verdict.barely
         if verdict.violated:
             following = _next_sequence(task, root, verdict, spent)
@@ -110,7 +110,7 @@ def _adapted(task: _Task, root: _Root, spent: _Spent) -> Solved:
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _Adaptation:
     """What stays the same in the loop: the arguments of `solve_adaptively`."""
 
     problem: Problem
@@ -132,7 +132,7 @@ class _Spent:
     changes: int = 0
     marched: bool = False
     barely: int = -1
-    off: float = np.inf  # as of `Solved`
+    off: float = np.inf  # as of `SolvedOrbit`
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,12 +148,14 @@ class _Root:
         """The setting at the parameter that was found."""
         return self.setting.moved(self.solution.parameter)
 
-    def ended(self, status: Status, spent: _Spent, note: str = "") -> Solved:
+    def ended(self, status: Status, spent: _Spent, note: str = "") -> SolvedOrbit:
         """The end of the loop, without an error estimate."""
-        return Solved(self.t, self.solution, self.setting, None, status, spent.iterations, note)
+        return SolvedOrbit(self.t, self.solution, self.setting, None, status, spent.iterations, note)
 
 
-def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tuple[_Task, _Root] | None:
+def _next_sequence(
+    task: _Adaptation, root: _Root, verdict: Admissibility, spent: _Spent
+) -> tuple[_Adaptation, _Root] | None:
     """A root with other phases, where one of these has stopped being a motion, and what it is a root of."""
     spent.sequences += 1
     if spent.sequences > MAX_SEQUENCES:
@@ -163,12 +165,12 @@ def _next_sequence(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) ->
     return _first_converging(task, starts, root)
 
 
-def _parted(task: _Task, known: Solved, spent: _Spent) -> Solved | None:
+def _with_passed_event(task: _Adaptation, known: SolvedOrbit, spent: _Spent) -> SolvedOrbit | None:
     """A solution that passes an event by little, with boundaries there, where there is such a one.
 
-    By less than counts, so that a touch is not taken for another motion.  But a motion that has passed the event goes
-    on in the other mode, and differs from this one by more and more; on a branch the first step that is too far would
-    find nothing to go on with.
+    By less than counts, so that a grazing contact is not taken for another motion.  But a motion that has passed the
+    event goes on in the other mode, and differs from this one by more and more; on a branch the first step that is too
+    far would find nothing to go on with.
     """
     spent.sequences += 1
     phase, root = spent.barely, _Root(known.t, known.setting, known.solution)
@@ -177,40 +179,42 @@ def _parted(task: _Task, known: Solved, spent: _Spent) -> Solved | None:
     for fine in (False, True):  # on shorter intervals the polynomials are cut more exactly
         if fine:
             root = _on_mesh(task, known, halved(phase_breaks(known.t, known.setting.fractions)))
-        start = task.problem.parted(root.t, root.solution.u, root.moved, phase) if root.solution.status.ok else None
-        parted = None if start is None else _first_converging(task, [start], root)
-        found = None if parted is None else _adapted(*parted, spent)
+        start = task.problem.split(root.t, root.solution.u, root.moved, phase) if root.solution.status.ok else None
+        split = None if start is None else _first_converging(task, [start], root)
+        found = None if split is None else _adapted(*split, spent)
         if found is not None and found.status.ok:
             return found
     return None
 
 
-def _estimated(task: _Task, root: _Root, verdict: Verdict, spent: _Spent) -> tuple[Solved, Verdict]:
+def _estimated(
+    task: _Adaptation, root: _Root, verdict: Admissibility, spent: _Spent
+) -> tuple[SolvedOrbit, Admissibility]:
     """A root with its error: within the tolerance and clear, or what is missing; what its halves say put in."""
     t, u, tol = root.t, root.solution.u, task.options.tol
     row = None if task.border is None else curve_border(t, u, task.border)
-    if task.options.sketched and verdict.admissible:
+    if task.options.provisional and verdict.admissible:
         e = _unknown(t, u, root.moved, border=row)
         if presentable(e, task.options):
-            return _known(task, root, e, spent), verdict
-    e = estimated(t, u, root.moved, border=row, believed=tol)
+            return _accepted(task, root, e, spent), verdict
+    e = estimated(t, u, root.moved, border=row, accepted=tol)
     if not np.isfinite(e.error):
         return root.ended(Status.NOT_FINITE, spent), verdict
     if e.error <= tol and verdict.admissible and presentable(e, task.options):
         verdict = judged_on_halves(t, verdict, e.better)
         spent.barely = verdict.barely
         if verdict.admissible:
-            return _known(task, root, e, spent), verdict
+            return _accepted(task, root, e, spent), verdict
     note = f"error estimate {e.error:.2g}"
     if verdict.unclear.any():
         note += f"; whether each phase is what it should be is not clear on {verdict.unclear.sum()} intervals"
-    return Solved(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note), verdict
+    return SolvedOrbit(t, root.solution, root.setting, e, Status.TOLERANCE_NOT_REACHED, spent.iterations, note), verdict
 
 
-def _known(task: _Task, root: _Root, e: Estimate, spent: _Spent) -> Solved:
+def _accepted(task: _Adaptation, root: _Root, e: Estimate, spent: _Spent) -> SolvedOrbit:
     """A root that is an answer."""
     status, border = Status.CONVERGED, task.border
-    return Solved(root.t, root.solution, root.setting, e, status, spent.iterations, off=spent.off, border=border)
+    return SolvedOrbit(root.t, root.solution, root.setting, e, status, spent.iterations, off=spent.off, border=border)
 
 
 def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | None) -> Estimate:
@@ -219,7 +223,7 @@ def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | No
     return Estimate(np.inf, np.inf, of_parameter, np.zeros(t.intervals), shape(t, u), measured(t, u, setting))
 
 
-def _better_mesh(task: _Task, known: Solved, verdict: Verdict, spent: _Spent) -> list[Array]:
+def _better_mesh(task: _Adaptation, known: SolvedOrbit, verdict: Admissibility, spent: _Spent) -> list[Array]:
     """Breaks for the tolerance; where it holds already, shorter intervals where it is not clear what a phase is."""
     e, tol = known.estimate, task.options.tol
     assert e is not None
@@ -230,7 +234,7 @@ def _better_mesh(task: _Task, known: Solved, verdict: Verdict, spent: _Spent) ->
     return breaks
 
 
-def _on_better_mesh(task: _Task, known: Solved, breaks: list[Array], spent: _Spent) -> _Root:
+def _on_better_mesh(task: _Adaptation, known: SolvedOrbit, breaks: list[Array], spent: _Spent) -> _Root:
     """The solution corrected on another mesh, by way of the halved one or of a march where it is lost there."""
     root = _on_mesh(task, known, breaks)
     if not root.solution.status.ok:
@@ -265,13 +269,13 @@ def presentable(e: Estimate, options: Options) -> bool:
     return float(e.shape.max(initial=0.0)) <= ROUGH_SHAPE * shape_limit(options.tol)
 
 
-def _on_mesh(task: _Task, known: Solved, breaks: list[Array]) -> _Root:
+def _on_mesh(task: _Adaptation, known: SolvedOrbit, breaks: list[Array]) -> _Root:
     """A solution carried to another mesh and corrected there."""
     found = known.solution
     return _corrected(task, on_breaks((known.t, found.u, known.setting), breaks), "newton", found)
 
 
-def _corrected(task: _Task, start: Start, solver: Solver, known: Solution | None = None) -> _Root:
+def _corrected(task: _Adaptation, start: Start, solver: Solver, known: Solution | None = None) -> _Root:
     """One solve, by the solver that the user named, alone; by `auto`, with `solver` first and then the other."""
     if task.options.solver != "auto" or task.border is not None:
         return _solved_alone(task, start, known)
@@ -283,7 +287,7 @@ def _corrected(task: _Task, start: Start, solver: Solver, known: Solution | None
     return _Root(start[0], start[2], found[0])
 
 
-def _solved_alone(task: _Task, start: Start, known: Solution | None) -> _Root:
+def _solved_alone(task: _Adaptation, start: Start, known: Solution | None) -> _Root:
     """One solve by one solver, under the border row: the one that the user named, by `auto` Newton's method.
 
     known: of another mesh, with lambda and, of an extremum, how the curve bends.
@@ -294,12 +298,12 @@ def _solved_alone(task: _Task, start: Start, known: Solution | None) -> _Root:
     parameter, bend = (0.0, task.bend) if known is None else (known.parameter, known.bend)
     found = solve(
         t, u, setting, solver=solver, border=row, parameter=parameter, accuracy=LEFT_OUT * tol,
-        rough=SKETCHED * tol if task.options.sketched else 0.0, nearby=GLANCE, bend=bend,
+        rough=PROVISIONAL * tol if task.options.provisional else 0.0, nearby=GLANCE, bend=bend,
     )  # fmt: skip
     return _Root(t, setting, found)
 
 
-def _first_converging(task: _Task, starts: Iterable[Start], known: _Root) -> tuple[_Task, _Root] | None:
+def _first_converging(task: _Adaptation, starts: Iterable[Start], known: _Root) -> tuple[_Adaptation, _Root] | None:
     """The root from the first of several starting points from which the solver converges, and the task for them."""
     first = float(known.t.durations_of(known.solution.u)[0])
     for t, u, moved in starts:
@@ -312,7 +316,7 @@ def _first_converging(task: _Task, starts: Iterable[Start], known: _Root) -> tup
     return None
 
 
-def finished(solved: Solved, problem: Problem, options: Options, began: float, what: str) -> Any:
+def finished(solved: SolvedOrbit, problem: Problem, options: Options, began: float, what: str) -> Any:
     """The orbit of a converged solution.
 
     problem: with the parameters at which the equations were solved; began: time.perf_counter() at that time; what: what

@@ -1,7 +1,7 @@
 """What is measured of a cycle, its amplitude, and the error of that beside the error of the period.
 
-    a number of a state    the largest magnitude of that state at the ends of the phases
-    a function g(x; p)     the largest |g| over the whole cycle, inside the phases too (extrema.py)
+a number of a state    the largest magnitude of that state at the ends of the phases
+a function g(x; p)     the largest |g| over the whole cycle, inside the phases too (extrema.py)
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ def measured(t: Transcription, u: Array, setting: Setting) -> float:
 
 
 def estimated(
-    t: Transcription, u: Array, setting: Setting, *, border: Array | None = None, believed: float = np.inf
+    t: Transcription, u: Array, setting: Setting, *, border: Array | None = None, accepted: float = np.inf
 ) -> Estimate:
     """The errors of period and amplitude (error_estimate.py), whatever the cycle measures.
 
-    border, believed: as in `estimate`.
+    border, accepted: as in `estimate`.
     """
     g = t.cycle.measured
     measured = largest_magnitude(t, u, setting, g) if callable(g) else None
-    return estimate(t, u, setting, border=border, believed=believed, amplitude=measured)
+    return estimate(t, u, setting, border=border, accepted=accepted, amplitude=measured)
 
 
 def row_sums(columns: Array) -> Array:

@@ -19,10 +19,10 @@ import numpy as np
 
 from ..collocation.scheme import scheme
 from ..errors import InputError, Status
-from ..files import bounded, whole
+from ..files import bounded, whole_file
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle
-from . import packed
+from . import npz_arrays
 from .orbit import Arc, Orbit
 
 Array = np.ndarray
@@ -208,11 +208,11 @@ def write_archive(path: str | Path, kind: str, content: Mapping[str, Any], *, sa
     if not writer.finite or not np.isfinite(numbers).all():
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
     for what, array in (("metadata", text), ("numbers", numbers)):
-        if array.nbytes > (most := packed.LARGEST_ARRAYS[what]):  # nobody could read them
+        if array.nbytes > (most := npz_arrays.LARGEST_ARRAYS[what]):  # nobody could read them
             raise InputError(f"cannot write {str(path)!r}: its {what} take more than {most / 1e6:.0f} MB")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
-    with whole(path) as stream:
+    with whole_file(path) as stream:
         np.savez(stream, metadata=text, numbers=numbers)
 
 
@@ -286,7 +286,7 @@ class Archive:
         return checked(self.path, build)
 
 
-def load_orbit(path: str | Path, pose: Pose) -> Any:
+def read_orbit(path: str | Path, pose: Pose) -> Any:
     """Read an orbit of one kind of problem, written by `save_orbit`.
 
     Returns Orbit, of the class that its problem names. Raises InputError: anything else, saying what is wrong.
@@ -317,8 +317,8 @@ def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
     InputError: no such file, none of this schema, version and kind, or damaged.
     """
     name = repr(str(path))
-    found = bounded(path, name, sum(packed.LARGEST_ARRAYS.values()) + packed.FRAME)
-    arrays = packed.arrays(found, name, {"metadata": np.uint8, "numbers": np.float64})
+    found = bounded(path, name, sum(npz_arrays.LARGEST_ARRAYS.values()) + npz_arrays.FRAME)
+    arrays = npz_arrays.arrays(found, name, {"metadata": np.uint8, "numbers": np.float64})
     if arrays is None:
         raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
     text, numbers = arrays["metadata"].tobytes(), arrays["numbers"]

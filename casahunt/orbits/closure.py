@@ -55,7 +55,9 @@ class Section:
         """The ways through it, marks at which the mode goes on."""
         plane = Plane(states.index(self.state), self.level, self.size)
         return tuple(
-            engine.Exit(engine.Event(f"{self.state} {word} {self.level:.6g}", plane), way, Always(self.mode), mark=True)
+            engine.Exit(
+                engine.VectorEvent(f"{self.state} {word} {self.level:.6g}", plane), way, Always(self.mode), mark=True
+            )
             for way, word in ((1, "rises through"), (-1, "falls through"))
         )
 
@@ -98,7 +100,7 @@ class Closure:
         return cls(tuple(tuple(map(float, row)) for row in matrix), tuple(map(float, shift)), repeats)
 
 
-def with_sections(system: System, sections: tuple[Section, ...]) -> engine.System:
+def with_sections(system: System, sections: tuple[Section, ...]) -> engine.VectorSystem:
     """The system for a march that stops at the sections too.
 
     Returns the system in the terms of the engine, with their exits.
@@ -107,7 +109,7 @@ def with_sections(system: System, sections: tuple[Section, ...]) -> engine.Syste
     exits = dict(form.exits)
     for section in sections:
         exits[section.mode] = (*exits[section.mode], *section.exits(form.states))
-    return engine.System(form.name, form.states, form.modes, exits)
+    return engine.VectorSystem(form.name, form.states, form.modes, exits)
 
 
 def turns(system: System) -> Array:

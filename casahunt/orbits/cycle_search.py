@@ -3,7 +3,7 @@
     watch    the motion, until it has met events or passed many intervals (watching.py): sizes, where to cut it
     march    on, event by event, until it repeats (recurrence.py): the last m phases like the m before, or mirrored
     solve    the boundary value problem of those m phases (adapt.py), to the tolerance
-    believe  the solution only where it is the cycle that was seen: near the motion, and stable where the motion settled
+    accept  the solution only where it is the cycle that was seen: near the motion, and stable where the motion settled
 
 What was not met is not denied: the refusal says how far the motion was followed.
 
@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..checks import given_once, known, of_kind
+from ..checks import choice_of, given_once, of_kind
 from ..collocation.admissibility import MOVES_BELOW
 from ..collocation.interval import field_at
 from ..collocation.remesh import shape_limit
@@ -38,14 +38,14 @@ from .restart import from_segments, in_scheme
 from .returning import FEW_PHASES, RESTS, RETURNED, WITHIN, Returning
 from .sequences import segments_of
 from .system_orbit import SystemOrbit
-from .watching import SEARCH_TOLERANCE, AtRest, NotMet
+from .watching import SEARCH_TOLERANCE, AtRest, NotFound
 
 Array = np.ndarray
 
 FIRST_MESH = 1e-3
 """The mesh of a series resolves this part of the tolerance, and the motion: most cycles need no other one."""
 FARTHER = 10.0
-"""A cycle so many times as far from the motion as that comes back is believed where the return map shows it alone."""
+"""A cycle so many times as far from the motion as that comes back is accepted where the return map shows it alone."""
 CLEARLY = 0.1
 """Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 SEVERAL_TIMES = 1e-7
@@ -99,7 +99,7 @@ def find_cycle(
     Raises
     ------
     InputError : a name or number is wrong.
-    NoOrbit : no cycle was met, or it was not computed; says how far the motion was followed.
+    NoOrbit : no cycle was found, or it was not computed; says how far the motion was followed.
 
     Examples
     --------
@@ -110,12 +110,12 @@ def find_cycle(
     """
     began = time.perf_counter()
     names = of_kind("system", system, System).names.parameters
-    search = _Search(
+    search = _CycleSearch(
         system=system,
         p=system.values(parameters),
         mode=system.mode(mode).name if mode is not None else system.modes[0].name,
         x=system.state(given_once(start, states), parameters),
-        followed=known("parameter", follow, names) if follow else (names[0] if names else ""),
+        followed=choice_of("parameter", follow, names) if follow else (names[0] if names else ""),
         measured=measured_of(system, measure),
         options=options or Options(tol=tol),
         settled=settled,
@@ -130,7 +130,7 @@ def _phases_of(r: Recurrence) -> str:
 
 
 @dataclass(kw_only=True)
-class _Search(Returning):
+class _CycleSearch(Returning):
     """One search; the attributes below `options` grow with it."""
 
     followed: str
@@ -149,14 +149,14 @@ class _Search(Returning):
             hidden = self.hidden if VANISHED in str(failure) else ""
             sentence = f"the motion of {self.system.name} cannot be followed: {failure}{hidden}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
-        except NotMet as why:
+        except NotFound as why:
             refusals = [] if isinstance(why, AtRest) else self.refusals
             tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(refusals))
-            sentence = f"no cycle of {self.system.name} was met: {why} (followed for {why.followed:.6g}){tried}"
+            sentence = f"no cycle of {self.system.name} was found: {why} (followed for {why.followed:.6g}){tried}"
             raise NoOrbit(sentence, Status.NOT_FOUND) from None
 
     def looked_for(self) -> SystemOrbit:
-        """Watch, march, solve, believe."""
+        """Watch, march, solve, accept."""
         if self.settled and not self.system.mode(self.mode).ends and self.system.forcing_period is None:
             return self.first_return()
         self.watch()
@@ -214,11 +214,9 @@ class _Search(Returning):
         if self.long >= MOST_LONG:
             raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
 
-    # Solve and believe -----------------------------------------------------------------------------------------
+    # Solve and accept -----------------------------------------------------------------------------------------
 
-    def solved(
-        self, r: Recurrence, motion: list[Segment] | None = None, *, sure: bool = False
-    ) -> SystemOrbit | None:
+    def solved(self, r: Recurrence, motion: list[Segment] | None = None, *, sure: bool = False) -> SystemOrbit | None:
         """The cycle of a recurrence, of what was marched or of a motion that is `sure`ly one; None with a refusal."""
         sections, passes, closure = self.sections_for(r, motion or self.segments)
         problem = Family(self.system, tuple(self.p), closure, self.followed, self.measured, sections)
@@ -226,9 +224,7 @@ class _Search(Returning):
         cycle = problem.cycle(signature, closure.repeats)
         direction = problem.direction(self.followed) if self.followed else np.zeros(0)
         passes = [s.meshed(min(SEARCH_TOLERANCE, shape_limit(FIRST_MESH * self.options.tol))) for s in passes]
-        begin = from_segments(
-            cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind
-        )
+        begin = from_segments(cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind)
         begin = in_scheme(begin, *self.options.scheme_of(problem))
         # What Newton loses is sought again nearer to it, which costs less than an optimisation problem of its size.
         options = replace(self.options, solver="newton") if self.options.solver == "auto" else self.options
@@ -248,7 +244,7 @@ class _Search(Returning):
         lin = outcome.solution.linearisation
         scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
         M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale
-        if not self.attracts(orbit, M):  # what cannot be told to attract is not believed
+        if not self.attracts(orbit, M):  # what cannot be told to attract is not accepted
             self.refused(r, "an unstable cycle was passed, which the motion leaves")
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")

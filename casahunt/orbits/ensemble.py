@@ -100,7 +100,7 @@ class OrbitEnsemble(Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _OrbitTask:
     """A batch, for whoever computes it."""
 
     orbit: Orbit
@@ -113,7 +113,7 @@ class _Task:
 
 
 @dataclass(frozen=True, eq=False)
-class _Done:
+class _OrbitBatch:
     """numbers (4, n): period, amplitude, each with its error; leading (2, n): the multiplier, its error; the words."""
 
     numbers: Array
@@ -176,9 +176,9 @@ def orbit_ensemble(
     sharp = orbit if orbit.error_estimate <= fine.tol else refined(orbit, fine)
     side = side_of(*unknowns_of(sharp))
     batches = [table[i : i + ROWS_OF_A_TASK] for i in range(0, len(table), ROWS_OF_A_TASK)]
-    tasks = [_Task(sharp, side, names, batch, options, multipliers, alone) for batch in batches]
-    parts: list[_Done] = []
-    for part in map(work, tasks) if executor is None else executor.map(work, tasks):
+    tasks = [_OrbitTask(sharp, side, names, batch, options, multipliers, alone) for batch in batches]
+    parts: list[_OrbitBatch] = []
+    for part in map(solve_orbit_task, tasks) if executor is None else executor.map(solve_orbit_task, tasks):
         parts.append(part)
         if report is not None:
             report(sum(len(p.how) for p in parts))
@@ -186,7 +186,7 @@ def orbit_ensemble(
 
 
 def _ensemble(
-    orbit: Orbit, names: tuple[str, ...], table: Array, parts: list[_Done], multipliers: bool
+    orbit: Orbit, names: tuple[str, ...], table: Array, parts: list[_OrbitBatch], multipliers: bool
 ) -> OrbitEnsemble:
     """The batches as one."""
     numbers = np.concatenate([np.zeros((4, 0)), *(part.numbers for part in parts)], axis=1)
@@ -203,17 +203,17 @@ def _ensemble(
     )  # fmt: skip
 
 
-def work(task: _Task) -> _Done:
+def solve_orbit_task(task: _OrbitTask) -> _OrbitBatch:
     """The cycles of a batch; a function of the batch alone, whoever computes it."""
     n = len(task.rows)
     unknown = complex(np.nan, np.nan)
-    done = _Done(np.full((4, n), np.nan), np.full((2, n), unknown), [None] * n, ["alone"] * n, [""] * n)
+    done = _OrbitBatch(np.full((4, n), np.nan), np.full((2, n), unknown), [None] * n, ["alone"] * n, [""] * n)
     for first in range(0, n, MEMBERS_OF_A_PASS):
         _pass(task, np.arange(first, min(first + MEMBERS_OF_A_PASS, n)), done)
     return done
 
 
-def _pass(task: _Task, rows: Array, done: _Done) -> None:
+def _pass(task: _OrbitTask, rows: Array, done: _OrbitBatch) -> None:
     """The cycles of a few rows, written into `done`."""
     problem, tol = task.orbit.problem, task.options.tol
     t, u, setting = unknowns_of(task.orbit)
@@ -242,7 +242,7 @@ def _pass(task: _Task, rows: Array, done: _Done) -> None:
             _one(task, row, (t, u[b], settings.of(b)) if converged[b] else None, done)
 
 
-def _one(task: _Task, row: int, root: Any, done: _Done) -> None:
+def _one(task: _OrbitTask, row: int, root: Any, done: _OrbitBatch) -> None:
     """The cycle of one row, from the batch's root where it has one, or alone."""
     problem = task.orbit.problem.with_values(task.names, task.rows[row])
     orbit, how = None, done.how[row]
@@ -265,7 +265,7 @@ def _one(task: _Task, row: int, root: Any, done: _Done) -> None:
     done.statuses[row], done.how[row] = Status.CONVERGED, how
 
 
-def _on_its_side(task: _Task, problem: Problem, start: Start) -> Any:
+def _on_its_side(task: _OrbitTask, problem: Problem, start: Start) -> Any:
     """The cycle that a start leads to, on the known cycle's side of a fold.
 
     Raises NoOrbit: none, or one on the other side.
@@ -278,7 +278,7 @@ def _on_its_side(task: _Task, problem: Problem, start: Start) -> Any:
     return orbit
 
 
-def _from_known(task: _Task) -> Callable[[Problem, Options], Any]:
+def _from_known(task: _OrbitTask) -> Callable[[Problem, Options], Any]:
     """Finds a cycle from the known one, whatever solver it takes."""
 
     def find(problem: Problem, options: Options) -> Any:
@@ -293,7 +293,7 @@ def _fixed(t: Transcription, count: int) -> Array:
     return np.repeat(t.system.border(parameter=1.0)[None], count, axis=0)
 
 
-def _expected(task: _Task, p: Array) -> Array:
+def _expected(task: _OrbitTask, p: Array) -> Array:
     """(B, size) unknowns expected at parameters p (B, np), by the exact derivatives of the known cycle."""
     t, u, setting = unknowns_of(task.orbit)
     at = [task.orbit.problem.names.index(name) for name in task.names]
@@ -317,9 +317,7 @@ def _expected(task: _Task, p: Array) -> Array:
     return out
 
 
-def newton_of_many(
-    t: Transcription, u: Array, settings: Setting, tol: float, side: Side
-) -> tuple[Array, Array]:
+def newton_of_many(t: Transcription, u: Array, settings: Setting, tol: float, side: Side) -> tuple[Array, Array]:
     """Newton's method for many members at fixed parameters; who is done leaves the batch.
 
     t, u, settings: the equations, and (B, size) starts; tol: relative error that is wanted; what a next step would

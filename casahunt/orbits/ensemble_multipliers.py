@@ -3,7 +3,7 @@
     u_b on the mesh with halved intervals, one Newton step -> multipliers there, compared with those of the own mesh
 
 Those that are not sure after that, or too large to be, are left to meshes of their own.  One mesh for all takes 1.05 ms
-a member (7 intervals, 3 states) where meshes of their own take 1.36, and side by side a member's last bits depend on
+a member (7 intervals, 3 states) where meshes of their own take 1.36, and in a batch a member's last bits depend on
 the others.
 
 Symbols: B members.

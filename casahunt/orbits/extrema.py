@@ -31,9 +31,9 @@ from ..collocation.error_estimate import Functional, functional_errors
 from ..collocation.joints import flow_at
 from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
-from ..hybrid.system import Mode
+from ..hybrid.system import VectorMode
 from ..motion.march_exits import EXACT
-from ..motion.march_step import Foretold, Stepper
+from ..motion.march_step import ExtrapolatedStages, Stepper
 from ..results import Result
 from ..roots import CLOSED, LOOKED_AT, MOST_HALVINGS, Bracket
 from .observables import Expression, Later, Values, flow_sensitivity, is_mirrored, kept_values
@@ -44,7 +44,7 @@ CONCAVE = 2.0
 """A maximum is at most this much higher, over the points beside it, than where their tangents meet."""
 MOST_PLACES = 12
 """So many maxima are solved for, the most promising first: where g is constant but for rounding, any of them serves."""
-Made = Callable[[Mode, Expression, int, int], Values]
+Made = Callable[[VectorMode, Expression, int, int], Values]
 """Whoever compiles an expression in a mode of so many states and parameters."""
 
 
@@ -78,7 +78,7 @@ class Extrema(Result, _Extrema):
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _Candidate:
     """A place where g may be extreme: time, value, and of what the error is made.
 
     (node of the chain, (n,) weight) of states, the weight of lambda, and (phase, weight) of a duration.
@@ -107,7 +107,7 @@ class _Rise(NamedTuple):
     """A maximum of sign * g between the points j and j + 1 of interval i, and what it may be at most."""
 
     most: float
-    look: Look
+    look: SampledPiece
     sign: int
     seen: _Seen
     i: int
@@ -144,12 +144,14 @@ def largest_magnitude(t: Transcription, u: Array, setting: Setting, g: Expressio
     return Functional(abs(place.value), sign * look.row(place), change)
 
 
-def _looks(t: Transcription, u: Array, setting: Setting, g: Expression, values: Made, pieces: int) -> list[Look]:
+def _looks(
+    t: Transcription, u: Array, setting: Setting, g: Expression, values: Made, pieces: int
+) -> list[SampledPiece]:
     """One look for each of some computed pieces of the period: g, and what it is where the motion is pieces later."""
-    return [Look(t, u, setting, g if k == 0 else Later(g, t.cycle, k), k, values) for k in range(pieces)]
+    return [SampledPiece(t, u, setting, g if k == 0 else Later(g, t.cycle, k), k, values) for k in range(pieces)]
 
 
-def _largest(looks: Sequence[tuple[Look, int]]) -> tuple[Look, _Place]:
+def _largest(looks: Sequence[tuple[SampledPiece, int]]) -> tuple[SampledPiece, _Candidate]:
     """The place where sign * g is largest in any of the looks."""
     ends = [(sign * place.value, look, place) for look, sign in looks for place in [look.best_node(sign)]]
     best, look, place = max(ends, key=lambda end: end[0])
@@ -163,7 +165,7 @@ def _largest(looks: Sequence[tuple[Look, int]]) -> tuple[Look, _Place]:
     return look, place
 
 
-class Look:
+class SampledPiece:
     """One solution, looked at for the extrema of g, `piece` computed pieces after the first."""
 
     def __init__(self, t: Transcription, u: Array, setting: Setting, g: Expression, piece: int, values: Made) -> None:
@@ -224,14 +226,14 @@ class Look:
         fractions = self.setting.fractions[self.t.phase_intervals(phase)]
         return np.concatenate([[0.0], np.cumsum(fractions)]) / np.sum(fractions) * float(self.durations[phase])
 
-    def best_node(self, sign: int) -> _Place:
+    def best_node(self, sign: int) -> _Candidate:
         """The start or the end of an interval where sign * g is largest."""
         nodes = [(seen, sign * seen.g[:, [0, -1]]) for seen in self.seen]
         seen, values = max(nodes, key=lambda node: float(node[1].max()))
         i, behind = divmod(int(np.argmax(values)), 2)
         at, node = (i, -behind), int(seen.element[i]) + behind
         x, weights = self.nodes[node] * self.setting.scale, ((node, seen.g_x[at] * self.setting.scale),)
-        return _Place(float(seen.times[at]), float(seen.g[at]), weights, self._by_parameter(int(seen.phase[i]), x))
+        return _Candidate(float(seen.times[at]), float(seen.g[at]), weights, self._by_parameter(int(seen.phase[i]), x))
 
     def _by_parameter(self, phase: int, x: Array) -> float:
         """dg/dlambda at a state."""
@@ -247,7 +249,7 @@ class Look:
                 top, meet = max(a, b), a + r_a * np.clip((b - a - r_b * dt) / (r_a - r_b), 0.0, dt)
                 yield _Rise(float(top + CONCAVE * max(meet - top, 0.0)), self, sign, seen, int(i), int(j))
 
-    def polished(self, seen: _Seen, i: int, j: int) -> _Place:
+    def polished(self, seen: _Seen, i: int, j: int) -> _Candidate:
         """The place between two points of an interval where the rate of g vanishes.
 
         seen, i, j: some elements, which of them, and the first of the two points.
@@ -281,7 +283,7 @@ class Look:
         weights = ((element, before[: t.n]), (element + 1, share * weight))
         longer = -share * float(whole[t.n]) * float(times[-1]) / float(self.durations[phase])
         by_parameter = float(before[t.n + 1]) + self._by_parameter(phase, x)
-        return _Place(float(seen.times[i, 0]) + time, float(g[0]), weights, by_parameter, (phase, longer))
+        return _Candidate(float(seen.times[i, 0]) + time, float(g[0]), weights, by_parameter, (phase, longer))
 
     def _followed(self, phase: int, i: int, h: float) -> Callable[[float], Array]:
         """The state at a time after the start of interval i of a phase, of length h."""
@@ -292,13 +294,13 @@ class Look:
         w, stepper = self.w[t.phase_intervals(phase)][i], self.stepper(mode)
 
         def stepped(time: float) -> Array:
-            solved = stepper(start, Foretold(w, 0.0, time / h), time, EXACT)
+            solved = stepper(start, ExtrapolatedStages(w, 0.0, time / h), time, EXACT)
             x = (t.scheme.interpolation(np.array([time / h])) @ w)[0] if solved is None else solved.end
             return x * scale
 
         return stepped
 
-    def stepper(self, mode: Mode) -> Stepper:
+    def stepper(self, mode: VectorMode) -> Stepper:
         """Intervals of a mode."""
         return Stepper(mode.field, self.t.scheme, self.setting.p, self.setting.scale, mode.sign, self.setting.dp)
 
@@ -314,7 +316,7 @@ class Look:
         guess = (t.scheme.interpolation(t.scheme.stages * (time / h)) @ w).ravel()
         return self.stepper(mode).through(start, guess, time)
 
-    def row(self, place: _Place) -> Array:
+    def row(self, place: _Candidate) -> Array:
         """(y,) the functional of the node system whose error is that of g at a place."""
         goal, n = np.zeros(self.t.system.size), self.t.n
         for node, weight in place.weights:

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ..checks import known, number
+from ..checks import choice_of, number
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind, Problem
@@ -24,11 +24,11 @@ from ..hybrid.vector_form import Names
 from ..motion.phases import Segment
 from .closure import Closure, Plane, Section, with_sections
 from .observables import check_expression, scalar_of
+from .other_start import rotated, strongest
 from .recurrence import image_of
-from .remarched import marched
 from .restart import Start
-from .sequences import Posed, in_parts, nearest_touch, parts_of, split, unsplit, with_touch, without
-from .starts import rotated, strongest
+from .sequences import Posed, in_parts, nearest_touch, parts_of, split, unsplit, with_contact, without
+from .simulated_phases import marched
 from .system_orbit import SystemOrbit
 
 Array = np.ndarray
@@ -135,7 +135,7 @@ class Cycles(Problem):
             yield softer
         yield from marched(posed, start)
 
-    def parted(self, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
+    def split(self, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
         """Boundaries put in where a phase passes events: see `sequences.split`.
 
         Parameters
@@ -198,7 +198,7 @@ class Cycles(Problem):
         return without(self.asked(), (t, u, setting))
 
     def strongest(self, t: Transcription, u: Array, setting: Setting) -> int:
-        """The phase at whose start an event is crossed the fastest: the last one to become a touch.
+        """The phase at whose start an event is crossed the fastest: the last one to become a contact.
 
         Parameters
         ----------
@@ -225,8 +225,8 @@ class Cycles(Problem):
         """
         return rotated(self.asked(), (t, u, setting), first)
 
-    def with_touch(self, phase: int, event: str, t: Transcription, u: Array, setting: Setting) -> Start | None:
-        """A cycle that touches an event, as one that meets it with no speed: see `sequences.with_touch`.
+    def with_contact(self, phase: int, event: str, t: Transcription, u: Array, setting: Setting) -> Start | None:
+        """A cycle that grazes an event, as one that meets it with no speed: see `sequences.with_contact`.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ class Cycles(Problem):
         -------
         Starting point; None where it does not.
         """
-        return with_touch(self.asked(), (t, u, setting), phase, event)
+        return with_contact(self.asked(), (t, u, setting), phase, event)
 
     def nearest_touch(self, t: Transcription, u: Array, setting: Setting) -> tuple[float, str, str]:
         """How near a cycle comes to an exit that it does not meet: see `sequences.nearest_touch`.
@@ -321,7 +321,7 @@ class Family(Cycles):
         name, value: a parameter of the system, and its value.
         Raises InputError: there is no such parameter, or it is no number.
         """
-        at = self.names.index(known("parameter", name, self.names))
+        at = self.names.index(choice_of("parameter", name, self.names))
         return replace(self, values=(*self.values[:at], number(name, value), *self.values[at + 1 :]))
 
     def unit(self, name: str, value: float | None = None) -> float:

@@ -28,7 +28,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .qr_chain import FACTORS_AT_ONCE, MANY_AT_ONCE, left_behind, swept
+from .qr_chain import FACTORS_AT_ONCE, MANY_AT_ONCE, carried_backwards, swept
 
 Array = np.ndarray
 
@@ -92,7 +92,7 @@ def spectrum(
             raw, resolved = _resolved(turn, triangular, wanted)
         else:
             raw = _eigenvalues(turn, triangular)
-        values = _cut(raw, exponent)
+        values = _limited(raw, exponent)
         sizes = np.abs(values)
         order = np.argsort(-sizes, kind="stable")
         values, now = values[order], sizes[order].tolist()
@@ -101,7 +101,7 @@ def spectrum(
         previous = now
     low = sizes[order] < READ_OFF * now[0]
     if n > 2 and low.any():
-        values = np.where(low, _cut(_of_blocks(turn, triangular), exponent), values)
+        values = np.where(low, _limited(_of_blocks(turn, triangular), exponent), values)
     if noise is None:
         return Spectrum(values, np.zeros(n), 0.0, q)
     r = steps[0] if len(steps) == 1 else np.concatenate(steps)
@@ -139,7 +139,7 @@ def _first_frame(n: int) -> Array:
     return np.linalg.qr(np.random.default_rng(1).standard_normal((n, n)))[0]
 
 
-def _cut(values: Array, exponent: int) -> Array:
+def _limited(values: Array, exponent: int) -> Array:
     """values 2^exponent, with moduli of at most `LARGEST_MULTIPLIER`."""
     if exponent == 0 and np.abs(values).max() < LARGEST_MULTIPLIER:
         return values
@@ -225,7 +225,7 @@ def _uncertainty(steps: Array, noise: Array, turn: Array, triangular: Array) -> 
     whole = turn @ triangular
     z = _leading_vector(whole.T) @ turn  # from the basis at the start to the one at the end
     if np.isrealobj(z) or not z.imag.any():
-        left, rights = left_behind(steps, z.real), np.eye(len(whole))[:1]  # the frame's first direction
+        left, rights = carried_backwards(steps, z.real), np.eye(len(whole))[:1]  # the frame's first direction
     else:
         left, rights = _left_behind(steps, z), _carried(steps, whole)
     carried = (left[:, None] @ steps)[:, 0]

@@ -23,13 +23,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..collocation.batched_newton import Corrected
 from ..collocation.interval import point_map
 from ..collocation.linearisation import Linearisation
-from ..collocation.side_by_side import Corrected
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
 from ..errors import NoOrbit, Status
-from ..hybrid.system import Cycle, Field, Mode
+from ..hybrid.system import Cycle, Field, VectorMode
 
 Array = np.ndarray
 
@@ -90,15 +90,13 @@ def collocation_chain(t: Transcription, u: Array, setting: Setting, lin: Lineari
     return _chain(t.cycle, (t.phase_start, t.phase_end), t.nodes_of(u), setting, (lin.maps, lin.events, lin.closure))
 
 
-def parted_chain(solved: Corrected) -> MapChain:
+def refined_chain(solved: Corrected) -> MapChain:
     """`collocation_chain` of a solution on the mesh of its parts.
 
     Returns MapChain, states scaled.
     """
     places, setting = (solved.phase_start, solved.phase_end), solved.member.setting.moved(solved.parameter)
-    return _chain(
-        solved.member.t.cycle, places, solved.nodes, setting, (solved.maps, solved.events, solved.closure)
-    )
+    return _chain(solved.member.t.cycle, places, solved.nodes, setting, (solved.maps, solved.events, solved.closure))
 
 
 def _chain(
@@ -169,12 +167,12 @@ class _IntegratorFailed(Exception):
     """CasADi's integrator did not reach the end."""
 
 
-def _integrator_of(mode: Mode) -> str:
+def _integrator_of(mode: VectorMode) -> str:
     return "rosenbrock" if mode.stiff else "erk"
 
 
 @alone
-def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, durations: Array) -> list[Array]:
+def _sensitivities(mode: VectorMode, setting: Setting, tol: float, starts: Array, durations: Array) -> list[Array]:
     """(n, n) sensitivity of the end to the start of each way (m, n), (m,), states scaled.
 
     Raises _IntegratorFailed: it gave up, or came to no number.
@@ -202,9 +200,7 @@ def _sensitivities(mode: Mode, setting: Setting, tol: float, starts: Array, dura
     return found
 
 
-def _closed(
-    pieces: Sequence[tuple[Any, Array]], jumps: list[Array | None], h_x: Array, closure: Array
-) -> MapChain:
+def _closed(pieces: Sequence[tuple[Any, Array]], jumps: list[Array | None], h_x: Array, closure: Array) -> MapChain:
     """Join the factors of the phases with saltation matrices and the closure."""
     starts, ends = (np.array([along[i] for _, along in pieces]) for i in (0, -1))
     follow = np.concatenate([starts[1:], np.linalg.solve(closure, starts[0])[None]])
@@ -230,9 +226,7 @@ def _closed(
     is_element[saltations] = False
     noise[:count][is_element] *= FACTOR_ROUNDING
     noise[-1] = FACTOR_ROUNDING
-    return MapChain(
-        chain, np.concatenate([*flows, (closure @ flows[-1][-1])[None]]), noise, np.flatnonzero(is_element)
-    )
+    return MapChain(chain, np.concatenate([*flows, (closure @ flows[-1][-1])[None]]), noise, np.flatnonzero(is_element))
 
 
 def _slant(f: Array, h_x: Array) -> float:

@@ -1,8 +1,8 @@
 """From a motion that has been marched, and is not yet the orbit, to the orbit; the mesh for the tolerance before that.
 
-    estimate -> better mesh -> is it clear on every interval what its phase is? -> start of adapt.py
-                   ^                 | no
-                   +-- cut in four --+
+estimate -> better mesh -> is it clear on every interval what its phase is? -> start of adapt.py
+               ^                 | no
+               +-- cut in four --+
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..collocation.admissibility import judge
+from ..collocation.admissibility import check_admissible
 from ..collocation.mesh import quartered_where
 from ..collocation.remesh import better_breaks, shape_limit
 from ..hybrid.system import Signature
@@ -34,13 +34,13 @@ CLEARED = 2
 def remeshed(start: Start, options: Options) -> Start:
     """A marched motion on a mesh for the tolerance, before anything is solved.
 
-    A march solves the equations of every interval; the estimate of what each is to blame for does not need the
+    A march solves the equations of every interval; the estimate of what each contributes does not need the
     closure to hold.
 
     Returns the same on another mesh; as it is where its own does.
     """
     t, u, setting = start
-    e = estimated(t, u, setting, believed=0.0)
+    e = estimated(t, u, setting, accepted=0.0)
     if not np.isfinite(e.indicators).all():
         return start
     if not (float(e.indicators.sum()) <= options.tol and presentable(e, options)):
@@ -52,7 +52,7 @@ def cleared(start: Start) -> Start:
     """A motion on a mesh cut, by its own polynomials, where it is not clear what its phases are."""
     for _ in range(CLEARED):
         t, u, setting = start
-        verdict = judge(t, u, setting)
+        verdict = check_admissible(t, u, setting)
         if verdict.violated or not verdict.unclear.any():
             break
         start = on_breaks(start, quartered_where(t, setting.fractions, verdict.unclear))

@@ -19,14 +19,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..collocation.batched_newton import Corrected, Member, solve_batch
 from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import divided
 from ..collocation.newton import Solver
-from ..collocation.side_by_side import Corrected, Member, corrected
 from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
 from . import floquet
-from .map_chain import MapChain, collocation_chain, parted_chain
+from .map_chain import MapChain, collocation_chain, refined_chain
 
 Array = np.ndarray
 Place = tuple[Transcription, Array, Setting]
@@ -50,7 +50,7 @@ NO_STEP = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class _Solved:
+class _SolvedForMultipliers:
     """The orbit on a mesh, and the factors of its linearised map there."""
 
     at: Place | Corrected
@@ -71,7 +71,7 @@ class _Request:
     weights: Array | None
 
 
-Found = tuple[floquet.Multipliers, _Solved]
+Found = tuple[floquet.Multipliers, _SolvedForMultipliers]
 
 
 def refined_multipliers(
@@ -92,7 +92,7 @@ def refined_multipliers(
 def multipliers_of_many(
     orbits: Sequence[tuple[Transcription, Array, Setting, Linearisation | None]], solver: Solver = "newton"
 ) -> list[floquet.Multipliers]:
-    """Those of many orbits, each on a mesh of its own, solved side by side.
+    """Those of many orbits, each on a mesh of its own, solved in batches.
 
     orbits, solver: transcription, unknowns, setting, linearisation of each, and the solver, as in
     `refined_multipliers`. Returns as many, the same but for rounding as one by one.
@@ -103,11 +103,11 @@ def multipliers_of_many(
 def _of_many(
     orbits: Sequence[tuple[Transcription, Array, Setting, Linearisation | None]], solver: Solver
 ) -> list[Found]:
-    """Every orbit asks for meshes until it is content; what they ask for in a round is solved side by side."""
+    """Every orbit asks for meshes until it is content; what they ask for in a round is solved in batches."""
     asking = {k: _refining(*orbit) for k, orbit in enumerate(orbits)}
     requests, found = {k: next(one) for k, one in asking.items()}, {}
     while requests:
-        answers = _solved_side_by_side(list(requests.values()), solver)
+        answers = _solved_in_batch(list(requests.values()), solver)
         for k, answer in zip(list(requests), answers, strict=True):
             try:
                 requests[k] = asking[k].send(answer)
@@ -119,13 +119,13 @@ def _of_many(
 
 def _refining(
     t: Transcription, u: Array, setting: Setting, lin: Linearisation | None
-) -> Generator[_Request, _Solved | None, Found]:
+) -> Generator[_Request, _SolvedForMultipliers | None, Found]:
     """`refined_multipliers` of one orbit, to whom it is told what its meshes show."""
     start: Place = (t, u, setting)
     if lin is None:
         lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
     weights = _fold_border(t, lin)
-    own = _Solved(start, collocation_chain(t, u, setting, lin))
+    own = _SolvedForMultipliers(start, collocation_chain(t, u, setting, lin))
     coarse, frame = floquet.rough_multipliers(own.chain)
     parts = np.maximum(_parts(own), 2)
     halves = (parts + 1) // 2
@@ -153,21 +153,21 @@ def _refining(
             parts, coarse = np.full(solved.place[0].intervals, 2), found.half[1:]
     if best is None:  # nothing was solved: the orbit's own mesh, against its halves
         best = floquet.chain_multipliers(own.chain, t.cycle.repeats, frame)
-        finer = collocation_chain(*_cut(start, np.full(t.intervals, 2)))
+        finer = collocation_chain(*_intervals_cut(start, np.full(t.intervals, 2)))
         best = floquet.compared(best, floquet.rough_multipliers(finer, best.frame)[0], share=1.0)
     return best, place
 
 
-def _solved_side_by_side(requests: Sequence[_Request], solver: Solver) -> list[_Solved | None]:
-    """What is asked for; what Newton's method does not find side by side, one by one."""
-    answers: list[_Solved | None] = [None] * len(requests)
+def _solved_in_batch(requests: Sequence[_Request], solver: Solver) -> list[_SolvedForMultipliers | None]:
+    """What is asked for; what Newton's method does not find in a batch, one by one."""
+    answers: list[_SolvedForMultipliers | None] = [None] * len(requests)
     alike: dict[Hashable, list[int]] = {}
     for k, (t, _, _) in enumerate(request.place for request in requests if solver == "newton"):
         alike.setdefault((t.cycle, t.degree, t.kind), []).append(k)
     for members in alike.values():
-        found = corrected([_member(requests[k]) for k in members], NO_STEP)
+        found = solve_batch([_member(requests[k]) for k in members], NO_STEP)
         for k, one in zip(members, found, strict=True):
-            answers[k] = None if one is None else _Solved(one, parted_chain(one))
+            answers[k] = None if one is None else _SolvedForMultipliers(one, refined_chain(one))
     for k, request in enumerate(requests):
         answers[k] = answers[k] or _solved(request.place, request.parts, request.weights, solver)
     return answers
@@ -195,7 +195,7 @@ def _settled(found: floquet.Multipliers, coarse: Array) -> bool:
     return off < floquet.TRUSTED * size if size >= LARGE_MULTIPLIER else off < AS_TRUSTED
 
 
-def _parts(solved: _Solved) -> Array:
+def _parts(solved: _SolvedForMultipliers) -> Array:
     """(N,) parts for every interval, by how much its map misses the flow."""
     t = solved.place[0]
     jumps = [end for phase, end in zip(t.cycle.phases, t.phase_end, strict=True) if phase.reset is not None]
@@ -205,25 +205,25 @@ def _parts(solved: _Solved) -> Array:
     return np.clip(np.ceil((defects / DEFECT) ** DEFECT_POWER), 1, MOST_CUTS).astype(int)
 
 
-def _cut(place: Place, parts: Array) -> Place:
+def _intervals_cut(place: Place, parts: Array) -> Place:
     """The same orbit with every interval cut in some parts, not solved again."""
     t, u, setting = place
     t, u, fractions = divided(t, u, setting.fractions, parts)
     return t, u, replace(setting, fractions=fractions)
 
 
-def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -> _Solved | None:
+def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -> _SolvedForMultipliers | None:
     """The orbit with every interval cut in some parts, solved anew; None where the solver fails.
 
     By a node system of its own: where an interval expands much, products along its parts drown what is small.
     """
-    t, u, setting = _cut(place, parts)
+    t, u, setting = _intervals_cut(place, parts)
     row = None if weights is None else _border(t, weights)
     solution = solve(t, u, setting, solver=solver, border=row, accuracy=NO_STEP)
     if not solution.status.ok:
         return None
     u, setting = solution.u, setting.moved(solution.parameter)
-    return _Solved((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
+    return _SolvedForMultipliers((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
 
 
 def _fold_border(t: Transcription, lin: Linearisation) -> Array | None:

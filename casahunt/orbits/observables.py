@@ -14,11 +14,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..checks import known
+from ..checks import choice_of
 from ..compiled import Caller, alone, caller, kept
 from ..errors import InputError
 from ..hybrid.expressions import check_scalar
-from ..hybrid.system import Cycle, Mode
+from ..hybrid.system import Cycle, VectorMode
 from ..hybrid.vector_form import Names, Scalar
 
 Array = np.ndarray
@@ -37,7 +37,7 @@ def scalar_of(what: Any, names: Names) -> Scalar:
     are called. Raises InputError: it is neither.
     """
     if isinstance(what, str):
-        i = names.entries.index(known("state", what, names.states))
+        i = names.entries.index(choice_of("state", what, names.states))
         return Scalar(_Coordinate(names.states[i]), names)
     if not callable(what):
         raise InputError(f"{what!r}: must be the name of a state or a function (x, p)")
@@ -90,7 +90,7 @@ class Values:
     """g, its rate along the field of a mode, and its gradients, at numbers."""
 
     @alone
-    def __init__(self, mode: Mode, g: Expression, n: int, parameters: int) -> None:
+    def __init__(self, mode: VectorMode, g: Expression, n: int, parameters: int) -> None:
         x, p = ca.SX.sym("x", n), ca.SX.sym("p", parameters)
         value = ca.SX(g(x, p))
         if value.shape != (1, 1):
@@ -132,13 +132,13 @@ class Values:
 
 
 @kept(maxsize=64)
-def kept_values(mode: Mode, g: Expression, n: int, parameters: int) -> Values:
+def kept_values(mode: VectorMode, g: Expression, n: int, parameters: int) -> Values:
     """`Values`, kept for reuse: for expressions that are as old as their problem."""
     return Values(mode, g, n, parameters)
 
 
 @kept(maxsize=32)
-def _sensitivity_map(mode: Mode, n: int, parameters: int) -> Caller:
+def _sensitivity_map(mode: VectorMode, n: int, parameters: int) -> Caller:
     assert mode.flow is not None
     x, T = ca.SX.sym("x", n), ca.SX.sym("T")
     p, dp = ca.SX.sym("p", parameters), ca.SX.sym("dp", parameters)
@@ -147,7 +147,7 @@ def _sensitivity_map(mode: Mode, n: int, parameters: int) -> Caller:
     return caller(ca.Function("sensitivity", [x, T, p, dp], [through]), [n, 1, parameters, parameters], [(n + 2, n)])
 
 
-def flow_sensitivity(mode: Mode, x: Array, time: float, p: Array, dp: Array) -> Array:
+def flow_sensitivity(mode: VectorMode, x: Array, time: float, p: Array, dp: Array) -> Array:
     """The derivative of a closed form by the state at its start, the time and lambda.
 
     x, time: (n,) state at its start; how much later; p, dp: parameters, and the direction in which lambda moves them.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from ..checks import known, of_kind, require, shown, whole
+from ..checks import choice_of, of_kind, require, shown, whole_number
 from ..collocation.scheme import Kind
 from ..errors import InputError
 from ..hybrid.problem import Problem
@@ -26,7 +26,7 @@ class Options:
         change of mesh Newton corrects.
     degree, kind : collocation scheme; None for the default of the problem.
     half : exploit the symmetry x(t + T/2) = -x(t), where a cycle is made from nothing.
-    sketched : orbits on a way whose end is computed anew: their errors, which are not estimated, stand as infinite.
+    provisional : orbits on a way whose end is computed anew: their errors, which are not estimated, stand as infinite.
     TOLERANCES : the smallest and the largest tolerance: rounding below, meaningless meshes above.
     SOLVERS : what `solver` may be.
 
@@ -45,14 +45,14 @@ class Options:
     degree: int | None = None
     kind: Kind | None = None
     half: bool = True
-    sketched: bool = False
+    provisional: bool = False
 
     def __post_init__(self) -> None:
         low, high = self.TOLERANCES
         if not low <= require("tol", self.tol) <= high:
             raise InputError(f"tol = {shown(self.tol)}: must lie between {low:g} and {high:g}")
-        known("solver", self.solver, self.SOLVERS)
-        whole("degree", self.degree or 1, at_least=1)
+        choice_of("solver", self.solver, self.SOLVERS)
+        whole_number("degree", self.degree or 1, at_least=1)
         of_kind("half", self.half, bool)
 
     def rough(self) -> Options:

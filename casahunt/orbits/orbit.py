@@ -298,7 +298,7 @@ def linearised(orbit: Orbit, vary: str) -> tuple[Transcription, Array, Setting, 
     """What `unknowns_of` says of an orbit, and the equations linearised there.
 
     Who follows a branch asks twice for every orbit, on the way there and on the way on, and its multipliers once more,
-    some orbits later where they are computed for several at once (side_by_side.py).
+    some orbits later where they are computed for several at once (batched_newton.py).
 
     orbit, vary: the orbit, and the name of the parameter that lambda moves, in its units (Problem.unit).
     Returns transcription, unknowns, setting, and linearisation: not to be written into.
@@ -328,7 +328,7 @@ class Complaint(str):
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class SolvedOrbit:
     """An orbit in the solver's terms.
 
     Attributes
@@ -338,7 +338,7 @@ class Solved:
     iterations : total over all meshes.
     note : what is special about it, in words.
     off : how far the first solution lies from where its solver started, as a Newton step is measured.
-    border : (n + 2,) weights of the border row (border.py) under which it was solved in the end; None: lambda held.
+    border : (n + 2,) weights of the border row (bordering.py) under which it was solved in the end; None: lambda held.
     """
 
     t: Transcription
@@ -356,7 +356,7 @@ class Solved:
         return Complaint(self.status.advice + (f" ({self.note})" if self.note else ""), self.status)
 
 
-def orbit_of(solved: Solved, problem: Problem, *, wall_s: float) -> Any:
+def orbit_of(solved: SolvedOrbit, problem: Problem, *, wall_s: float) -> Any:
     """The orbit of a solution with an estimate.
 
     problem: with the parameters at which the equations were solved; wall_s: time that it took [s].

@@ -65,7 +65,7 @@ def _calls_of(count: int) -> int:
     return next(length for length in (FACTORS_AT_ONCE, 2 * FACTORS_AT_ONCE, MANY_AT_ONCE) if length >= count)
 
 
-def left_behind(steps: Array, z: Array) -> Array:
+def carried_backwards(steps: Array, z: Array) -> Array:
     """A row vector carried backwards through a chain, z_e = z_{e+1} R_{e+1}, each to a scale of its own.
 
     steps: (E, n, n) the R; z: (n,) real, behind the last. Returns (E, n) the z behind every R.
@@ -93,7 +93,7 @@ def left_behind(steps: Array, z: Array) -> Array:
 
 @kept(maxsize=16)
 def _backwards(n: int, count: int) -> Caller:
-    """`left_behind` for so many factors in reverse order, compiled."""
+    """`carried_backwards` for so many factors in reverse order, compiled."""
     z, A = ca.SX.sym("z", n), ca.SX.sym("A", n, n)
     through = ca.mtimes(A, z)  # numpy's order of axes is the reverse of CasADi's
     size = ca.mmax(ca.fabs(through))

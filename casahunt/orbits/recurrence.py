@@ -2,7 +2,7 @@
 
     x(t) = S x(t + T_m) - c      T_m the time of the last m phases, c whole turns of angles and of the time
 
-A symmetry is believed where it maps the one half of the motion to the other in every respect: fields, conditions,
+A symmetry is accepted where it maps the one half of the motion to the other in every respect: fields, conditions,
 events and jumps, at the states of the motion and at others near them.  Without that a mirrored closure would be another
 problem, with solutions that are no motions at all.
 
@@ -47,12 +47,12 @@ class Recurrence:
 
 def recurrences(
     system: System,
-    form: engine.System,
+    form: engine.VectorSystem,
     segments: Sequence[Segment],
     p: Array,
     scale: Array,
     near: float,
-    believed: Callable[[Recurrence], bool] = lambda r: True,
+    accepted: Callable[[Recurrence], bool] = lambda r: True,
 ) -> list[Recurrence]:
     """The ways in which the end of a motion is near an earlier state of it, as far as it has gone away since.
 
@@ -75,7 +75,7 @@ def recurrences(
                 continue
             r = Recurrence(m, Closure.of(S, shifts[i], 1 if plain else 2), distance)
             gone = distance < EXACTLY or distance < near * _excursion(segments[-m:], scale)
-            if gone and believed(r) and (plain or _mirrored(form, segments, r, p, scale)):
+            if gone and accepted(r) and (plain or _mirrored(form, segments, r, p, scale)):
                 found.append(r)
                 break
     return sorted(found, key=lambda r: r.phases)
@@ -92,7 +92,7 @@ def _excursion(segments: Sequence[Segment], scale: Array) -> float:
     return float(np.max(np.abs(nodes - segments[-1].behind) / scale))
 
 
-def _mirrored(form: engine.System, segments: Sequence[Segment], r: Recurrence, p: Array, scale: Array) -> bool:
+def _mirrored(form: engine.VectorSystem, segments: Sequence[Segment], r: Recurrence, p: Array, scale: Array) -> bool:
     """Whether a symmetry maps the last phases of a motion, and the event before them, to what comes after each.
 
     What comes later is known of the first of them alone, where the motion has not gone on for long enough.
@@ -159,7 +159,7 @@ def symmetries(system: System) -> list[Array]:
 
 
 def is_symmetry(
-    form: engine.System, segments: Sequence[Segment], S: Array, shift: Array, p: Array, scale: Array
+    form: engine.VectorSystem, segments: Sequence[Segment], S: Array, shift: Array, p: Array, scale: Array
 ) -> bool:
     """Whether x -> S^-1 (x + shift) maps the first half of `segments`, with all that belongs to it, to the second.
 
@@ -193,20 +193,21 @@ def is_symmetry(
         if not np.max(np.abs(f - _fields(second, y, p, scale)) / np.abs(f).max(axis=1, initial=1.0)[:, None]) <= EQUAL:
             return False
         for a, b in alike:
-            if a.jumped is not None and np.max(
-                np.abs(image(a.jumped) - _jumped(form, b, image(a.end), p)) / scale
-            ) > EQUAL:
+            if (
+                a.jumped is not None
+                and np.max(np.abs(image(a.jumped) - _jumped(form, b, image(a.end), p)) / scale) > EQUAL
+            ):
                 return False
     return True
 
 
-def _fields(mode: engine.Mode, x: Array, p: Array, scale: Array) -> Array:
+def _fields(mode: engine.VectorMode, x: Array, p: Array, scale: Array) -> Array:
     """(m, n) the scaled field of a mode at points x (m, n)."""
     return point_map(mode.field, scale.size, p.size)(x / scale, np.full(len(x), mode.sign), p, scale)
 
 
 def image_of(
-    form: engine.System, segment: Segment, closure: Closure, p: Array, scale: Array
+    form: engine.VectorSystem, segment: Segment, closure: Closure, p: Array, scale: Array
 ) -> tuple[str, str] | None:
     """What a phase is called one computed piece later, where it is mapped by x -> S^-1 (x + c).
 
@@ -245,7 +246,7 @@ def turns_over(system: System, mode: str, states: Array, p: Array, scale: Array)
     return any(agrees(S) for S in symmetries(system))
 
 
-def _same_events(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
+def _same_events(form: engine.VectorSystem, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
     """The events that end a and b are one at points x and at their images y, up to the sign and its direction."""
     ones, others = form.ways_out(a.mode, a.event), form.ways_out(b.mode, b.event)
     if len(ones) != len(others):
@@ -257,7 +258,7 @@ def _same_events(form: engine.System, a: Segment, b: Segment, x: Array, y: Array
     return bool(np.all(off <= EQUAL * np.maximum(1.0, np.abs(h))))
 
 
-def _same_limits(form: engine.System, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
+def _same_limits(form: engine.VectorSystem, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
     """The condition and the ways out of the modes of a and b are the same at x and at its image y; not the sections.
 
     A stop on one side of a motion that keeps clear of it is no part of the motion, but of its symmetry.
@@ -265,7 +266,7 @@ def _same_limits(form: engine.System, a: Segment, b: Segment, x: Array, y: Array
     return _agree(_limits(form, a.mode, x, p), _limits(form, b.mode, y, p))
 
 
-def _limits(form: engine.System, name: str, x: Array, p: Array) -> Array:
+def _limits(form: engine.VectorSystem, name: str, x: Array, p: Array) -> Array:
     """What bounds a mode at points x: its condition, and the scalars of its events along their directions, by size."""
     mode = form.modes[name]
     events = [e for e in form.exits[name] if not isinstance(e.event.function, Plane)]
@@ -279,7 +280,7 @@ def _agree(one: Array, other: Array) -> bool:
     return one.shape == other.shape and bool(np.all(np.abs(one - other) <= EQUAL * np.maximum(1.0, np.abs(one))))
 
 
-def _jumped(form: engine.System, segment: Segment, x: Array, p: Array) -> Array:
+def _jumped(form: engine.VectorSystem, segment: Segment, x: Array, p: Array) -> Array:
     found = behind(form.ways_out(segment.mode, segment.event)[0], x, p)
     assert found is not None
     return found

@@ -23,7 +23,17 @@ from ..motion.simulation import MARCH_DEGREE
 from .closure import Closure, Section, turned, turns, with_sections
 from .recurrence import Recurrence, comes_in, loop_distance, rebased, recurrences
 from .system_orbit import SystemOrbit
-from .watching import MOST_LOOKS, SEARCH_TOLERANCE, AtRest, NotMet, Turning, counted_on, cut, going_on, watched
+from .watching import (
+    MOST_LOOKS,
+    SEARCH_TOLERANCE,
+    AtRest,
+    NotFound,
+    Turning,
+    counted_on,
+    going_on,
+    section_of,
+    watch_motion,
+)
 
 Array = np.ndarray
 
@@ -66,7 +76,7 @@ class Returning:
     scale: Array = field(default_factory=lambda: np.ones(0))
     sections: tuple[Section, ...] = ()
     turning: Turning | None = None
-    form: engine.System | None = None
+    form: engine.VectorSystem | None = None
     segments: list[Segment] = field(default_factory=list)
     span: float = 0.0
     largest: float = np.inf
@@ -78,11 +88,11 @@ class Returning:
     known: list[tuple[Recurrence, SystemOrbit, Array]] = field(default_factory=list)
     reached: SystemOrbit | None = None
 
-    def not_met(self, why: str) -> NotMet:
+    def not_met(self, why: str) -> NotFound:
         """Why there is none, with how long the motion was followed."""
-        return NotMet(why, sum(s.duration for s in self.segments))
+        return NotFound(why, sum(s.duration for s in self.segments))
 
-    def at_rest(self) -> NotMet:
+    def at_rest(self) -> NotFound:
         """The same where the motion comes to rest."""
         return AtRest("the motion comes to rest", sum(s.duration for s in self.segments))
 
@@ -91,10 +101,10 @@ class Returning:
         if not self.scale.size:
             self.largest = OUTGROWN * max(1.0, float(np.max(np.abs(self.x))))
             self.near = RETURNED if self.settled else REPEATED
-        seen = watched(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
+        seen = watch_motion(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
         self.scale, self.span = seen.scale, max(seen.span, AHEAD * self.span)
         if seen.events == 0:
-            self.sections, self.turning = cut(self.system, seen, self.p)
+            self.sections, self.turning = section_of(self.system, seen, self.p)
         self.form = with_sections(self.system, self.sections)
         last = seen.segments[-1]
         if seen.events and last.event:
@@ -182,11 +192,11 @@ class Returning:
         return float(np.max(np.abs(np.where(turns(self.system) > 0, 0.0, segment.end)))) > self.largest
 
     def recurrences(
-        self, near: float, believed: Callable[[Recurrence], bool], motion: list[Segment] | None = None
+        self, near: float, accepted: Callable[[Recurrence], bool], motion: list[Segment] | None = None
     ) -> list[Recurrence]:
         """The ways in which the motion has come back this near."""
         assert self.form is not None
-        return recurrences(self.system, self.form, motion or self.segments, self.p, self.scale, near, believed)
+        return recurrences(self.system, self.form, motion or self.segments, self.p, self.scale, near, accepted)
 
     def repeated(self, r: Recurrence) -> bool:
         """Whether all of the last loop is near to the loop before."""
@@ -198,8 +208,7 @@ class Returning:
             return False
         loops = self.segments[-2 * phases : -phases], self.segments[-phases:]
         before, last = (
-            np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale)
-            for loop in loops
+            np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale) for loop in loops
         )
         longer = sum(s.duration for s in loops[1]) > EVER_LONGER * sum(s.duration for s in loops[0])
         return bool(last <= RESTS and last < before) or longer
@@ -225,9 +234,7 @@ class Returning:
                 return orbit
         return None
 
-    def sections_for(
-        self, r: Recurrence, motion: list[Segment]
-    ) -> tuple[tuple[Section, ...], list[Segment], Closure]:
+    def sections_for(self, r: Recurrence, motion: list[Segment]) -> tuple[tuple[Section, ...], list[Segment], Closure]:
         """(sections, phases, closure) of a recurrence: turns are counted on from phase to phase."""
         passes = motion[-r.phases :]
         if self.turning is None:

@@ -1,6 +1,6 @@
 """Other phase sequences for a cycle of any hybrid system, where the one at hand has stopped being a motion.
 
-Along a branch phases are born and die.  An event that is touched, h = 0 and h' = 0, is met twice on the one side of
+Along a branch phases are born and die.  An event that is grazed, h = 0 and h' = 0, is met twice on the one side of
 that and not at all on the other:
 
     A | B | A  <->  A           a pair of boundaries is born, or vanishes with the phase between them
@@ -10,12 +10,12 @@ From a root of the wrong sequence, or from a point predicted for it, these funct
 one.  All of them start at the same state as the cycle at hand, so that a branch goes on without a jump.
 
     split      put boundaries where the root crosses exits of its mode
-    with_touch put a boundary where a phase touches an exit
+    with_contact put a boundary where a phase grazes an exit
     without    take the shortest phase out, with both boundaries, or with the first of them
     unsplit    read a phase of a part of a mode as one of that mode, with kinks inside that are too weak for boundaries
     in_parts   the opposite, once they are strong enough
 
-The phases that the motion itself has: remarched.py.
+The phases that the motion itself has: simulated_phases.py.
 
 Symbols: n states, P phases.
 """
@@ -57,7 +57,7 @@ class Posed:
     image : (phase, p, state scale) -> mode and event of what it is mapped to one computed piece later, or None.
     """
 
-    form: engine.System
+    form: engine.VectorSystem
     closure: Closure
     cycle: Callable[[Signature], Cycle]
     image: Callable[[Segment, Array, Array], tuple[str, str] | None]
@@ -126,7 +126,7 @@ def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
         if segments[k].duration > VANISHES_BELOW * max(neighbours):
             continue
         if k + 1 < len(segments) and segments[k - 1].mode == segments[k + 1].mode:
-            whole = joined(segments[k - 1 : k + 2])
+            whole = joined_phases(segments[k - 1 : k + 2])
             return k, start_of(posed, [*segments[: k - 1], whole, *segments[k + 2 :]], start)
         if _leads_past(posed, segments, k, start[2]):
             return k, start_of(posed, [*segments[:k], *segments[k + 1 :]], start)
@@ -140,10 +140,10 @@ def uncut(segments: Sequence[Segment], marks: Container[str]) -> list[Segment]:
         phases[-1].append(segment)
         if segment.event not in marks:
             phases.append([])
-    return [joined(some) for some in phases if some]
+    return [joined_phases(some) for some in phases if some]
 
 
-def joined(some: Sequence[Segment]) -> Segment:
+def joined_phases(some: Sequence[Segment]) -> Segment:
     """Successive parts of a phase of one mode, or a phase, one that vanishes and the rest of the first, as one phase.
 
     Returns segment, which ends as the last part does.
@@ -224,9 +224,7 @@ def _crossing(
     return min(found, key=lambda crossing: crossing[0]) if found else None
 
 
-def part_of(
-    posed: Posed, start: Start, k: int, whole: Segment, mode: str, event: str, a: float, b: float
-) -> Segment:
+def part_of(posed: Posed, start: Start, k: int, whole: Segment, mode: str, event: str, a: float, b: float) -> Segment:
     """A part of the collocated phase k as a phase of its own; of a mode in closed form its start is enough.
 
     posed, start, k, whole: the problem, a cycle, number of a phase, and the phase; mode, event, a, b: of the part, and
@@ -244,7 +242,7 @@ def part_of(
 # Kinks too weak for boundaries ------------------------------------------------------------------------------------
 
 
-def parts_of(form: engine.System, mode: str) -> list[engine.Mode]:
+def parts_of(form: engine.VectorSystem, mode: str) -> list[engine.VectorMode]:
     """The modes that are parts of one that has them unsplit."""
     return [part for part in form.modes.values() if part.unsplit == mode]
 
@@ -276,10 +274,10 @@ def in_parts(posed: Posed, start: Start) -> Start:
     return start if fresh == t.cycle.signature else relabelled(posed.cycle(fresh), *start)
 
 
-def with_touch(posed: Posed, start: Start, phase: int, event: str) -> Start | None:
+def with_contact(posed: Posed, start: Start, phase: int, event: str) -> Start | None:
     """A boundary where a phase turns back right in front of an exit, as if that were met with no speed.
 
-    posed, start: the problem, and a cycle that touches the event; phase, event: number of the phase; name of the event,
+    posed, start: the problem, and a cycle that grazes the event; phase, event: number of the phase; name of the event,
     at which the mode must go on.
     Returns starting point; None where the phase does not turn back there, or goes on elsewhere.
     """

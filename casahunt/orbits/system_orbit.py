@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..checks import error_text, known, to_error
+from ..checks import choice_of, error_text, to_error
 from . import archive
 from .orbit import Orbit
 
@@ -62,7 +62,7 @@ class SystemOrbit(Orbit):
         """
         times, states = self.sample(per_interval)
         curves = {**dict(zip(self.cycle.states, states, strict=True)), "t": times}
-        across, up = (known("state", name, curves) for name in (across, up or self.cycle.states[0]))
+        across, up = (choice_of("state", name, curves) for name in (across, up or self.cycle.states[0]))
         ax.plot(curves[across], curves[up], **style)
         ax.set(xlabel=across, ylabel=up)
         return ax

@@ -46,7 +46,7 @@ WENT_ROUND = 2.0
 """Turns of an angle that show that it goes round."""
 
 
-class NotMet(Exception):
+class NotFound(Exception):
     """No cycle is met: why, and how long the motion was followed."""
 
     def __init__(self, why: str, followed: float) -> None:
@@ -54,7 +54,7 @@ class NotMet(Exception):
         self.followed = followed
 
 
-class AtRest(NotMet):
+class AtRest(NotFound):
     """The motion comes to rest: what was tried on the way there says nothing of any cycle."""
 
 
@@ -77,7 +77,7 @@ class Watched(NamedTuple):
     span: float
 
 
-def going_on(form: engine.System, last: Segment, p: Array) -> tuple[str, Array]:
+def going_on(form: engine.VectorSystem, last: Segment, p: Array) -> tuple[str, Array]:
     """Where a motion goes on behind its last segment, which may or may not have met an event.
 
     last, p: the segment; (np,) parameters. Returns mode and (n,) state.
@@ -106,7 +106,7 @@ class Turning(NamedTuple):
         return out
 
 
-def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array | None = None) -> Watched:
+def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array | None = None) -> Watched:
     """Look at a motion, on and on, until there are events or steps enough.
 
     system, mode: the system and the name of the mode that it starts in; x, p, least: (n,) state at the start; (np,)
@@ -126,11 +126,11 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
             i = int(np.argmax(scale))
             if scale[i] > LARGER * first:
                 grown = f"{system.names.entries[i]} to {scale[i]:.2g}"
-                raise NotMet(f"the motion grows, {grown} and more: {failure}", time) from None
+                raise NotFound(f"the motion grows, {grown} and more: {failure}", time) from None
             raise
         time += sum(s.duration for s in seen)
         for k in np.flatnonzero((scale > GREW * first) & ~counted):
-            raise NotMet(f"the motion grows without bound: {system.names.entries[k]} to {scale[k]:.2g}", time)
+            raise NotFound(f"the motion grows without bound: {system.names.entries[k]} to {scale[k]:.2g}", time)
         scale = np.where(counted, np.minimum(scale, turns(system)), scale)
         events = sum(bool(s.event) for s in seen)
         if events >= ENOUGH_EVENTS or events == 0 and sum(s.count for s in seen) >= ENOUGH_STEPS:
@@ -143,9 +143,7 @@ def watched(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Ar
     return Watched(seen, scale, late, events, time)
 
 
-def _longest(
-    system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array
-) -> tuple[float, Array]:
+def _longest(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array) -> tuple[float, Array]:
     """How long a motion is watched at most, very long beside what happens at first, and (n,) supposed sizes.
 
     Of a forced system some turns; sizes are those at the start and at the first event, if one is met at once, and no
@@ -170,7 +168,7 @@ def _moving(system: System, late: Array, scale: Array) -> bool:
     return bool(np.any(ranges > MOVES_BELOW * scale[: ranges.size]))
 
 
-def cut(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], Turning | None]:
+def section_of(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], Turning | None]:
     """Where to cut a motion that meets no event.
 
     system, seen, p: the system, what was seen of the motion, (np,) parameters.

@@ -141,9 +141,7 @@ class Basin(Result):
         return self.inside.outcome == "settles" and self.outside.outcome in ("hunts", "grows")
 
 
-def basin(
-    servo: Servo, model: Model, gain: float, *, options: Options | None = None, offset: float = OFFSET
-) -> Basin:
+def basin(servo: Servo, model: Model, gain: float, *, options: Options | None = None, offset: float = OFFSET) -> Basin:
     """The stick position below which a servo at a gain settles, checked by two motions.
 
     Parameters
@@ -187,7 +185,7 @@ def basin(
     towards = 0.0 if outer is None else np.log10(1 / ARRIVED) / max(-outer.multipliers.log10_leading, 1e-6)
     swings = int(np.clip(3 * (away + towards), FEW_SWINGS, MOST_SWINGS))
     inside, outside = (
-        follow(
+        until_settled(
             servo, model, gain, border * factor, border, hunting,
             stable=outer is not None and outer.stable, swings=swings,
         )
@@ -221,9 +219,16 @@ def stick_position(orbit: HuntingOrbit) -> float:
     )
 
 
-def follow(
-    servo: Servo, model: Model, gain: float, a: float, border: float, hunting: float,
-    *, stable: bool = True, swings: int = FEW_SWINGS,
+def until_settled(
+    servo: Servo,
+    model: Model,
+    gain: float,
+    a: float,
+    border: float,
+    hunting: float,
+    *,
+    stable: bool = True,
+    swings: int = FEW_SWINGS,
 ) -> Trial:
     """Follow a motion from the stick position `a` until it has settled or hunts.
 

@@ -38,8 +38,8 @@ from ..motion import MarchFailure, Segment
 from ..orbits import Options, orbit_from_motion
 from .cycles import SCHEMES, Kind, mirrored
 from .event_map.half_cycle import HalfCycle, StickMap
-from .event_map.near import CLOSER, near_stable, near_typical
 from .event_map.scan import SCAN_LOW, Scan, scan
+from .event_map.secant_search import CLOSER, near_stable, near_typical
 from .hunting import Model
 from .problem import Hunting, HuntingOrbit, hunting
 from .servo import Servo
@@ -81,8 +81,8 @@ MOST_SOLVED, ACROSS = 3, 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Met:
-    """What was met at one gain.
+class AtOneGain:
+    """What was found at one gain.
 
     Attributes
     ----------
@@ -122,11 +122,11 @@ class AtGain:
         return inwards if inwards is not None else near_typical(rigid)
 
 
-def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> Met:
+def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> AtOneGain:
     """The hunting cycle at a gain on the stable side of the fold; close to it the solver can slip over to the other.
 
     servo, model, gain, options: the problem, checked by `check_problem`, and the method. Returns met; its orbit is None
-    where no motion led to one. Raises NoOrbit: one was met, and could not be computed.
+    where no motion led to one. Raises NoOrbit: one was found, and could not be computed.
     """
     q = AtGain(StickMap(model, servo, gain), options)
     met = _at_once(q) if q.newton else None
@@ -137,12 +137,10 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> M
         return met
     start, seen = _beside_a_fixed_point(q)
     # How P/a falls at the start does not tell where the solver has gone from there: next to a fold, to the other side.
-    return Met(None if start is None else _solved_from(start, q), False, seen)
+    return AtOneGain(None if start is None else _solved_from(start, q), False, seen)
 
 
-def quickly_at(
-    servo: Servo, model: Model, gain: float, *, options: Options, beside: HalfCycle
-) -> HuntingOrbit | None:
+def quickly_at(servo: Servo, model: Model, gain: float, *, options: Options, beside: HalfCycle) -> HuntingOrbit | None:
     """The stable cycle at a gain where one motion leads to it.
 
     servo, model, gain, options: as in `stable_at`; beside: a motion of the Switch servo beside its cycle at this gain,
@@ -160,7 +158,7 @@ def quickly_at(
     return None if met is None else met.orbit
 
 
-def _at_once(q: AtGain) -> Met | None:
+def _at_once(q: AtGain) -> AtOneGain | None:
     """The stable cycle by Newton from one motion or two that start where most cycles stick, or None.
 
     The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
@@ -177,7 +175,7 @@ def _at_once(q: AtGain) -> Met | None:
     except (MarchFailure, NoOrbit):
         return None
     leading = orbit.provisional_multiplier
-    return Met(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
+    return AtOneGain(orbit, leading < 1 + CLEARLY_STABLE, None) if leading < 1 else None
 
 
 def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
@@ -289,7 +287,7 @@ def inner_cycle(P: StickMap, outer: float, moving: float, options: Options) -> H
     """The unstable cycle at the first change of sign of y inside the stable one.
 
     outer, moving: stick position of the stable cycle [rad], about; time that the servo moves in half of it [s].
-    Returns the cycle; None where none was met.
+    Returns the cycle; None where none was found.
     """
     problem, failed, needed = hunting("switch", P.servo, P.gain, half=options.half), 0, CAME_TO_REST
     for inside, outside in _narrowing(P, outer, CREEPS_AFTER * moving):

@@ -47,7 +47,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import COMPUTED, known, require, sensible
+from ..checks import COMPUTED, choice_of, require, sensible
 from ..export import Columns
 from ..results import Result
 from .hunting import MODELS, Model
@@ -179,9 +179,7 @@ def cubic(servo: Servo, gain: float, c: Array) -> Array:
     kp, kd, ki = servo.torque_gains(gain)
     c = np.atleast_1d(np.asarray(c, float))
     one = np.ones_like(c)
-    return np.column_stack(
-        [servo.inertia * one, kd + f.viscous + f.damping * c, kp + f.stiffness * c, ki * one]
-    )
+    return np.column_stack([servo.inertia * one, kd + f.viscous + f.damping * c, kp + f.stiffness * c, ki * one])
 
 
 def threshold(servo: Servo, gain: float) -> float:
@@ -225,7 +223,7 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     True
     """
     a_servo(servo)
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     f, reset = servo.friction, servo.controller.reset_time
     kp, kd, ki = servo.torque_gains(gain)

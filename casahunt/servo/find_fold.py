@@ -31,8 +31,8 @@ from .cold_start import quickly_at, stable_at
 from .denial import no_cycle
 from .event_map.fixed_points import fixed_points
 from .event_map.half_cycle import HalfCycle, StickMap
-from .event_map.near import BESIDE_A_CYCLE, climbed, lowered, near_typical
 from .event_map.scan import GROWING, Scan, scan
+from .event_map.secant_search import BESIDE_A_CYCLE, climbed, lowered, near_typical
 from .hunting import Model
 from .linear_loop import typical_gain
 from .problem import HuntingFold, HuntingOrbit
@@ -271,7 +271,7 @@ def find_fold(
     began = time.perf_counter()
     a_servo(servo)
     options = of_kind("options", options or Options(), Options)
-    rough = replace(options.rough(), sketched=True)
+    rough = replace(options.rough(), provisional=True)
     first = start or find_any_orbit(servo, model, options=rough)
     with suppress(NoOrbit):
         return _walked(first, rough, options, began)

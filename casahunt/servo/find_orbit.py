@@ -20,14 +20,14 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
-from ..checks import known, of_kind, to_error
+from ..checks import choice_of, of_kind, to_error
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits import Options, refined
-from .cold_start import Met, inner_cycle, quickly_at, stable_at, unstable
+from .cold_start import AtOneGain, inner_cycle, quickly_at, stable_at, unstable
 from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
-from .event_map.near import BESIDE_A_CYCLE, climbed, near_typical
+from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
 from .find_fold import confirmed_between, find_fold
 from .hunting import Model
 from .lopsided import lopsided_at
@@ -89,9 +89,9 @@ def find_orbit(
     options = of_kind("options", options or Options(), Options)
     check_problem(servo, model, gain)
     check_times(servo, model, gain)
-    known("branch", branch, BRANCHES)
+    choice_of("branch", branch, BRANCHES)
     check_hunts(servo, model)
-    search = _Search(servo, model, gain, branch, options)
+    search = _OrbitSearch(servo, model, gain, branch, options)
     what = f"the {branch} hunting cycle of the {model} servo at gain {gain:g} was not found:"
     if branch == "lopsided":
         symmetric = find_orbit(servo, model, gain, options=replace(options, half=True))
@@ -101,7 +101,7 @@ def find_orbit(
 
 
 @dataclass(eq=False)
-class _Search:
+class _OrbitSearch:
     """What is sought, and what the strategies have met on the way."""
 
     servo: Servo
@@ -111,12 +111,12 @@ class _Search:
     options: Options
 
     @cached_property
-    def met(self) -> Met:
+    def met(self) -> AtOneGain:
         """What motions at this gain lead to; `_from_motions` puts in its place what it has met itself."""
         if self.branch == "unstable" and not self.stiff:
             with suppress(NoOrbit):
                 return stable_at(self.servo, self.model, self.gain, options=self.rough)
-        return Met(None, False, None)
+        return AtOneGain(None, False, None)
 
     @cached_property
     def rigid(self) -> StickMap:
@@ -144,18 +144,18 @@ class _Search:
         return not self.stiff and self.options.solver != "ipopt"
 
 
-def _from_motions(s: _Search) -> HuntingOrbit | str:
+def _from_motions(s: _OrbitSearch) -> HuntingOrbit | str:
     """The stable cycle where motions at this gain lead to one that is certainly it."""
     s.met = stable_at(s.servo, s.model, s.gain, options=s.options)
     orbit = s.met.orbit
     if orbit is None:
-        return s.met.seen.sentence() if s.met.seen is not None else "none was met"
+        return s.met.seen.sentence() if s.met.seen is not None else "none was found"
     if s.met.clearly_stable or orbit.multipliers.leading.real <= 1:
         return orbit
     return f"they led to a cycle with half multiplier {orbit.half_multiplier:.4g}, which is not the stable one"
 
 
-def _inside_the_stable_one(s: _Search) -> HuntingOrbit | None:
+def _inside_the_stable_one(s: _OrbitSearch) -> HuntingOrbit | None:
     """The unstable cycle from motions inside the stable one; None where they lead to none."""
     if s.beside is not None:
         return inner_cycle(s.rigid, s.beside.fixed, s.beside.moving, s.options)
@@ -166,7 +166,7 @@ def _inside_the_stable_one(s: _Search) -> HuntingOrbit | None:
     return inner_cycle(s.rigid, stable.amplitude, moving, s.options)
 
 
-def _from_next_to_the_fold(s: _Search) -> HuntingOrbit | str | None:
+def _from_next_to_the_fold(s: _OrbitSearch) -> HuntingOrbit | str | None:
     """`_round_the_fold` from a higher gain, to which the event map of the Switch servo climbs; None where it does not.
 
     With a bristle the fold lies elsewhere: a motion that leads to no stable cycle at one gain may at a lower one.
@@ -174,25 +174,25 @@ def _from_next_to_the_fold(s: _Search) -> HuntingOrbit | str | None:
     if s.beside is None:
         return None
     for gain, motion in reversed(climbed(s.rigid, s.beside)):
-        start = quickly_at(s.servo, s.model, gain, options=replace(s.rough, sketched=True), beside=motion)
+        start = quickly_at(s.servo, s.model, gain, options=replace(s.rough, provisional=True), beside=motion)
         if start is not None:
             return _round_the_fold(s, start, max(start.amplitude, s.beside.fixed))
     return None
 
 
-def _from_here(s: _Search) -> HuntingOrbit | str | None:
-    """`_round_the_fold` from the stable cycle at this gain; None where none was met."""
+def _from_here(s: _OrbitSearch) -> HuntingOrbit | str | None:
+    """`_round_the_fold` from the stable cycle at this gain; None where none was found."""
     return None if s.met.orbit is None else _round_the_fold(s, s.met.orbit, s.met.orbit.amplitude)
 
 
-def _round_the_fold(s: _Search, start: HuntingOrbit, outer: float) -> HuntingOrbit | str:
+def _round_the_fold(s: _OrbitSearch, start: HuntingOrbit, outer: float) -> HuntingOrbit | str:
     """The unstable cycle from a stable one at this gain or above: up to the fold and down again, with rough steps.
 
     `outer` is the amplitude of the stable cycle at the gain itself.
     """
     last = start
-    sketched = replace(s.rough, sketched=s.rough != s.options)
-    for last in walk(start, low=s.gain, high=start.gain * 1e9, options=sketched):
+    provisional = replace(s.rough, provisional=s.rough != s.options)
+    for last in walk(start, low=s.gain, high=start.gain * 1e9, options=provisional):
         if _vanished(last):
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
     if last is start or last.gain != s.gain or last.amplitude >= outer:
@@ -204,12 +204,12 @@ def _round_the_fold(s: _Search, start: HuntingOrbit, outer: float) -> HuntingOrb
     return orbit if unstable(orbit) else "it led to a cycle that is not the unstable one"
 
 
-def _from_the_fold(s: _Search) -> HuntingOrbit:
+def _from_the_fold(s: _OrbitSearch) -> HuntingOrbit:
     """The cycle on one side of a fold above the gain; NoOrbit with the fold as evidence where it lies below."""
     return _down_from(_fold_above(s.servo, s.model, s.gain, s.options, s.met), s.gain, s.branch, s.options)
 
 
-STABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
+STABLE: tuple[Strategy[_OrbitSearch, HuntingOrbit], ...] = (
     Strategy(
         "motions at this gain", "the controller's damping lets motions be computed", "5 ms; LuGre 30 ms",
         _from_motions, lambda s: not s.stiff,
@@ -217,7 +217,7 @@ STABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
     Strategy("down from the fold", "always", "0.1 s; LuGre 1 s; from nothing up to minutes", _from_the_fold),
 )  # fmt: skip
 # Multipliers of 1e5 and more leave no way that is sure but round the fold.
-UNSTABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
+UNSTABLE: tuple[Strategy[_OrbitSearch, HuntingOrbit], ...] = (
     Strategy(
         "inside the stable one", "Switch; motions can be computed, and IPOPT is not to work alone", "8 ms",
         _inside_the_stable_one, lambda s: s.model == "switch" and s.by_newton,
@@ -231,7 +231,7 @@ UNSTABLE: tuple[Strategy[_Search, HuntingOrbit], ...] = (
 )  # fmt: skip
 
 
-def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: Met) -> HuntingFold:
+def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: AtOneGain) -> HuntingFold:
     """The fold of a servo, if it lies above `gain`."""
     seen = met.seen
     also = "" if seen is None else f"; {seen.sentence()}"
@@ -291,9 +291,7 @@ def _down_from(fold: HuntingFold, gain: float, branch: BranchName, options: Opti
     )
 
 
-def _followed_down(
-    fold: HuntingFold, gain: float, branch: BranchName, options: Options
-) -> tuple[HuntingOrbit, str]:
+def _followed_down(fold: HuntingFold, gain: float, branch: BranchName, options: Options) -> tuple[HuntingOrbit, str]:
     """(last orbit, why the walk ends with it) down from a fold on the stable or the unstable side.
 
     Raises NoOrbit: the branch turns back to larger gains in another fold, which is located above `gain`.
@@ -336,7 +334,7 @@ def _deny_below(
 ) -> None:
     """NoOrbit where the lower fold, on one of the two sides of the smallest gain met, is located above `gain`.
 
-    A fold above a gain at which a cycle was met is not where they end.
+    A fold above a gain at which a cycle was found is not where they end.
     """
     least = min(orbit.gain for orbit in around) * (1 + options.tol)
     try:

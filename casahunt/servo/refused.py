@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..checks import COMPUTED, known, sensible
+from ..checks import COMPUTED, choice_of, sensible
 from ..errors import InputError, NoOrbit, Status
 from .denial import no_cycle
 from .event_map.half_cycle import StickMap
@@ -32,7 +32,7 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
     number > 0; NoOrbit: there is provably no cycle; or a scan of a bristle shows none, and none was found.
     """
     a_servo(servo)
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     if servo.friction.static > servo.friction.coulomb:
         return

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..checks import known, require
+from ..checks import choice_of, require
 from ..continuation import Missed, SpecialPoint
 from ..errors import InputError
 from ..orbits import Archive, write_archive
@@ -24,7 +24,7 @@ INTERRUPTED = "interrupted"
 
 
 def _pose(record: Mapping[str, Any]) -> Hunting:
-    model: Any = known("model", record["model"], MODELS)
+    model: Any = choice_of("model", record["model"], MODELS)
     half = Hunting(model, unflatten(record["servo"]), require("gain", record["gain"], above=0))
     return half if record["half"] else half.whole()
 

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import floated, known, number, of_kind, quoted, require, sensible
+from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible
 from ..errors import InputError
 from ..files import bounded
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
@@ -123,7 +123,7 @@ class Servo:
         ------
         InputError : unknown key, controller numbers of both forms or too few of the other one, or a value out of range.
         """
-        values = {known("key", k, KEYS): number(k, v) for k, v in changes.items()}
+        values = {choice_of("key", k, KEYS): number(k, v) for k, v in changes.items()}
         own = flatten(self)
         others = _TIMES if isinstance(self.controller, Pid) else _GAINS
         asked = [key for key in others if key in values]
@@ -176,7 +176,7 @@ def unflatten(values: Mapping[str, float]) -> Servo:
     """The servo of a full or partial {dotted key: value}; what is missing is Table 1."""
     tree: dict[str, dict[str, float]] = {"servo": {}, "controller": {}, "friction": {}}
     for key, value in values.items():
-        known("key", key, KEYS)
+        choice_of("key", key, KEYS)
         section, name = key.split(".")
         tree[section][name] = number(key, value)
     return Servo(
@@ -248,11 +248,11 @@ def _values(tree: Mapping[str, Any]) -> dict[str, float]:
         owner = [key.split(".")[0] for key in KEYS if key.split(".")[1] == section]
         if owner:
             raise InputError(f"{section} = {quoted(table)}: must stand in its table [{owner[0]}]")
-        known("section", section, sections)
+        choice_of("section", section, sections)
         if not isinstance(table, dict):
             raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
         for name, value in table.items():
-            key = known("key", f"{section}.{name}", KEYS)
+            key = choice_of("key", f"{section}.{name}", KEYS)
             values[key] = number(key, value)
     return values
 
@@ -269,7 +269,7 @@ def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
         key = key.strip()
         if not sign:
             raise InputError(f"--set {text!r}: must have the form section.key=value")
-        known("key", key, KEYS)
+        choice_of("key", key, KEYS)
         try:
             changes[key] = float(value)
         except ValueError:

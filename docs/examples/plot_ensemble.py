@@ -2,7 +2,7 @@
 Two thousand servos in one call
 ===============================
 
-The hunting cycles of servos that differ in friction and gain, solved side by side.
+The hunting cycles of servos that differ in friction and gain, solved in batches.
 """
 
 import matplotlib.pyplot as plt

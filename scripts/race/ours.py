@@ -19,8 +19,8 @@ from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import transcribe
 from casahunt.continuation import special_points_between
 from casahunt.continuation.special_points import FOLD
-from casahunt.continuation.walk import run as run_walk
 from casahunt.continuation.walk import walk
+from casahunt.continuation.walk import walk_to_end as run_walk
 from casahunt.hybrid.system import Cycle, Phase
 from casahunt.interrupts import end_with_parent
 from casahunt.orbits.orbit import unknowns_of
@@ -118,8 +118,17 @@ SHARES = (
     (
         "checks that a root is a motion",
         (
-            "admissibility.py", "hunting.py", "sequences.py", "restart.py", "phases.py", "march_step.py",
-            "march_exits.py", "march_intervals.py", "march_watch.py", "segment.py", "interval_newton.py",
+            "admissibility.py",
+            "hunting.py",
+            "sequences.py",
+            "restart.py",
+            "phases.py",
+            "march_step.py",
+            "march_exits.py",
+            "march_intervals.py",
+            "march_watch.py",
+            "segment.py",
+            "interval_newton.py",
         ),  # fmt: skip
     ),
 )

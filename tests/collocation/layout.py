@@ -8,13 +8,13 @@ import casadi as ca
 import numpy as np
 
 from casahunt.collocation.transcription import Transcription, transcribe
-from casahunt.hybrid.system import Cycle, Event, Mode, Phase
+from casahunt.hybrid.system import Cycle, Phase, VectorEvent, VectorMode
 
 Array = np.ndarray
 Motion = Callable[[Array], Array]
 """Times as fractions of a phase (m,) -> states (m, n)."""
 
-END = Event("end", lambda x, T, p: T - 1)
+END = VectorEvent("end", lambda x, T, p: T - 1)
 
 
 def still(x: object, p: object, sign: object) -> ca.SX:
@@ -22,13 +22,18 @@ def still(x: object, p: object, sign: object) -> ca.SX:
     return ca.SX.zeros(2)
 
 
-def cycle_of(*modes: Mode) -> Cycle:
+def cycle_of(*modes: VectorMode) -> Cycle:
     """Two states, one phase for every mode, closed by the identity."""
     return Cycle("known", ("a", "b"), ("c",), tuple(Phase(mode, END) for mode in modes), np.eye(2), 1)
 
 
 def laid_out(
-    cycle: Cycle, breaks: Sequence[Array], motions: Sequence[Motion], durations: Sequence[float], *, degree: int,
+    cycle: Cycle,
+    breaks: Sequence[Array],
+    motions: Sequence[Motion],
+    durations: Sequence[float],
+    *,
+    degree: int,
     kind: str = "gauss",
 ) -> tuple[Transcription, Array, Array]:
     """(transcription, u, fractions) with the states of phase k given by motions[k]; scale 1.

@@ -11,18 +11,18 @@ from layout import cycle_of, laid_out, still
 
 from casahunt.collocation.admissibility import (
     RESOLUTION,
-    Verdict,
+    Admissibility,
     admissible_many,
+    check_admissible,
     hides,
-    judge,
     judged_on_halves,
     unclear_on_halves,
 )
 from casahunt.collocation.transcription import Setting, settings_of
-from casahunt.hybrid.system import Event, Exit, Mode
+from casahunt.hybrid.system import Exit, VectorEvent, VectorMode
 
-FREE = Mode("free", still)
-POSITIVE = Mode("climb", still, admissible=lambda x, p, sign: sign * x[0], sign=1.0)
+FREE = VectorMode("free", still)
+POSITIVE = VectorMode("climb", still, admissible=lambda x, p, sign: sign * x[0], sign=1.0)
 KEPT = replace(POSITIVE, name="rest", flow=lambda x, T, p: x)
 SCALE = np.array([2.0, 5.0])
 
@@ -35,7 +35,7 @@ def one(tau):
     return 1 + 0 * tau
 
 
-def judged(modes, breaks, functions, *, durations=None, degree=4, kind="gauss", second=None) -> Verdict:
+def judged(modes, breaks, functions, *, durations=None, degree=4, kind="gauss", second=None) -> Admissibility:
     """The verdict on phases whose states are functions[k] and second[k] of the time as a fraction of the phase."""
     motions = [
         lambda tau, f=f, g=g: np.stack([f(tau), g(tau)], axis=1) / SCALE
@@ -44,7 +44,7 @@ def judged(modes, breaks, functions, *, durations=None, degree=4, kind="gauss", 
     durations = durations or [1.0] * len(modes)
     t, u, fractions = laid_out(cycle_of(*modes), breaks, motions, durations, degree=degree, kind=kind)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
-    found = judge(t, u, setting)
+    found = check_admissible(t, u, setting)
     many = settings_of(setting, np.zeros((2, 1)), np.zeros((2, 1)))
     admitted = admissible_many(t, np.stack([u, np.full_like(u, np.nan)]), many).tolist()
     within_slack = any(mode.slack for mode in modes) and not admitted[0]
@@ -163,6 +163,7 @@ def test_what_is_left_when_the_zeros_are_divided_out_must_be_clear(name):
     series = np.eye(4)[2 if name == "both" else 3]
     lowest = np.polynomial.legendre.legval(np.linspace(-1, 1, 1001), series).min()
     for least, unclear in ((3.2, False), (1.0, True)):
+
         def condition(tau, least=least):
             return SHAPES[name](tau) * (np.polynomial.legendre.legval(2 * tau - 1, series) - lowest + least)
 
@@ -172,7 +173,7 @@ def test_what_is_left_when_the_zeros_are_divided_out_must_be_clear(name):
 
 # Features ----------------------------------------------------------------------------------------------------------
 
-SUDDEN = Mode("sudden", still, feature=lambda x, p: x[1])
+SUDDEN = VectorMode("sudden", still, feature=lambda x, p: x[1])
 
 
 @pytest.mark.parametrize("phase", [0, 1])
@@ -230,7 +231,7 @@ def solution(mode, value, count=3):
 def test_a_member_has_no_slack():
     """Within its slack a condition is another mode's affair, of which no error estimate knows."""
     t, u, settings = solution(replace(POSITIVE, slack=0.01), -0.005)
-    assert judge(t, u[0], settings.of(0)).admissible
+    assert check_admissible(t, u[0], settings.of(0)).admissible
     assert not admissible_many(t, u, settings).any()
 
 
@@ -243,7 +244,7 @@ def test_a_condition_that_takes_numbers_alone():
 
 def test_an_event_of_the_mode_is_not_passed():
     """x[0] rises through zero in the middle of the phase of the second member alone."""
-    way_out = Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another")
+    way_out = Exit(VectorEvent("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another")
     cycle = cycle_of(FREE)
     _, u, fractions = laid_out(cycle, [FOUR], [lambda tau: np.stack([one(tau), zero(tau)], axis=1)], [1.0], degree=4)
     crossing = laid_out(cycle, [FOUR], [lambda tau: np.stack([tau - 0.6, zero(tau)], axis=1)], [1.0], degree=4)[1]
@@ -261,13 +262,13 @@ def test_an_event_of_the_mode_is_not_passed():
 )
 def test_how_far_beyond_an_event_it_is_passed(below, above, passed):
     """PASSED of the largest value, of at least one: along a straight line, of which nothing is in doubt."""
-    way_out = Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another")
+    way_out = Exit(VectorEvent("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another")
     free = cycle_of(FREE)
     cycle = replace(free, phases=(replace(free.phases[0], exits=(way_out,)),))
     line = [lambda tau: np.stack([(above + below) * tau - below, zero(tau)], axis=1) / SCALE]
     t, u, fractions = laid_out(cycle, [FOUR], line, [1.0], degree=4)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
-    assert judge(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
+    assert check_admissible(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
     many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
     assert admissible_many(t, u[None], many).item() is not passed
 
@@ -280,27 +281,27 @@ def test_how_far_beyond_an_event_it_is_passed(below, above, passed):
 def test_an_event_is_passed_where_it_leads_elsewhere(successor, mark, jumps, passed):
     """To another mode, to a mark, to another state; one that changes nothing may be passed."""
     reset = (lambda x, p: x) if jumps else None
-    way_out = Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: successor, mark=mark, reset=reset)
+    way_out = Exit(VectorEvent("wall", lambda x, T, p: x[0]), +1, lambda x, p: successor, mark=mark, reset=reset)
     free = cycle_of(FREE)
     cycle = replace(free, phases=(replace(free.phases[0], exits=(way_out,)),))
     line = [lambda tau: np.stack([tau - 0.6, zero(tau)], axis=1) / SCALE]
     t, u, fractions = laid_out(cycle, [FOUR], line, [1.0], degree=4)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
-    assert judge(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
+    assert check_admissible(t, u, setting).violated == ("phase 1 (free) passes 'wall'" if passed else "")
     many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
     assert admissible_many(t, u[None], many).item() is not passed
 
 
 @pytest.mark.parametrize("direction", [-1, 0, 1])
 def test_an_event_is_met_from_its_own_side(direction):
-    falling = Mode("falling", lambda x, p, sign: ca.vertcat(-1.0, 0.0))
+    falling = VectorMode("falling", lambda x, p, sign: ca.vertcat(-1.0, 0.0))
     cycle = cycle_of(falling)
-    phase = replace(cycle.phases[0], end=Event("floor", lambda x, T, p: x[0]), direction=direction)
+    phase = replace(cycle.phases[0], end=VectorEvent("floor", lambda x, T, p: x[0]), direction=direction)
     falls = [lambda tau: np.stack([1 - tau, zero(tau)], axis=1) / SCALE]
     t, u, fractions = laid_out(replace(cycle, phases=(phase,)), [FOUR], falls, [1.0], degree=4)
     setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
     many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
-    assert judge(t, u, setting).admissible is admissible_many(t, u[None], many)[0].item() is (direction <= 0)
+    assert check_admissible(t, u, setting).admissible is admissible_many(t, u[None], many)[0].item() is (direction <= 0)
 
 
 # Events that are all but met ---------------------------------------------------------------------------------------
@@ -312,7 +313,7 @@ def hump(top, wiggle=0.0):
     def motion(tau):
         return np.stack([top - (tau - 0.6) ** 2 + wiggle * np.cos(40 * tau), zero(tau)], axis=1) / SCALE
 
-    exits = (Exit(Event("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another"),)
+    exits = (Exit(VectorEvent("wall", lambda x, T, p: x[0]), +1, lambda x, p: "another"),)
     cycle = cycle_of(FREE)
     cycle = replace(cycle, phases=(replace(cycle.phases[0], exits=exits),))
     t, u, fractions = laid_out(cycle, [FOUR], [motion], [1.0], degree=4)
@@ -326,7 +327,7 @@ def hump(top, wiggle=0.0):
 ])  # fmt: skip
 def test_an_event_that_is_all_but_met_must_be_resolved(top, wiggle, unclear, barely):
     t, u, setting = hump(top, wiggle)
-    verdict = judge(t, u, setting)
+    verdict = check_admissible(t, u, setting)
     assert not verdict.violated and verdict.barely == barely
     assert verdict.unclear.tolist() == [False, False, unclear, False]
     many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
@@ -337,7 +338,7 @@ def test_an_event_that_is_all_but_met_must_be_resolved(top, wiggle, unclear, bar
 def test_the_halved_mesh_says_whether_an_event_is_met(own, finer, barely):
     """What it makes of a solution is nearer to the truth than what that shows itself."""
     t, u, setting = hump(own)
-    verdict = judge(t, u, setting)
+    verdict = check_admissible(t, u, setting)
     assert (verdict.barely == -1) is (barely == 0)
     coarse = laid_out(t.cycle, [FOUR[::2]], [lambda tau: np.zeros((tau.size, 2))], [1.0], degree=4)[0]
     assert judged_on_halves(coarse, verdict, hump(finer)).barely == barely

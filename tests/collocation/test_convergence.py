@@ -15,7 +15,7 @@ from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, Transcription, transcribe
 from casahunt.errors import Status
 from casahunt.hybrid import language
-from casahunt.hybrid.system import Cycle, Event, Phase, Signature
+from casahunt.hybrid.system import Cycle, Phase, Signature, VectorEvent
 from casahunt.orbits.floquet import multipliers
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.cycles import mirrored
@@ -114,9 +114,7 @@ def test_order_between_the_nodes(kind, degree):
 
 
 @pytest.mark.parametrize("solver", [newton, ipopt])
-@pytest.mark.parametrize(
-    ("cycle", "p"), [(sl.UNIFORM, P_KEPLER[:2]), (sl.KEPLER, P_KEPLER), (sl.TWO_CLOCKS, P_KEPLER)]
-)
+@pytest.mark.parametrize(("cycle", "p"), [(sl.UNIFORM, P_KEPLER[:2]), (sl.KEPLER, P_KEPLER), (sl.TWO_CLOCKS, P_KEPLER)])
 def test_exact_cycle_and_multipliers(cycle, p, solver):
     """48 intervals of degree 5 leave nothing but rounding: about 1e-16 per unknown, summed over 600."""
     t, u, setting = circle_guess(cycle, p, 48, 5, "gauss")
@@ -187,9 +185,7 @@ SHIFT = (0.3, 0.0, 0.5)
 def juggling(*sequence: str) -> Cycle:
     """Half a cycle of these modes: mirrored in x and v, and half a turn later; the last event jumps too."""
     form = JUGGLER.vector_form
-    phases = tuple(
-        Phase(form.modes[name], form.exits[name][0].event, form.exits[name][0].reset) for name in sequence
-    )
+    phases = tuple(Phase(form.modes[name], form.exits[name][0].event, form.exits[name][0].reset) for name in sequence)
     mirror = np.diag([-1.0, -1.0, 1.0])
     return Cycle(form.name, form.states, tuple(JUGGLER.parameters), phases, mirror, repeats=2, shift=SHIFT)
 
@@ -205,7 +201,7 @@ def case(name: str) -> tuple[Transcription, Setting, Array]:
     if name in ("two fields", "two timed fields"):
         cycle, counts, p = sl.TWO_CLOCKS, (3, 2), np.array(P_KEPLER)
         if name == "two timed fields":
-            timed = Event("timed", lambda x, T, p: x[1] - p[1] * T * x[0])
+            timed = VectorEvent("timed", lambda x, T, p: x[1] - p[1] * T * x[0])
             cycle = replace(cycle, phases=tuple(replace(phase, end=timed) for phase in cycle.phases))
         scale, dp = np.array([0.5, 0.7]), np.array([0.3, 1.0, -0.5, 0.2])
     elif name in JUMPS:

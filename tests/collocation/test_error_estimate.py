@@ -17,10 +17,10 @@ from layout import cycle_of, laid_out, still
 
 from casahunt import Options, Servo, find_orbit
 from casahunt.collocation import error_estimate, mesh
-from casahunt.collocation.admissibility import judge
+from casahunt.collocation.admissibility import check_admissible
 from casahunt.collocation.newton import newton
 from casahunt.collocation.scheme import scheme
-from casahunt.hybrid.system import Mode
+from casahunt.hybrid.system import VectorMode
 from casahunt.orbits.orbit import unknowns_of
 from problems import table1
 from scripts.peers.switch_digits import SwitchMap
@@ -47,7 +47,7 @@ def test_halves_are_looked_at_closely_where_they_meet_the_ends(kind):
 
 @pytest.mark.parametrize("stiff", [True, False])
 def test_what_is_rounding_is_not_quartered(stiff):
-    mode = Mode("free", still, stiff=stiff)
+    mode = VectorMode("free", still, stiff=stiff)
     mesh_of = [np.linspace(0, 1, 5)]
     t = laid_out(cycle_of(mode), mesh_of, [lambda tau: np.zeros((tau.size, 2))], [1.0], degree=4)[0]
     blame = np.array([[1e-17, 1e-17, 3e-10, 1e-8], [1e-17, 1e-10, 1e-17, 1e-17]])
@@ -90,7 +90,7 @@ def ratios(known, count, seed):
     out = []
     for breaks in random_meshes(orbit, count, seed):
         found = on_mesh(orbit, breaks)
-        if found is None or not judge(*found).admissible:
+        if found is None or not check_admissible(*found).admissible:
             continue
         t, u, setting = found
         true = max(
@@ -132,7 +132,7 @@ def test_stiff_estimates_are_not_too_small_at_all(K):
         t, u, fractions = mesh.transfer(known, start, setting.fractions, breaks)
         here = replace(setting, fractions=fractions)
         solution = newton(t, u, here)
-        if solution.status.ok and judge(t, solution.u, here).admissible:
+        if solution.status.ok and check_admissible(t, solution.u, here).admissible:
             estimate = error_estimate.estimate(t, solution.u, here)
             found += [
                 (2 * t.durations_of(solution.u).sum() / row["period"] - 1, estimate.period),
@@ -163,4 +163,4 @@ def test_an_interval_in_which_the_whole_drop_hides_is_not_clear(known):
     assert abs(error_estimate.amplitude_row(t, u)[0] * setting.scale[0] / amplitude - 1) > 5e-4
     points = t.intervals_of(u)[3].reshape(-1, 3)[:, 1] * setting.scale[1] / SERVO.friction.stribeck_velocity
     assert np.exp(-(points[0] ** 2)) - np.exp(-(points[1] ** 2)) > 0.9
-    assert judge(t, u, setting).unclear[3]
+    assert check_admissible(t, u, setting).unclear[3]

@@ -13,11 +13,11 @@ from casahunt.collocation import error_estimate, mesh, remesh
 from casahunt.collocation.ipopt import ipopt
 from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, transcribe
-from casahunt.hybrid.system import Mode
+from casahunt.hybrid.system import VectorMode
 from problems import stuart_landau as sl
 
 DEGREE = 4
-FREE, HELD = Mode("free", still), Mode("held", still, flow=lambda x, T, p: x)
+FREE, HELD = VectorMode("free", still), VectorMode("held", still, flow=lambda x, T, p: x)
 ROUNDING = 1e-13
 
 
@@ -90,7 +90,7 @@ def test_the_measured_state_at_the_ends_of_the_phases():
 TOL = 1e-6
 
 
-def wanted(blame: list[float], shape: list[float], *, changes: int = 0, mode: Mode = FREE) -> np.ndarray:
+def wanted(blame: list[float], shape: list[float], *, changes: int = 0, mode: VectorMode = FREE) -> np.ndarray:
     """The next boundaries of ten equal intervals of one phase, blame in units of the share of an interval."""
     breaks = np.linspace(0, 1, 11)
     t, _, fractions = laid_out(cycle_of(mode), [breaks], [polynomial(1)], (1.0,), degree=DEGREE)
@@ -159,7 +159,7 @@ def uneven(cycle, intervals: int, degree: int, kind: str):
 def test_the_first_order_estimate_is_the_error(cycle, kind, degree, intervals):
     """To a tenth: the next order of the error, and that of the halved mesh, 2^(2d - 1) times smaller."""
     t, u, setting = uneven(cycle, intervals, degree, kind)
-    rough = error_estimate.estimate(t, u, setting, believed=0.0)
+    rough = error_estimate.estimate(t, u, setting, accepted=0.0)
     period = t.durations_of(u).sum() / sl.period(*P_KEPLER) - 1
     amplitude = error_estimate.amplitude_row(t, u)[0] * setting.scale[0] / np.sqrt(P_KEPLER[0]) - 1
     assert abs(period) > 1e-10, "above rounding"
@@ -186,7 +186,7 @@ def test_an_error_of_the_parameter():
         solution = solver(t, u, setting, border=row)
         assert solution.status.ok
         assert t.durations_of(solution.u)[0] == pytest.approx(sl.period(*P_KEPLER), rel=1e-12)
-        e = error_estimate.estimate(t, solution.u, setting.moved(solution.parameter), border=row, believed=0.0)
+        e = error_estimate.estimate(t, solution.u, setting.moved(solution.parameter), border=row, accepted=0.0)
         assert abs(solution.parameter) > 1e-10 and e.parameter == pytest.approx(abs(solution.parameter), rel=0.1)
         assert e.period < 1e-12 and e.error == max(e.parameter, e.amplitude)
 

@@ -16,7 +16,7 @@ from casahunt.collocation.solve import POLISHING, ipopt_then_newton, solve
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation.optimum import optimum
 from casahunt.errors import Status
-from casahunt.orbits.border import curve_border, row_along
+from casahunt.orbits.bordering import curve_border, row_along
 from problems import stuart_landau as sl
 
 SLOW = (0.25e-3, 1.5e-3, 0.8, 0.2)

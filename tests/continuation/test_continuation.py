@@ -14,7 +14,7 @@ from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.cli import main
 from casahunt.continuation import special_points_between
 from casahunt.continuation.special_points import FOLD, user_monitor
-from casahunt.continuation.walk import run, walk, walk_naturally
+from casahunt.continuation.walk import walk, walk_naturally, walk_to_end
 from casahunt.design.diagram import STANDARD, collect, diagram
 from problems import table1
 
@@ -23,7 +23,9 @@ FOLDS = {model: table1.REFERENCE[model]["fold"]["K"] for model in ("switch", "lu
 
 @pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])  # the command does both
 def test_natural_continuation_ends_at_the_fold(orbit, model):
-    orbits, why = run(walk_naturally(orbit(model, 0.5, tol=1e-6), low=0.0321, high=1.0, options=Options(tol=1e-6)))
+    orbits, why = walk_to_end(
+        walk_naturally(orbit(model, 0.5, tol=1e-6), low=0.0321, high=1.0, options=Options(tol=1e-6))
+    )
     assert FOLDS[model] * (1 - 1e-3) < orbits[-1].gain < FOLDS[model] * (1 + 1e-6)
     assert "the branch ends" in why
     assert all(b.gain > a.gain for a, b in itertools.pairwise(orbits))
@@ -32,7 +34,7 @@ def test_natural_continuation_ends_at_the_fold(orbit, model):
 
 def test_natural_continuation_uses_given_range():
     start = find_orbit(Servo(), "switch", 0.1)
-    orbits, why = run(walk_naturally(start, low=0.05, high=0.2, sense=-1.0))
+    orbits, why = walk_to_end(walk_naturally(start, low=0.05, high=0.2, sense=-1.0))
     assert orbits[-1].gain == 0.05
     assert "reached" in why
 
@@ -60,7 +62,7 @@ def test_walk_by_ipopt_alone_down_the_unstable_branch(model):
     """Round the fold by pseudo-arclength, past multipliers of 1e10, to where the diagrams begin."""
     options = Options(solver="ipopt")
     first = find_orbit(Servo(), model, 0.0321, options=options)
-    orbits, why = run(walk(first, low=0.0321, high=10.0, options=options))
+    orbits, why = walk_to_end(walk(first, low=0.0321, high=10.0, options=options))
     assert "reached 0.0321" in why and {o.solver for o in orbits} == {"ipopt"}
     assert max(o.gain for o in orbits) == pytest.approx(FOLDS[model], rel=0.02)
     assert orbits[-1].period == pytest.approx(3318 if model == "switch" else 1273, rel=1e-3)
@@ -106,7 +108,7 @@ def test_walk_passes_through_the_reference_rows(orbit, model):
     for row in table1.REFERENCE[model]["unstable"]:
         if row["K"] > 0.6:
             continue
-        orbits, _ = run(walk(start, low=row["K"], high=10.0, options=Options(tol=1e-9)))
+        orbits, _ = walk_to_end(walk(start, low=row["K"], high=10.0, options=Options(tol=1e-9)))
         # The first pass goes round the fold and comes down onto the bound.
         assert orbits[-1].gain == row["K"]
         assert orbits[-1].amplitude == pytest.approx(row["amplitude"], rel=1e-7)
@@ -115,7 +117,7 @@ def test_walk_passes_through_the_reference_rows(orbit, model):
 
 def test_walk_in_another_parameter(orbit):
     """Stribeck velocity instead of gain: the end agrees with a fresh search there."""
-    orbits, why = run(walk(orbit("switch", 0.3), vary="friction.stribeck_velocity", low=0.01, high=0.025))
+    orbits, why = walk_to_end(walk(orbit("switch", 0.3), vary="friction.stribeck_velocity", low=0.01, high=0.025))
     assert "friction.stribeck_velocity reached 0.025" in why
     fresh = find_orbit(orbits[-1].servo, "switch", 0.3, options=Options(tol=1e-9))
     assert orbits[-1].servo.friction.stribeck_velocity == 0.025
@@ -135,7 +137,7 @@ def test_walk_can_be_resumed_in_either_direction(orbit):
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_a_fold_between_two_orbits_of_a_walk(model):
     """Their units differ; it lies on either side of the highest one, and in no two steps."""
-    orbits, _ = run(walk(find_orbit(Servo(), model, 0.3), low=0.3, high=1.0, options=Options(tol=1e-5)))
+    orbits, _ = walk_to_end(walk(find_orbit(Servo(), model, 0.3), low=0.3, high=1.0, options=Options(tol=1e-5)))
     top = max(range(len(orbits)), key=lambda k: orbits[k].gain)
     found = []
     for before, after in ((orbits[top - 1], orbits[top]), (orbits[top], orbits[top + 1])):
@@ -188,7 +190,6 @@ def test_a_monitor_that_jumps_over_zero(orbit, jump, most):
     monitor, ends = user_monitor("period of 15 s", value), (orbit("switch", 0.3), orbit("switch", 0.4))
     found, missed = special_points_between(*ends, vary="gain", monitors=(monitor,), options=Options())
     assert not missed and abs(found[0].orbit.period - 15) < 1e-6 and len(seen) <= most
-
 
 
 VARIANTS = {

@@ -1,4 +1,4 @@
-"""Folds ahead in batches: what a batch does not reach, or must not be believed in, is followed step by step."""
+"""Folds ahead in batches: what a batch does not reach, or must not be accepted in, is followed step by step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from casahunt import NoOrbit, Options, Servo
 from casahunt.continuation import folds_ahead
 from casahunt.design.fold_curve.curve import fold_curve
-from casahunt.design.fold_curve.points import FoldCurve
+from casahunt.design.fold_curve.data import FoldCurve
 from casahunt.errors import Status
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from casahunt import effort
 from casahunt.continuation import Branch, End, SpecialPoint, follow, largest, special_curve
-from casahunt.continuation.closed import unseen_turns
+from casahunt.continuation.closed_branch import unseen_turns
 from casahunt.continuation.special_points import Monitor
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System

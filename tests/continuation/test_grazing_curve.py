@@ -1,4 +1,4 @@
-"""Cycles that touch an event, in two parameters, against a closed form and an integrator with events."""
+"""Cycles that contact an event, in two parameters, against a closed form and an integrator with events."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 
 from casahunt import InputError, NoOrbit
 from casahunt.continuation import follow, grazing, special_curve
+from casahunt.continuation.grazing_contact import Loose, contacts
 from casahunt.continuation.special_points import SpecialPoint
-from casahunt.continuation.touching import Loose, touches
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
 from problems import belt, impact_oscillator
@@ -40,7 +40,7 @@ def touching(resting):
 
 
 def test_a_grazing_is_found_from_a_cycle_that_keeps_clear(touching):
-    assert touching.kind == "grazing" and "'impact' is touched" in touching.meaning
+    assert touching.kind == "grazing" and "'impact' is grazed" in touching.meaning
     orbit = touching.orbit
     assert orbit.problem.value("A") == pytest.approx(0.1, abs=1e-10)
     assert orbit.extrema("x").high.value == pytest.approx(1.0, abs=1e-9)
@@ -77,7 +77,7 @@ def test_the_same_curve_from_impacts_that_have_lost_their_speed(to):
 
 def two_stops(event: bool) -> System:
     """A stop at x = 1 and another at x = -b, or only a mode that does not hold beyond."""
-    free, = impact_oscillator.SYSTEM.modes
+    (free,) = impact_oscillator.SYSTEM.modes
     lower = Event("knock", lambda x, p: x.x + p.b, -1, to="free", reset=lambda x, p: {"v": -p.e * x.v})
     ends, holds = ((*free.ends, lower), None) if event else (free.ends, lambda x, p: (p.d - x.x) * (x.x + p.b))
     parameters = {"A": 0.08, "b": 1.4, "k": 1.0, "c": 0.1, "w": 1.0, "d": 1.0, "e": 0.8}
@@ -88,7 +88,7 @@ def two_stops(event: bool) -> System:
 @pytest.mark.slow
 @pytest.mark.parametrize("event, words, off", [(True, "'knock'", 1e-4), (False, "no motion of the system", 2e-3)])
 def test_a_grazing_curve_ends_where_another_event_is_touched(event, words, off):
-    """The cycle that touches the upper stop reaches -1: the lower one is in its way from b = 1 on.
+    """The cycle that grazes the upper stop reaches -1: the lower one is in its way from b = 1 on.
 
     Where the mode does not hold there, the cycles beside it, 1e-3 away, must be motions too.
     """
@@ -102,20 +102,20 @@ def test_a_grazing_curve_ends_where_another_event_is_touched(event, words, off):
 
 @pytest.mark.slow
 def test_a_cycle_that_touches_is_judged_by_the_rules_of_the_system():
-    """Nothing is asked of the phase that touches while its root is sought, but of the cycle that is reported."""
+    """Nothing is asked of the phase that grazes while its root is sought, but of the cycle that is reported."""
     branch = follow(find_cycle(two_stops(False), parameters={"A": 1.0, "b": 3.0}, x=0.0, v=0.0), "A", to=0.095)
     (special,) = (special for special in branch.special if special.kind == "grazing")
     curve = special_curve(special, "A", "b", to=0.8, options=TIGHT)
-    assert not curve.complete and "touches 'impact' is no motion of the system" in curve.ended
+    assert not curve.complete and "grazes 'impact' is no motion of the system" in curve.ended
     assert curve.values[-1, 1] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_what_touches_nothing_is_refused(resting):
-    with pytest.raises(NoOrbit, match="touches 'impact' on the way"):
+    with pytest.raises(NoOrbit, match="grazes 'impact' on the way"):
         grazing(resting, "A", "impact", to=0.09)
     with pytest.raises(InputError, match="event"):
         grazing(resting, "A", "knock", to=0.2)
-    with pytest.raises(NoOrbit, match="touches no event"):
+    with pytest.raises(NoOrbit, match="grazes no event"):
         special_curve(SpecialPoint("grazing", resting, ""), "A", "w", to=1.5)
     posed = belt.cycles()
     orbit = next(posed).orbit
@@ -133,7 +133,7 @@ def test_a_cycle_with_a_stop_on_one_side_is_not_symmetric(resting):
     assert resting.repeats == 1
     branch = follow(resting, "A", to=0.11, back=0.05)
     assert branch.special[0].kind == "grazing" and branch.special[0].orbit.problem.value("A") < 0.1001
-    assert touches(resting)[0][0] == pytest.approx(0.2, rel=1e-8)
+    assert contacts(resting)[0][0] == pytest.approx(0.2, rel=1e-8)
 
 
 def damped_slip(x, p):
@@ -169,7 +169,7 @@ def speed_missing(belt_speed, damping):
 
 @pytest.mark.slow
 def test_where_the_stick_vanishes():
-    """Beyond it the block only slips, on an unstable cycle that touches the belt's speed; 3 s for 8 cycles."""
+    """Beyond it the block only slips, on an unstable cycle that grazes the belt's speed; 3 s for 8 cycles."""
     branch = follow(find_cycle(DAMPED, "slip", x=0.7, v=0.59), "belt", to=0.7, options=TIGHT)
     special = branch.special[-1]
     assert special.kind == "grazing"

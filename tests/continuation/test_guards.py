@@ -16,14 +16,14 @@ from casahunt.continuation import (
     bifurcations,
     branch_off,
     follow,
-    recut,
+    poincare_section,
     reunion,
     terminations,
     vanishing,
 )
 from casahunt.errors import Status
 from casahunt.hybrid import Event, Mode, System
-from casahunt.orbits import Options, find_cycle, remarched, sequences, starts
+from casahunt.orbits import Options, find_cycle, other_start, sequences, simulated_phases
 from casahunt.orbits.orbit import unknowns_of
 from problems import belt
 
@@ -215,14 +215,14 @@ def test_a_hopf_point_lies_where_the_amplitude_leads():
 
 
 def test_a_cycle_is_the_same_cut_by_another_plane(van_der_pol):
-    assert recut.cut_by_planes(van_der_pol) and not recut.left_behind(van_der_pol)
-    again = recut.recut(van_der_pol, "mu", OPTIONS)
+    assert poincare_section.cut_by_planes(van_der_pol) and not poincare_section.section_outgrown(van_der_pol)
+    again = poincare_section.with_better_section(van_der_pol, "mu", OPTIONS)
     assert again.period == pytest.approx(van_der_pol.period, rel=1e-7)
 
 
 def test_the_middle_of_a_symmetric_cycle_is_zero(van_der_pol):
     """Not rounding: a symmetry maps the plane x = 0 to itself, and no other."""
-    assert 0.0 in [plane.level for plane in recut._planes(van_der_pol)]
+    assert 0.0 in [plane.level for plane in poincare_section._planes(van_der_pol)]
 
 
 # vanishing.py, sequences.py
@@ -244,16 +244,16 @@ def test_a_long_phase_is_none_that_may_vanish(sticking):
     short = sticking[0]
     assert short.arcs[1].duration < 0.5 * short.arcs[0].duration
     assert short.problem.vanishing(*unknowns_of(short))[0] == 1
-    assert starts.may_vanish([arc.duration for arc in short.arcs]) == 1
-    assert [starts.may_vanish(durations) for durations in ([1.0], [1.0, 0.6], [0.4, 1.0])] == [None, None, 0]
+    assert other_start.may_vanish([arc.duration for arc in short.arcs]) == 1
+    assert [other_start.may_vanish(durations) for durations in ([1.0], [1.0, 0.6], [0.4, 1.0])] == [None, None, 0]
     for first in range(3):
         turned = short.problem.starting_at(first, *unknowns_of(short)) if first else unknowns_of(short)
-        assert (first + starts.strongest(turned)) % 3 == 0
+        assert (first + other_start.strongest(turned)) % 3 == 0
 
 
 def test_a_motion_that_comes_back_is_the_cycle():
     orbit = next(belt.cycles()).orbit
-    again = remarched.marched(orbit.problem.asked(), unknowns_of(orbit))
+    again = simulated_phases.marched(orbit.problem.asked(), unknowns_of(orbit))
     assert orbit.signature in [found[0].cycle.signature for found in again] and len(again) == 2
 
 

@@ -22,9 +22,17 @@ from casahunt.continuation import crossings as crossings_module
 from casahunt.continuation import fold as folds
 from casahunt.continuation import special_points_between
 from casahunt.continuation import walk as walks
-from casahunt.continuation.curve import bend, bent_through, curve_point, ends, parameter_value, predict, secant
+from casahunt.continuation.curve import (
+    bend,
+    bent_through,
+    curve_point,
+    ends,
+    parameter_value,
+    predict,
+    secant_direction,
+)
 from casahunt.continuation.fold import confirmed, located, next_fold, turns_back
-from casahunt.continuation.locating import locate
+from casahunt.continuation.locating import locate_special_point
 from casahunt.continuation.optimum import data_of, fold_conditions
 from casahunt.continuation.special_points import (
     FOLD,
@@ -35,7 +43,7 @@ from casahunt.continuation.special_points import (
     special_point,
     user_monitor,
 )
-from casahunt.continuation.walk import run, step_along, walk, walk_naturally
+from casahunt.continuation.walk import step_along, walk, walk_naturally, walk_to_end
 from casahunt.errors import InputError, Status
 from casahunt.hybrid.system import Cycle
 from casahunt.orbits import adapt
@@ -155,7 +163,7 @@ def test_a_predictor_bent_through_a_correction_leads_there(bent):
     assert told == pytest.approx(lam, abs=1e-14 + corrected**2)
     np.testing.assert_allclose(u, solved.solution.u, rtol=0, atol=1e-13 + 2 * solved.solution.u[-1] * corrected**2)
     # The corrector moves across the tangent alone: the length along it is ds.
-    assert float(point.row @ secant(last, orbit, "c")) == pytest.approx(ds, rel=1e-6)
+    assert float(point.row @ secant_direction(last, orbit, "c")) == pytest.approx(ds, rel=1e-6)
 
 
 @pytest.mark.parametrize(("c", "branch"), [(3.0, 1), (3.0, -1), (3.599, 1)])
@@ -178,21 +186,21 @@ def test_the_tangent(c, branch):
 @pytest.mark.parametrize("solver", ["newton", "ipopt"])
 def test_round_the_fold_and_back(solver):
     options = Options(tol=TOL, solver=solver)
-    orbits, why = run(walk(cycle(3.0), low=2.5, high=9.0, options=options, largest_step=0.2))
+    orbits, why = walk_to_end(walk(cycle(3.0), low=2.5, high=9.0, options=options, largest_step=0.2))
     assert why == "c reached 2.5, the end of the range" and c_of(orbits[-1]) == 2.5
     assert max(map(c_of, orbits)) == pytest.approx(LARGEST, rel=0.02)
     top = max(range(len(orbits)), key=lambda k: c_of(orbits[k]))
     for k, orbit in enumerate(orbits):
         assert_true(orbit, 1 if orbit.amplitude**2 > B / (2 * c_of(orbit)) else -1)
         assert (orbit.amplitude**2 > B / (2 * c_of(orbit))) or k >= top
-    lengths = [np.linalg.norm(secant(a, b, "c")) for a, b in itertools.pairwise(orbits)]
+    lengths = [np.linalg.norm(secant_direction(a, b, "c")) for a, b in itertools.pairwise(orbits)]
     assert max(lengths) < 0.2 * 1.2
     assert orbits[0].error_estimate <= TOL
 
 
 @pytest.mark.parametrize(("share", "taken"), [(-0.5, False), (0.1, False), (0.9, True), (1.4, True), (2.5, False)])
 def test_a_step_ends_about_where_it_was_to_end(monkeypatch, share, taken):
-    """A corrector that comes out at another place of the curve is not believed."""
+    """A corrector that comes out at another place of the curve is not accepted."""
     last, ds = cycle(3.0), 0.05
     point = curve_point(last, "c")
     true = walks.corrected
@@ -214,7 +222,7 @@ def test_a_step_ends_about_where_it_was_to_end(monkeypatch, share, taken):
 def test_natural_steps_are_relative_changes_of_the_parameter():
     way = walk_naturally(cycle(2.0), low=1.5, high=2.6, options=Options(tol=TOL), first_step=0.01, largest_step=0.03)
     began = time.perf_counter()
-    orbits, why = run(way)
+    orbits, why = walk_to_end(way)
     assert 0 < sum(o.wall_s for o in orbits) < time.perf_counter() - began
     values = [2.0, *map(c_of, orbits)]
     steps = [b / a - 1 for a, b in itertools.pairwise(values)]
@@ -227,7 +235,7 @@ def test_natural_steps_are_relative_changes_of_the_parameter():
 
 
 def test_natural_continuation_ends_below_the_fold():
-    orbits, why = run(walk_naturally(cycle(3.59), low=1.0, high=9.0, options=Options(tol=TOL)))
+    orbits, why = walk_to_end(walk_naturally(cycle(3.59), low=1.0, high=9.0, options=Options(tol=TOL)))
     assert "the branch ends at c = 3.5" in why and "fold" in why
     assert LARGEST * (1 - 1e-3) < c_of(orbits[-1]) <= LARGEST
     assert all(b > a for a, b in itertools.pairwise(map(c_of, orbits)))
@@ -244,7 +252,7 @@ def test_the_fold_between_two_cycles(low, high, swap):
     before, after = cycle(low), cycle(high, -1)
     if swap:
         before, after = after, before
-    orbit = locate(before, after, FOLD, vary="c", options=Options(tol=TOL))
+    orbit = locate_special_point(before, after, FOLD, vary="c", options=Options(tol=TOL))
     assert orbit is not None and c_of(orbit) == pytest.approx(LARGEST, rel=TOL)
     assert orbit.amplitude**2 == pytest.approx(B / (2 * LARGEST), rel=1e-7)  # c is of second order in it
     assert turns_back(before, after, "c")
@@ -275,7 +283,7 @@ def test_where_a_function_of_the_users_vanishes(wanted):
 
 
 def test_a_fold_that_is_not_located_is_told(monkeypatch):
-    monkeypatch.setattr(crossings_module, "locate", lambda *_, **__: None)
+    monkeypatch.setattr(crossings_module, "locate_special_point", lambda *_, **__: None)
     before, after = cycle(3.59), cycle(3.595, -1)
     found, (missed,) = special_points_between(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))
     assert not found and missed.kind == "fold" and "c = 3.59 and 3.595" in missed.meaning
@@ -331,7 +339,7 @@ def test_a_step_short_of_the_tolerance_is_none(at_most):
     options = Options(tol=1e-11)
     outcome = step_along(curve_point(rough, "c"), rough, "c", 0.1, 0.0, 9.0, options)
     assert isinstance(outcome, str) and "tolerance" in outcome
-    assert run(walk_naturally(rough, low=2.0, high=4.0, options=options))[0] == []
+    assert walk_to_end(walk_naturally(rough, low=2.0, high=4.0, options=options))[0] == []
 
 
 def test_monitors_vanish_where_they_say():
@@ -396,7 +404,7 @@ def test_a_fold_is_confirmed_or_refused(solver):
 
 def test_a_fold_that_no_step_along_the_branch_finds(monkeypatch):
     """As the optimum next to the larger of the two orbits."""
-    monkeypatch.setattr(folds, "locate", lambda *arguments, **options: None)
+    monkeypatch.setattr(folds, "locate_special_point", lambda *arguments, **options: None)
     special = located(cycle(3.55), cycle(3.58, -1), "c", Options(tol=1e-8))
     assert c_of(special.orbit) == pytest.approx(LARGEST, rel=1e-8)
 

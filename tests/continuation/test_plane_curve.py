@@ -13,10 +13,10 @@ from curve_support import Known
 
 from casahunt import Options
 from casahunt.continuation import two_parameters
-from casahunt.continuation.plane_curve import LOCATED, Place, Reading, follow, tangent_at
+from casahunt.continuation.plane_curve import LOCATED, Evaluation, PlanePoint, follow_curve, tangent_at
 from casahunt.continuation.special_charts import SpecialOrbit
 from casahunt.continuation.special_points import FOLD
-from casahunt.continuation.walk import run
+from casahunt.continuation.walk import walk_to_end
 
 ANGLE = 0.35
 """Between successive tangents, at which steps stay as they are [rad]."""
@@ -38,19 +38,19 @@ class Chart:
     def gradient(self) -> tuple[float, float]:
         return self.slopes(self.x, self.position)
 
-    def value(self, s: float, m: float) -> Reading | str:
+    def value(self, s: float, m: float) -> Evaluation | str:
         for record in self.asked:
             record.append(s)
         found = self.phi(self.x + s, self.position + m)
-        return found if isinstance(found, str) else Reading(found)
+        return found if isinstance(found, str) else Evaluation(found)
 
-    def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
+    def moved(self, s: float, m: float, reading: Evaluation) -> Chart | str:
         return replace(self, x=self.x + s, position=self.position + m)
 
 
-def followed(chart: Chart | Known, **how: float) -> tuple[list[Place], str]:
+def followed(chart: Chart | Known, **how: float) -> tuple[list[PlanePoint], str]:
     """All places and the sentence at the end."""
-    places, generator = [], follow(chart, **{"sense": 1.0, **how})
+    places, generator = [], follow_curve(chart, **{"sense": 1.0, **how})
     while True:
         try:
             places.append(next(generator))
@@ -98,6 +98,7 @@ def test_round_a_circle(sense):
 
 def test_up_an_s_and_down_again():
     """c = x^3 - x/3 turns at x = -1/3 and 1/3; ends on the bounds, exactly."""
+
     def s_curve(x: float) -> Chart:
         return Chart(lambda x, c: c - x**3 + x / 3, lambda x, c: (1 / 3 - 3 * x * x, 1.0), x, x**3 - x / 3, (0.2, 0.2))
 
@@ -135,6 +136,7 @@ def test_a_gradient_that_is_off_costs_secants_alone():
 
 def test_a_bracket_is_closed_down_to_the_curve():
     """Slopes half as steep as they are, on a phi that bends: the first step goes beyond the curve."""
+
     def phi(x: float, c: float) -> float:
         off = x - 2 * c - 0.3 * np.sin(x)
         return off + 3 * off**2
@@ -154,7 +156,7 @@ def test_where_phi_ends_the_curve_is_followed_to_there():
 
 def test_a_place_that_is_none_ends_the_curve():
     class Refusing(Chart):
-        def moved(self, s: float, m: float, reading: Reading) -> Chart | str:
+        def moved(self, s: float, m: float, reading: Evaluation) -> Chart | str:
             return "no orbit" if self.x + s > 0.37 else super().moved(s, m, reading)
 
     whole = line(reach=(0.1, 0.1))
@@ -167,7 +169,7 @@ def test_after_a_failure_steps_stay_short_for_a_while():
     tries: list[bool] = []
 
     class Short(Chart):
-        def value(self, s: float, m: float) -> Reading | str:
+        def value(self, s: float, m: float) -> Evaluation | str:
             tries.append(abs(s) <= 0.06)
             return super().value(s, m) if abs(s) <= 0.06 else "too far"
 
@@ -277,7 +279,7 @@ def test_a_jump_of_the_tangent_is_no_cusp():
 
 def test_where_phi_ends_the_curve_ends():
     class Ending(Known):
-        def value(self, s: float, m: float) -> Reading | str:
+        def value(self, s: float, m: float) -> Evaluation | str:
             return super().value(s, m) if self.position + m < 0.5 else "nothing there"
 
         @property
@@ -297,7 +299,7 @@ def test_a_curve_that_is_lost_is_taken_up_by_another_way(monkeypatch, same):
         task = SimpleNamespace(monitor=FOLD, options=Options())
         sheet = SimpleNamespace(agrees=lambda _: same)
 
-        def value(self, s: float, m: float) -> Reading | str:
+        def value(self, s: float, m: float) -> Evaluation | str:
             return "nothing there" if 0.48 < self.position + m < 0.525 else super().value(s, m)
 
         @property
@@ -320,7 +322,7 @@ def test_a_curve_that_is_lost_is_taken_up_by_another_way(monkeypatch, same):
     # The charts are of a curve in closed form: there is nothing to expand, and no orbit to make a chart of.
     monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
     monkeypatch.setattr(two_parameters, "special_chart", lambda task, at, sheet, m: Gap(at.data / 2, at.data, phi))
-    places, why = run(two_parameters.special_orbits(Gap(0.0, 0.0, phi), sense=1.0, again=again))
+    places, why = walk_to_end(two_parameters.special_orbits(Gap(0.0, 0.0, phi), sense=1.0, again=again))
     c = np.array([place.orbit for place in places])
     assert len(asked) == 1 and 0.525 < asked[0] <= 0.53
     assert (c[-1] == 1.0 and why == "" and asked[0] in c) if same else (0.47 < c[-1] <= 0.48 and why == "nothing there")

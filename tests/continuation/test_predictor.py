@@ -13,8 +13,8 @@ from casahunt.collocation.mesh import halved, phase_breaks, transfer
 from casahunt.collocation.scheme import scheme
 from casahunt.collocation.transcription import transcribe
 from casahunt.continuation import walk as walks
-from casahunt.continuation.curve import bend, bent_through, curve_point, predict, secant, seen_from
-from casahunt.continuation.moving_mesh import Way, by_time, carried, resampled, starts, way_of
+from casahunt.continuation.curve import bend, bent_through, curve_point, predict, secant_direction, seen_from
+from casahunt.continuation.moving_mesh import Progress, by_time, carried, resampled, starts, way_of
 from casahunt.continuation.walk import step_along, walk
 from casahunt.hybrid.examples import ball, belt
 from casahunt.orbits import find_cycle
@@ -41,7 +41,7 @@ def stiff():
 def along(orbits, vary="gain"):
     """The curve at the second of some orbits, bent through the first."""
     before, after = orbits[:2]
-    way = secant(before, after, vary)
+    way = secant_direction(before, after, vary)
     start, end = curve_point(before, vary, like=way), curve_point(after, vary, like=way)
     seen = seen_from(end, after, vary, before.problem.value(vary))
     return replace(end, bend=bend(start, end, seen))
@@ -137,7 +137,7 @@ def test_predictions_keep_the_length_along_the_tangent(stiff, ds):
 def test_a_prediction_goes_back_to_the_point_before(stiff):
     """Through another mesh and back: to what polynomials of a mesh for 1e-6 show between its nodes."""
     point, before = along(stiff), stiff[0]
-    way = secant(before, stiff[1], "gain")
+    way = secant_direction(before, stiff[1], "gain")
     s = -float(point.row @ (way * np.append(before.scale / point.setting.scale, [1.0, 1.0])))
     _, lam, _ = predict(point, s)
     assert stiff[1].problem.moved("gain", lam) == pytest.approx(before.gain, rel=1e-2)
@@ -147,7 +147,7 @@ def test_a_parameter_that_changes_sign_is_no_logarithm():
     """The earlier value of the other sign has no logarithm: nothing is said of the way on."""
     start = find_cycle(belt, "slip", x=0.0, v=0.0)
     after = next(walk(start, vary="belt", low=0.2, high=0.5, options=OPTIONS))
-    way = secant(start, after, "belt")
+    way = secant_direction(start, after, "belt")
     here, there = curve_point(start, "belt", like=way), curve_point(after, "belt", like=way)
     seen = seen_from(there, after, "belt", start.problem.value("belt"))
     assert bend(here, there, seen) is not None
@@ -156,7 +156,7 @@ def test_a_parameter_that_changes_sign_is_no_logarithm():
 
 
 def test_a_state_that_was_zero_has_no_logarithm(stiff):
-    way = secant(stiff[0], stiff[1], "gain")
+    way = secant_direction(stiff[0], stiff[1], "gain")
     here, there = (curve_point(orbit, "gain", like=way) for orbit in stiff[:2])
     seen = seen_from(there, stiff[1], "gain", stiff[0].gain)
     u = here.u.copy()
@@ -178,7 +178,7 @@ def test_the_way_goes_on_where_the_polynomials_do_not_resolve_it(slipping):
 def test_places_come_in_order_across_a_jump_of_the_speed():
     """The cubic with the slopes 1000 and 1 would overshoot its ends."""
     ends = np.array([0.0, 0.5, 1.0])
-    way = Way(ends, ends, np.array([1e-3, 1.0]), np.ones(2))
+    way = Progress(ends, ends, np.array([1e-3, 1.0]), np.ones(2))
     one_phase = SimpleNamespace(first_intervals=np.array([0]))
     fractions = way.fractions(one_phase, np.arange(8) / 8)
     assert fractions.min() > 0 and fractions.sum() == pytest.approx(1.0, abs=1e-14)
@@ -213,9 +213,9 @@ def test_how_much_longer_the_next_step_may_be(stiff, off, iterations, moving, ro
     outcome = step_along(point, stiff[1], "gain", 0.02, 0.0, 1.0, OPTIONS)
     solved = replace(outcome[1], off=off, iterations=iterations)
     assert walks._room(point, solved, OPTIONS) == pytest.approx(room)
-    if moving:  # a sketch knows nothing of errors
+    if moving:  # a provisional orbit knows nothing of errors
         longer = max(min(5 / iterations, 2.0), 1.0 if off <= 0.05 else 0.0)
-        assert walks._room(point, solved, Options(sketched=True)) == pytest.approx(longer)
+        assert walks._room(point, solved, Options(provisional=True)) == pytest.approx(longer)
 
 
 def test_radau_ends_on_its_last_stage():

@@ -20,7 +20,7 @@ from casahunt.continuation.special_points import FOLD, SpecialPoint
 from casahunt.continuation.walk import walk
 from casahunt.errors import Status
 from casahunt.orbits.adapt import finished, solve_adaptively
-from casahunt.orbits.border import curve_border, row_along
+from casahunt.orbits.bordering import curve_border, row_along
 from casahunt.orbits.orbit import Orbit, unknowns_of
 from problems import stuart_landau as sl
 from problems.fixed_sequence import FixedSequence

@@ -14,9 +14,9 @@ from scipy.special import mathieu_a, mathieu_b
 from casahunt import InputError, NoOrbit
 from casahunt.continuation import SpecialPoint, follow, special_curve, two_parameters, user_monitor
 from casahunt.continuation.bifurcations import FLIP, NEIMARK_SACKER
-from casahunt.continuation.plane_curve import Reading
+from casahunt.continuation.plane_curve import Evaluation
 from casahunt.continuation.sheet import Axis, Sheet, sheet_of
-from casahunt.continuation.special_charts import SpecialChart, Task, not_what_it_is_called
+from casahunt.continuation.special_charts import ChartSetting, SpecialChart, not_what_it_is_called
 from casahunt.continuation.special_points import FOLD
 from casahunt.hybrid import Mode, System
 from casahunt.orbits import Options, find_cycle
@@ -320,9 +320,9 @@ def test_a_change_of_the_phases_ends_a_curve(ball):
             return replace(fold, arcs=(*fold.arcs, *fold.arcs))
 
     other = Elsewhere(*(getattr(sheet, name) for name in Sheet.__dataclass_fields__))
-    chart = SpecialChart(Task(FLIP, TIGHT, lambda orbit: orbit), other)
+    chart = SpecialChart(ChartSetting(FLIP, TIGHT, lambda orbit: orbit), other)
     assert "phases of the cycle change" in chart.value(0.1, 0.0)
-    assert isinstance(replace(chart, sheet=sheet).value(0.0, 0.0), Reading)
+    assert isinstance(replace(chart, sheet=sheet).value(0.0, 0.0), Evaluation)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from casahunt import NoOrbit, Servo, effort, find_orbit
 from casahunt.continuation import FOLD
 from casahunt.design import diagram as design
-from casahunt.orbits.side_by_side import ORBITS_AHEAD
+from casahunt.orbits.batched_multipliers import ORBITS_AHEAD
 from casahunt.servo.problem import HuntingOrbit
 
 START, GAINS = 0.2, [0.21 + 0.01 * k for k in range(11)]
@@ -64,7 +64,7 @@ def test_the_sentence_at_the_end(monkeypatch, count):
 
 @pytest.mark.parametrize(("monitors", "ahead"), [(design.STANDARD, ORBITS_AHEAD), ((FOLD,), 1)])
 def test_how_far_ahead(monkeypatch, monitors, ahead):
-    """As many as are computed side by side; where no multipliers are asked for, none, and none are computed."""
+    """As many as are computed in batches; where no multipliers are asked for, none, and none are computed."""
     orbit.cache_clear()
     reached = walking(monkeypatch, GAINS, "that is all")
     points = design.diagram(Servo(), "switch", start=START, monitors=monitors)

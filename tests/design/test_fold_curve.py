@@ -11,7 +11,7 @@ import pytest
 from casahunt import InputError, NoOrbit, Options, Servo, find_fold
 from casahunt.continuation import SpecialPoint, special_curve, two_parameters
 from casahunt.design.fold_curve.curve import fold_curve, unfed
-from casahunt.design.fold_curve.points import FoldCurve, hermite
+from casahunt.design.fold_curve.data import FoldCurve, cubic_through_points
 from casahunt.errors import Status
 
 TOL = 1e-8
@@ -20,7 +20,13 @@ TOL = 1e-8
 @cache
 def curve(model: str, vary: str, start: float, end: float, tol: float = TOL, points: int = 9) -> FoldCurve:
     return fold_curve(
-        Servo(), model, vary=vary, start=start, end=end, points=points, options=Options(tol=tol)  # type: ignore[arg-type]
+        Servo(),
+        model,
+        vary=vary,
+        start=start,
+        end=end,
+        points=points,
+        options=Options(tol=tol),  # type: ignore[arg-type]
     )
 
 
@@ -68,7 +74,7 @@ def test_neighbours_agree_with_the_slopes():
     """The cubic of every other point and its slopes meets the points left out: to 1e-4 of the gain or better."""
     found = curve("switch", "friction.static", 0.48, 0.6)
     half = replace(found, points=found.points[::2])
-    q, K = hermite(half, samples=400)
+    q, K = cubic_through_points(half, samples=400)
     left_out = found.points[1 : len(half.points) * 2 - 2 : 2]
     assert left_out
     for point in left_out:

@@ -17,8 +17,8 @@ from casahunt.continuation.sheet import Axis
 from casahunt.continuation.special_charts import SpecialOrbit
 from casahunt.continuation.special_points import FOLD
 from casahunt.design.fold_curve.curve import fold_curve
+from casahunt.design.fold_curve.data import FoldCurve, FoldPoint, as_found
 from casahunt.design.fold_curve.files import load_curve, save_curve
-from casahunt.design.fold_curve.points import FoldCurve, FoldPoint, as_found
 from casahunt.errors import Status
 from casahunt.servo.saved import INTERRUPTED
 
@@ -54,7 +54,7 @@ def test_a_curve_round_a_cusp_goes_on_where_it_was_interrupted(monkeypatch, firs
     # No servo is known to have a cusp: charts of one in closed form stand for those of its folds.
     monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
     monkeypatch.setattr(two_parameters, "chart_at", again)
-    monkeypatch.setattr("casahunt.design.fold_curve.curve._Task.fold", fold)
+    monkeypatch.setattr("casahunt.design.fold_curve.curve._FoldCurveTask.fold", fold)
 
     def computed(begun: Sequence[FoldPoint], most: int = 1000) -> tuple[list[FoldPoint], FoldCurve | None]:
         seen: list[FoldPoint] = []

@@ -175,8 +175,8 @@ def test_nothing_is_believed_that_is_not_confirmed(folds, monkeypatch):
 
         def doubts(t, u, settings):
             meshes.append(t.intervals)
-            believed = (t.intervals > meshes[0]) != halves
-            return honest(t, u, settings) & (believed | (settings.p[:, 4] != rows[1, 4]))
+            accepted = (t.intervals > meshes[0]) != halves
+            return honest(t, u, settings) & (accepted | (settings.p[:, 4] != rows[1, 4]))
 
         return doubts
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Measurement, Record, measure
-from casahunt.design.record.marks import REACH, Marks
 from casahunt.design.record.period import LONGEST, PARTS, SCALES, find_period, gridded
-from casahunt.design.record.shape import equal_parts
-from casahunt.design.record.verdict import Periods, by_chance, chi_square, judge, settled
+from casahunt.design.record.period_marks import REACH, Marks
+from casahunt.design.record.verdict import Periods, by_chance, chi_square, judge_record, settled
+from casahunt.design.record.waveform import number_of_equal_parts
 
 T100 = np.arange(0, 100, 0.02)
 
@@ -304,9 +304,15 @@ def test_how_often_noise_is_as_regular_as_that(k):
     rng = np.random.default_rng(k)
     sine = np.tile(np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100), (k, 1))
     trials = LONGEST * k * 2 * (1 + len(SCALES)) * (1 + len(PARTS))
-    chances = np.array([
-        by_chance(divided(sine, 10 * rng.uniform(1 - REACH, 1 + REACH, k), rng.rayleigh(1, k))) for _ in range(1000)
-    ]) / trials
+    chances = (
+        np.array(
+            [
+                by_chance(divided(sine, 10 * rng.uniform(1 - REACH, 1 + REACH, k), rng.rayleigh(1, k)))
+                for _ in range(1000)
+            ]
+        )
+        / trials
+    )
     for share in (0.3, 0.1, 0.03):  # what happens with this probability happens so often, or less
         assert np.mean(chances <= share) <= share + 3 * math.sqrt(share / 1000)
 
@@ -371,9 +377,9 @@ def test_three_periods_taken_for_one():
     for begin in (10, 43, 77):
         wave[:, begin : begin + 16] = 1.0
     wave = np.repeat(wave - wave.mean(), 100, axis=1).reshape(4, 100, 99).mean(axis=2)  # 99 bins -> 100
-    assert equal_parts(wave, 0.0) == 1
-    assert equal_parts(wave, 0.06) == 3
-    assert equal_parts(wave[:1], 0.06) == 1
+    assert number_of_equal_parts(wave, 0.0) == 1
+    assert number_of_equal_parts(wave, 0.06) == 3
+    assert number_of_equal_parts(wave[:1], 0.06) == 1
 
 
 def divided(waves, lengths=None, sizes=None) -> Periods:
@@ -389,22 +395,22 @@ def test_periods_must_be_alike(noise, k, kind):
     rng = np.random.default_rng(k)
     sine = np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100)
     waves = sine + noise * math.sqrt(0.5) * rng.standard_normal((k, 100))
-    assert judge(divided(waves))[0] == kind
+    assert judge_record(divided(waves))[0] == kind
 
 
 def test_one_period_that_is_not_alike():
     waves = np.tile(np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100), (30, 1))
-    assert judge(divided(waves))[0] == "hunting"
+    assert judge_record(divided(waves))[0] == "hunting"
     waves[11] *= -1
-    kind, reason = judge(divided(waves))
+    kind, reason = judge_record(divided(waves))
     assert kind == "irregular" and "one by -1.00" in reason
 
 
 def test_periods_and_amplitudes_that_scatter():
     waves = np.tile(np.sin(2 * np.pi * (np.arange(100) + 0.5) / 100), (8, 1))
     uneven = np.array([8.0, 12, 9, 11.5, 8, 12, 8, 11])
-    assert judge(divided(waves, lengths=uneven)) == ("irregular", "the periods scatter by 19% of their mean")
-    kind, reason = judge(divided(waves, sizes=uneven**4))
+    assert judge_record(divided(waves, lengths=uneven)) == ("irregular", "the periods scatter by 19% of their mean")
+    kind, reason = judge_record(divided(waves, sizes=uneven**4))
     assert kind == "irregular" and "the amplitudes scatter by" in reason
 
 
@@ -413,7 +419,7 @@ def test_marks_that_skip_half_of_the_record():
     found = divided(waves)
     whole = np.array([True, False] * 4)
     half = Periods(replace(found.marks, whole=whole), waves[whole], found.lengths[whole], found.sizes[whole])
-    kind, reason = judge(half)
+    kind, reason = judge_record(half)
     assert kind == "irregular" and "of the time divides into periods" in reason
     gaps = replace(half.marks, gapped=~whole)
-    assert judge(replace(half, marks=gaps))[0] == "hunting"
+    assert judge_record(replace(half, marks=gaps))[0] == "hunting"

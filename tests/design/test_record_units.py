@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, cli, read_record
-from casahunt.design.record.units import split_header, unit_of
+from casahunt.design.record.units import parsed_unit, split_header
 
 DEG, MIN = math.pi / 180, 60.0
 ROWS = [(0.0, 1.0), (1.0, 2.5), (2.0, -4.0)]
@@ -103,7 +103,7 @@ def test_units_that_are_stated(tmp_path):
 def test_stated_units_that_are_none(tmp_path, text):
     with pytest.raises(InputError, match="^time-unit: "):
         read_record(file(tmp_path, ""), time_unit=text)
-    assert unit_of("angle", "deg").factor == DEG
+    assert parsed_unit("angle", "deg").factor == DEG
 
 
 def test_columns_are_found_by_name(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 
 from casahunt import find_fold
 from casahunt.cli import main
-from casahunt.design.tune import check, given
+from casahunt.design.tune import best_gain, check
 from casahunt.design.tune.check import scanned
 from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.tasks import until_decided, waits
@@ -82,7 +82,7 @@ def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
 def test_a_worse_servo_than_the_worst_joins(unscanned, monkeypatch, servo):
     """A search that stops too early is found out by the corners, and goes on from there."""
     box = Uncertainty({"friction.static": (0.525, 0.535)})
-    from casahunt.design.tune import given as tune_given
+    from casahunt.design.tune import best_gain as tune_given
 
     search = tune_given.worst_corner
 
@@ -147,10 +147,12 @@ def test_a_motion_that_grows_speaks_against_a_tuning(servo, plain):
 def test_a_servo_joins_once(servo):
     """The same but for rounding is no new one, and a search that finds nothing new ends."""
     near, worse = (servo.replace(**{"friction.static": value}) for value in (0.53 * (1 + 1e-10), 0.53 * (1 + 1e-8)))
-    assert given._same(servo, near) and not given._same(servo, worse) and given._same(servo, worse, rtol=1e-6)
+    assert (
+        best_gain._same(servo, near) and not best_gain._same(servo, worse) and best_gain._same(servo, worse, rtol=1e-6)
+    )
     search = SimpleNamespace(folds={}, free=(), members=[servo])
     for each, new in ((near, False), (worse, True), (worse, False)):
-        assert given.Given.join(search, WorstCase(each, None, {}, 1), np.zeros(2)) is new
+        assert best_gain.Given.join(search, WorstCase(each, None, {}, 1), np.zeros(2)) is new
     assert search.members == [servo, worse]
 
 

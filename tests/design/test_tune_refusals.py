@@ -10,10 +10,10 @@ from tuning import TIME, crossover_phase
 
 from casahunt import Options, find_fold
 from casahunt.cli import main
+from casahunt.design.tune.best_gain import Given, Outlook
 from casahunt.design.tune.demands import Demands, check_bounds
-from casahunt.design.tune.given import Given, Outlook
-from casahunt.design.tune.problem import Point
-from casahunt.design.tune.search import Search
+from casahunt.design.tune.problem import TuningPoint
+from casahunt.design.tune.search import TuningSearch
 from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
 from casahunt.errors import InputError, NoOrbit
@@ -65,7 +65,7 @@ def test_a_feasible_task_is_not_refused(unscanned, servo):
     assert found.gain == pytest.approx(1.1 * fold.gain, rel=1e-5) and found.gain_only is None
 
 
-def searched(servo, monkeypatch, v) -> Search:
+def searched(servo, monkeypatch, v) -> TuningSearch:
     """A search over the lead time, v [ln K or rad] a function of ln(tau_d/TIME)."""
     bounds = {"lead_time": (TIME / 2, 2 * TIME)}
     given = Given(servo, "switch", Demands(), None, ("lead_time",), bounds, "gain", Options())
@@ -76,7 +76,7 @@ def searched(servo, monkeypatch, v) -> Search:
 
     # v as a function in closed form: how deep its well is decides, which folds of a servo do not let one choose.
     monkeypatch.setattr(given, "outlook", outlook)
-    return Search(given)
+    return TuningSearch(given)
 
 
 def test_that_it_cannot_be_met_is_said_with_evidence_only(servo, monkeypatch):
@@ -97,7 +97,7 @@ def test_times_are_found_where_ipopt_gives_up(unscanned, monkeypatch, servo):
     """The search without derivatives takes over; the optimum is at a corner of the bounds, which it reaches."""
 
     def gives_up(r):
-        return Point(r.q, r.k, np.zeros(4), False, "Maximum_Iterations_Exceeded")
+        return TuningPoint(r.q, r.k, np.zeros(4), False, "Maximum_Iterations_Exceeded")
 
     # No problem is known that IPOPT does not solve.
     monkeypatch.setattr("casahunt.design.tune.search.solve_round", gives_up)

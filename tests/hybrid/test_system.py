@@ -7,18 +7,19 @@ import pickle
 import numpy as np
 import pytest
 
-from casahunt.hybrid.system import Cycle, Event, Mode, Phase
+from casahunt.hybrid.system import Cycle, Phase, VectorEvent, VectorMode
 
 LAWS = {
-    "right": Mode("right", abs, unsplit="both"), "left": Mode("left", abs, unsplit="both"), "both": Mode("both", abs),
-    "rest": Mode("rest", abs),
+    "right": VectorMode("right", abs, unsplit="both"), "left": VectorMode("left", abs, unsplit="both"),
+    "both": VectorMode("both", abs),
+    "rest": VectorMode("rest", abs),
 }  # fmt: skip
 
 
 def cycle(*phases: str, jumps: bool = False) -> Cycle:
     """A cycle of these modes; with a jump at the end of the first phase."""
     made = tuple(
-        Phase(LAWS[mode], Event(f"from {mode}", abs), abs if jumps and k == 0 else None)
+        Phase(LAWS[mode], VectorEvent(f"from {mode}", abs), abs if jumps and k == 0 else None)
         for k, mode in enumerate(phases)
     )
     return Cycle("here and there", ("x",), (), made, np.eye(1), 1)
@@ -42,7 +43,7 @@ def test_a_jump_is_more_than_a_kink():
 def test_a_hash_that_is_known_does_not_travel():
     """Functions and strings have other hashes in another process: a record that came from there would never be met."""
     phase = cycle("right", "left").phases[0]
-    assert hash(phase) == hash(Phase(phase.mode, Event("from right", abs)))
+    assert hash(phase) == hash(Phase(phase.mode, VectorEvent("from right", abs)))
     assert "_hash" in vars(phase)
     assert "_hash" in vars(phase.mode)
     arrived = pickle.loads(pickle.dumps(phase))

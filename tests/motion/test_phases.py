@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from casahunt.collocation.scheme import scheme
-from casahunt.hybrid.system import Event, Exit, Mode, System
+from casahunt.hybrid.system import Exit, VectorEvent, VectorMode, VectorSystem
 from casahunt.motion.interval_newton import newton_steps
-from casahunt.motion.march_exits import end_of_flow, flow_to, locate
-from casahunt.motion.march_step import Foretold, Stepper
-from casahunt.motion.march_watch import TooLong, Watch, _first_beyond
+from casahunt.motion.march_exits import end_of_flow, flow_to, locate_exit
+from casahunt.motion.march_step import ExtrapolatedStages, Stepper
+from casahunt.motion.march_watch import EventWatch, TooLong, _first_beyond
 from casahunt.motion.phases import MarchFailure, Segment, march
 from casahunt.motion.sensitivity import forward_sensitivity
 
@@ -31,8 +31,9 @@ def swing(x: Any, p: Any, sign: Any) -> Any:
 def marched(
     *exits: Exit, start: float, mode: str = "swing", flow: Any = None, max_time: float = np.inf
 ) -> list[Segment]:
-    system = System(
-        "pendulum", ("y", "v", "t"), {"swing": Mode("swing", swing), "clock": Mode("clock", swing, flow=flow)},
+    system = VectorSystem(
+        "pendulum", ("y", "v", "t"),
+        {"swing": VectorMode("swing", swing), "clock": VectorMode("clock", swing, flow=flow)},
         {"swing": exits, "clock": exits},
     )  # fmt: skip
     x = np.array([math.sin(start), math.cos(start), start])
@@ -42,8 +43,8 @@ def marched(
     )  # fmt: skip
 
 
-END = Exit(Event("end", lambda x, duration, p: (x[2] - 10) / 10), +1, lambda x, p: "swing", mark=True)
-DOWN = Event("down", lambda x, duration, p: x[0])
+END = Exit(VectorEvent("end", lambda x, duration, p: (x[2] - 10) / 10), +1, lambda x, p: "swing", mark=True)
+DOWN = VectorEvent("down", lambda x, duration, p: x[0])
 
 
 def test_an_event_that_leads_back_into_its_own_mode_is_passed():
@@ -55,8 +56,8 @@ def test_an_event_that_leads_back_into_its_own_mode_is_passed():
     assert segment.event == "end"
     np.testing.assert_allclose(segment.end, [math.sin(10), math.cos(10), 10], atol=1e-9)
     inner = segment.w[:, :3]
-    touched = [k * math.pi for k in (1, 3)]
-    assert [min(abs(inner[:, 2] - t)) < 1e-9 for t in touched] == [True, True]
+    grazed = [k * math.pi for k in (1, 3)]
+    assert [min(abs(inner[:, 2] - t)) < 1e-9 for t in grazed] == [True, True]
     assert len(segment.w) < 60
 
 
@@ -72,10 +73,10 @@ def test_exits_of_a_closed_form():
     def flow(x: Any, T: Any, p: Any) -> Any:
         return ca.vertcat(x[0] * ca.cos(T) + x[1] * ca.sin(T), x[1] * ca.cos(T) - x[0] * ca.sin(T), x[2] + T)
 
-    late = Exit(Event("end", lambda x, duration, p: x[2] - 2), +1, lambda x, p: "clock")
-    soon = Exit(Event("end", lambda x, duration, p: x[2] ** 3 - 1), +1, lambda x, p: "clock")
-    falling = Exit(Event("end", lambda x, duration, p: x[2] - 0.7), -1, lambda x, p: "clock")
-    past = Exit(Event("end", lambda x, duration, p: x[2] - 0.2), +1, lambda x, p: "clock")
+    late = Exit(VectorEvent("end", lambda x, duration, p: x[2] - 2), +1, lambda x, p: "clock")
+    soon = Exit(VectorEvent("end", lambda x, duration, p: x[2] ** 3 - 1), +1, lambda x, p: "clock")
+    falling = Exit(VectorEvent("end", lambda x, duration, p: x[2] - 0.7), -1, lambda x, p: "clock")
+    past = Exit(VectorEvent("end", lambda x, duration, p: x[2] - 0.2), +1, lambda x, p: "clock")
     (segment,) = marched(late, soon, falling, past, start=0.5, mode="clock", flow=flow)
     assert segment.duration == pytest.approx(0.5, rel=1e-13)
     np.testing.assert_allclose(segment.end, [math.sin(1), math.cos(1), 1], rtol=1e-13)
@@ -86,13 +87,15 @@ def test_exits_of_a_closed_form():
 @pytest.mark.parametrize("unit", [1.0, 1e10, 1e-10])
 def test_of_two_exits_of_a_closed_form_the_first_is_taken(unit: float) -> None:
     """In any unit: of a linear event rounding is left, however large."""
-    ramp = Mode("ramp", swing, flow=lambda x, T, p: x + unit / 0.7 * T)
+    ramp = VectorMode("ramp", swing, flow=lambda x, T, p: x + unit / 0.7 * T)
     for levels in ((1.3, 2.0), (2.0, 1.3), (2.0, -1.0, 1.3)):
         exits = tuple(
-            Exit(Event(str(level), lambda x, T, p, at=level * unit: x[0] - at), +1, lambda x, p: "ramp", mark=True)
+            Exit(
+                VectorEvent(str(level), lambda x, T, p, at=level * unit: x[0] - at), +1, lambda x, p: "ramp", mark=True
+            )
             for level in levels
         )
-        system = System("ramp", ("x",), {"ramp": ramp}, {"ramp": exits})
+        system = VectorSystem("ramp", ("x",), {"ramp": ramp}, {"ramp": exits})
         for start in np.linspace(-0.9, 0.9, 8):
             x = np.full(1, start * unit)
             (found,) = march(system, "ramp", x, NO_PARAMETERS, scale=np.full(1, unit), until=lambda s: True)
@@ -101,10 +104,10 @@ def test_of_two_exits_of_a_closed_form_the_first_is_taken(unit: float) -> None:
 
 def test_an_event_that_a_closed_form_does_not_change_is_no_exit() -> None:
     """x[1] stays: no time is its end; one that is only nearly known stays as it is."""
-    still = Exit(Event("still", lambda x, T, p: x[1] - 5), +1, lambda x, p: "ramp")
-    ramp, x = Mode("ramp", swing, flow=lambda x, T, p: x + ca.vertcat(T, 0)), np.zeros(2)
+    still = Exit(VectorEvent("still", lambda x, T, p: x[1] - 5), +1, lambda x, p: "ramp")
+    ramp, x = VectorMode("ramp", swing, flow=lambda x, T, p: x + ca.vertcat(T, 0)), np.zeros(2)
     assert end_of_flow(ramp, (still,), x, NO_PARAMETERS) is None
-    late = Exit(Event("late", lambda x, T, p: x[0] - 3), +1, lambda x, p: "ramp")
+    late = Exit(VectorEvent("late", lambda x, T, p: x[0] - 3), +1, lambda x, p: "ramp")
     found = end_of_flow(ramp, (still, late), x, NO_PARAMETERS)
     assert found is not None and found[:2] == (pytest.approx(3.0, rel=1e-13), late)
     for way_out, duration in ((late, 3.0), (still, 2.9), (None, 2.9)):
@@ -118,20 +121,20 @@ def test_what_is_no_number_is_no_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(x: Any, duration: Any, p: Any) -> Any:  # by series: at one state; by intervals: see `at`
         return np.nan if isinstance(x, np.ndarray) and x.ndim == 1 else x[2] - 1
 
-    monkeypatch.setattr(Watch, "at", lambda self, x: ([math.nan], [math.nan]))
+    monkeypatch.setattr(EventWatch, "at", lambda self, x: ([math.nan], [math.nan]))
     with pytest.raises(MarchFailure, match="'end' cannot be located at 0.[45]"):
-        marched(Exit(Event("end", broken), +1, lambda x, p: "swing", mark=True), start=0.5)
+        marched(Exit(VectorEvent("end", broken), +1, lambda x, p: "swing", mark=True), start=0.5)
 
 
 def test_of_two_exits_next_to_each_other_the_first_is_taken() -> None:
     # On straight lines one interval is as long as one likes: both exits lie between the same two watched times.
     for late, early in ((0.50001, 0.5), (0.5, 0.50001)):
-        line = Mode("line", lambda x, p, sign: ca.vertcat(1.0, 1.0))
+        line = VectorMode("line", lambda x, p, sign: ca.vertcat(1.0, 1.0))
         exits = (
-            Exit(Event("x", lambda x, T, p, late=late: x[0] - late), +1, lambda x, p: "line", mark=True),
-            Exit(Event("y", lambda x, T, p, early=early: x[1] - early), +1, lambda x, p: "line", mark=True),
+            Exit(VectorEvent("x", lambda x, T, p, late=late: x[0] - late), +1, lambda x, p: "line", mark=True),
+            Exit(VectorEvent("y", lambda x, T, p, early=early: x[1] - early), +1, lambda x, p: "line", mark=True),
         )
-        system = System("line", ("x", "y"), {"line": line}, {"line": exits})
+        system = VectorSystem("line", ("x", "y"), {"line": line}, {"line": exits})
         found = march(system, "line", np.zeros(2), np.zeros(0), scale=np.ones(2), until=lambda s: True)
         assert found[0].event == ("y" if early < late else "x")
         assert found[0].duration == pytest.approx(0.5, abs=1e-12)
@@ -155,8 +158,8 @@ def test_an_interval_by_compiled_steps_and_by_numpy(n: int) -> None:
     """Few equations are factorised in the compiled function, many by numpy: the same interval."""
     stepper, x = stepper_of(ring, 2 * n), np.linspace(0.3, 1.1, 2 * n)
     assert (newton_steps(stepper.field, 2 * n, 1, 7, "radau") is None) == (n == 4)
-    found = stepper(x, Foretold(x), 0.5, 1e-14)
-    truth = stepper._factorised(x, Foretold(x), 0.5, 1e-30)
+    found = stepper(x, ExtrapolatedStages(x), 0.5, 1e-14)
+    truth = stepper._factorised(x, ExtrapolatedStages(x), 0.5, 1e-30)
     assert found is not None and truth is not None
     np.testing.assert_allclose(found.stages, truth.stages, atol=1e-14)
     np.testing.assert_allclose(found.end, truth.end, atol=1e-14)
@@ -167,17 +170,17 @@ def test_an_interval_beyond_which_there_is_no_number() -> None:
     """The largest of some numbers and none is a number: where stages leave the domain of the field is no interval."""
     stepper = stepper_of(lambda x: ca.vertcat(-1, ca.sqrt(x[0])), 2)
     x = np.array([1.0, 0.0])
-    good = stepper(x, Foretold(x), 0.5, 1e-12)
+    good = stepper(x, ExtrapolatedStages(x), 0.5, 1e-12)
     assert good is not None and good.end[1] == pytest.approx((1 - 0.5**1.5) * 2 / 3, rel=1e-6)
-    assert stepper(x, Foretold(x), 1.5, 1e-12) is None
+    assert stepper(x, ExtrapolatedStages(x), 1.5, 1e-12) is None
 
 
 def test_a_zero_pivot_is_no_interval() -> None:
     """At h a_11 f' = 1 the factors without pivoting do not exist; a shorter interval is solved."""
     stepper, x = stepper_of(lambda x: ca.vertcat(x[0]), 1), np.array([1.0])
     h = 1 / scheme(7, "radau").matrix[0, 0]
-    assert stepper(x, Foretold(x), h, 1e-12) is None
-    short = stepper(x, Foretold(x), 0.1, 1e-12)
+    assert stepper(x, ExtrapolatedStages(x), h, 1e-12) is None
+    short = stepper(x, ExtrapolatedStages(x), 0.1, 1e-12)
     assert short is not None and short.end[0] == pytest.approx(math.exp(0.1), rel=1e-13)
 
 
@@ -204,30 +207,30 @@ class Counting:
 def test_steps_that_do_not_shrink_are_given_up_early() -> None:
     """x' = 1 + x^2 has no solution beyond pi/2."""
     counting, x = Counting(stepper_of(lambda x: 1 + x[0] ** 2, 1)), np.array([0.0])
-    assert counting(x, Foretold(x), 3.0, 1e-12) is None and counting.triggers <= 2
+    assert counting(x, ExtrapolatedStages(x), 3.0, 1e-12) is None and counting.triggers <= 2
 
 
 def test_a_crossing_that_true_intervals_do_not_confirm_is_given_up_early() -> None:
     """The polynomial at hand crosses, the motion y = sin t does not: the bracket is not halved to nothing."""
-    high = Exit(Event("high", lambda x, duration, p: x[0] - 2), +1, lambda x, p: "swing")
+    high = Exit(VectorEvent("high", lambda x, duration, p: x[0] - 2), +1, lambda x, p: "swing")
     counting, start = Counting(stepper_of(lambda x: ca.vertcat(x[1], -x[0]), 2)), np.array([0.0, 1.0])
-    watch = Watch((high,), None, counting)  # type: ignore[arg-type]
+    watch = EventWatch((high,), None, counting)  # type: ignore[arg-type]
     stages = np.stack([4 * scheme(7, "radau").stages, np.ones(7)], axis=1).ravel()
-    assert locate(watch, high, 0.5625, start, stages, 1.0) is None and counting.calls <= 4
+    assert locate_exit(watch, high, 0.5625, start, stages, 1.0) is None and counting.calls <= 4
 
 
 @pytest.mark.parametrize("look", [1, 2, 3, 9, 15, 16])
 def test_an_exit_is_located_by_few_intervals(look: int) -> None:
     """x = tan t, between any two looks at its interval: Newton's method on true ones."""
     counting, start, h = Counting(stepper_of(lambda x: 1 + x[0] ** 2, 1)), np.array([0.0]), 0.4
-    solved = counting(start, Foretold(start), h, 1e-20)
+    solved = counting(start, ExtrapolatedStages(start), h, 1e-20)
     for part in (-0.5, 1e-6, 0.5, 1 - 1e-6, 1.5):  # of the way from the look before; beyond it the polynomial strays
         time = h * (look - 1 + part) / 16
         if not 0 < time < h:
             continue
-        way_out = Exit(Event("out", lambda x, T, p, at=time: ca.atan(x[0]) - at), +1, lambda x, p: "swing")
-        watch, counting.calls = Watch((way_out,), None, counting), 0  # type: ignore[arg-type]
-        found = locate(watch, way_out, look / 16, start, solved.stages, h)
+        way_out = Exit(VectorEvent("out", lambda x, T, p, at=time: ca.atan(x[0]) - at), +1, lambda x, p: "swing")
+        watch, counting.calls = EventWatch((way_out,), None, counting), 0  # type: ignore[arg-type]
+        found = locate_exit(watch, way_out, look / 16, start, solved.stages, h)
         assert found is not None and found[0] == pytest.approx(time, abs=1e-13) and counting.calls <= 4
 
 
@@ -279,7 +282,7 @@ def test_a_phase_along_series_has_the_intervals_that_are_asked_for() -> None:
 
 def test_more_intervals_than_there_may_be_are_refused_at_once() -> None:
     """Where a bound of their number allows too many, they are counted before anybody asks for them."""
-    system = System("pendulum", ("y", "v", "t"), {"swing": Mode("swing", swing)}, {"swing": (END,)})
+    system = VectorSystem("pendulum", ("y", "v", "t"), {"swing": VectorMode("swing", swing)}, {"swing": (END,)})
 
     def run(most: int, degree: int) -> list[Segment]:
         return march(
@@ -295,7 +298,7 @@ def test_more_intervals_than_there_may_be_are_refused_at_once() -> None:
 
 def test_an_event_that_changes_by_rounding_alone_is_no_exit() -> None:
     """m(t) = m - k x t - Fs with x = 1e-17: far away, with slopes that are rounding, of whatever sign, in any unit."""
-    ramp = Mode("ramp", swing, flow=lambda x, T, p: ca.vertcat(x[0], x[1] - x[0] * T))
+    ramp = VectorMode("ramp", swing, flow=lambda x, T, p: ca.vertcat(x[0], x[1] - x[0] * T))
     x = np.array([1.0, 0.0])
     for unit in (1.0, 1e10, 1e-10):
         for m in np.linspace(-0.6, 0.5, 23):
@@ -304,7 +307,7 @@ def test_an_event_that_changes_by_rounding_alone_is_no_exit() -> None:
                 def far(x, T, p, m=m, slope=slope, unit=unit):
                     return unit * ((m - 0.53) + slope * x[1])
 
-                exit_ = Exit(Event("far", far), +1, lambda x, p: "ramp", mark=True)
+                exit_ = Exit(VectorEvent("far", far), +1, lambda x, p: "ramp", mark=True)
                 found = end_of_flow(ramp, (exit_,), x, NO_PARAMETERS)
                 assert found is None or found[0] > 1e13
 
@@ -315,8 +318,8 @@ def test_how_the_end_of_a_phase_moves():
     def field(x: Any, p: Any, sign: Any) -> Any:
         return ca.vertcat(x[1], -p[0] * x[0])
 
-    end = Exit(Event("down", lambda x, duration, p: x[0]), -1, lambda x, p: "swing", mark=True)
-    system = System("spring", ("y", "v"), {"swing": Mode("swing", field)}, {"swing": (end,)})
+    end = Exit(VectorEvent("down", lambda x, duration, p: x[0]), -1, lambda x, p: "swing", mark=True)
+    system = VectorSystem("spring", ("y", "v"), {"swing": VectorMode("swing", field)}, {"swing": (end,)})
     k, scale = 1.7, np.array([0.5, 2.0])
     p, w = np.array([k]), math.sqrt(k)
     (segment,) = march(system, "swing", np.array([0.3, 0.4]), p, scale=scale, until=lambda _: True, tol=1e-12)

@@ -17,7 +17,7 @@ HIGH_GAIN = {"K": 47.0}
 @pytest.mark.parametrize("x", [1.0, 0.1])
 def test_no_cycle_is_sought_in_the_rounding_of_a_motion_at_rest(x):
     """The bristle creeps for thousands of seconds, and turns back with v = 1e-19 behind that."""
-    with pytest.raises(NoOrbit, match="was met: the motion comes to rest") as refusal:
+    with pytest.raises(NoOrbit, match="was found: the motion comes to rest") as refusal:
         find_cycle(canudas_gain.SYSTEM, "backwards", parameters=HIGH_GAIN, x=x, v=0.0, w=0.0, z=0.0)
     assert "fold" not in str(refusal.value)  # there is a cycle at this gain: tries on the way say nothing of it
 
@@ -65,5 +65,5 @@ def test_one_that_decays_comes_to_rest():
 
 @pytest.mark.parametrize("stiff", [False, True])
 def test_it_is_said_of_a_motion_that_repeats_only_because_it_rests(stiff):
-    with pytest.raises(NoOrbit, match="was met: the motion comes to rest"):
+    with pytest.raises(NoOrbit, match="was found: the motion comes to rest"):
         find_cycle(_two_modes(0.1, stiff), "back", x=1.0, v=0.0, y=1.0)

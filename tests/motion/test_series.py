@@ -63,8 +63,8 @@ def test_what_has_no_rule_has_no_series(kink: Any) -> None:
 
 
 def marched(field: Any, x: list[float], duration: float, tol: float = 1e-8, **of_mode: Any) -> Segment:
-    mode = engine.Mode("free", lambda x, p, sign: ca.vertcat(*field(x)), **of_mode)
-    system = engine.System("free", tuple(f"x{i}" for i in range(len(x))), {"free": mode}, {"free": ()})
+    mode = engine.VectorMode("free", lambda x, p, sign: ca.vertcat(*field(x)), **of_mode)
+    system = engine.VectorSystem("free", tuple(f"x{i}" for i in range(len(x))), {"free": mode}, {"free": ()})
     (segment,) = march(
         system, "free", np.array(x), np.zeros(0), scale=np.ones(len(x)), until=lambda s: True, tol=tol,
         max_time=duration,
@@ -84,8 +84,8 @@ def test_an_oscillator_for_sixteen_turns(tol: float, error: float) -> None:
 def test_the_mesh_of_a_motion(degree: int, kind: Any) -> None:
     """Every interval is resolved as it was asked for, none is needlessly short, stages lie on the motion."""
     tol, s = 1e-6, scheme(degree, kind)
-    swing = engine.Mode("swing", lambda x, p, sign: ca.vertcat(x[1], -x[0]))
-    form = engine.System("swing", ("y", "v"), {"swing": swing}, {"swing": ()})
+    swing = engine.VectorMode("swing", lambda x, p, sign: ca.vertcat(x[1], -x[0]))
+    form = engine.VectorSystem("swing", ("y", "v"), {"swing": swing}, {"swing": ()})
     (found,) = march(
         form, "swing", np.array([0.0, 1.0]), np.zeros(0), scale=np.ones(2), until=lambda s: True, tol=tol,
         degree=degree, kind=kind, max_time=30.0,
@@ -143,13 +143,15 @@ def test_a_step_is_right_where_its_polynomial_is_the_motion() -> None:
         assert not march_series._is_right(of, other, length, theta)
 
 
-def way(width: float, to: float, at: float = 5.0) -> engine.System:
+def way(width: float, to: float, at: float = 5.0) -> engine.VectorSystem:
     """x' = 1 + a bump, up to a place."""
 
-    runs = engine.Mode("runs", lambda x, p, sign: ca.vertcat(1 + HIGH * ca.exp(-(((x[0] - at) / width) ** 2))),
+    runs = engine.VectorMode("runs", lambda x, p, sign: ca.vertcat(1 + HIGH * ca.exp(-(((x[0] - at) / width) ** 2))),
                        feature=lambda x, p: np.exp(-(((x[0] - at) / width) ** 2)))  # fmt: skip
-    there = engine.Exit(engine.Event("there", lambda x, T, p: (x[0] - to) / 10), +1, lambda x, p: "runs", mark=True)
-    return engine.System("way", ("x",), {"runs": runs}, {"runs": (there,)})
+    there = engine.Exit(
+        engine.VectorEvent("there", lambda x, T, p: (x[0] - to) / 10), +1, lambda x, p: "runs", mark=True
+    )
+    return engine.VectorSystem("way", ("x",), {"runs": runs}, {"runs": (there,)})
 
 
 def time_to(width: float, to: float, at: float = 5.0) -> float:
@@ -215,7 +217,7 @@ def test_a_start_without_a_series() -> None:
 def test_a_stiff_mode_that_nobody_calls_stiff() -> None:
     """x' = -k (x - sin t) + cos t, x = sin t: 1e5 steps of a series, and a few dozen intervals."""
     k = 1e5
-    with effort.watched(None) as watch:
+    with effort.counting_work(None) as watch:
         found = marched(lambda x: (-k * (x[0] - ca.sin(x[1])) + ca.cos(x[1]), 1.0), [0.0, 0.0], 10.0, 1e-8)
     assert found.end[0] == pytest.approx(math.sin(10), abs=1e-8)
     assert watch.work < 200 * effort.MARCHED

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from oscillator import START, VAN_DER_POL, assert_period, van_der_pol
 
-from casahunt.collocation.admissibility import judge
+from casahunt.collocation.admissibility import check_admissible
 from casahunt.errors import InputError, NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.motion import simulate
@@ -217,7 +217,7 @@ def through_zero(to):
 
 
 def test_an_event_that_leads_on_may_be_passed_inside_a_phase():
-    """A function that returns the mode's own name says that it was only touched."""
+    """A function that returns the mode's own name says that it was only grazed."""
     orbit = find_cycle(through_zero(lambda x, p: "swings"), x=0.9, v=0.3, tol=1e-8)
     assert orbit.period == pytest.approx(2 * math.pi, rel=1e-12)
     assert orbit.extrema("x").high.value == pytest.approx(1 / abs(0.2 - 1 + 0.5j), rel=1e-8)
@@ -233,7 +233,7 @@ def test_where_an_event_may_have_been_passed_the_intervals_are_unclear(top, uncl
     w[:, :, 0] = -1.0 / setting.scale[0]
     middle = t.degree // 2
     w[0, middle : middle + 2, 0] = top / setting.scale[0]
-    verdict = judge(t, u, setting)
+    verdict = check_admissible(t, u, setting)
     assert not verdict.violated and verdict.unclear[0] == unclear and not verdict.unclear[1:].any()
 
 

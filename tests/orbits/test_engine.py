@@ -70,7 +70,7 @@ def test_followed_in_the_belts_speed():
 def test_kept_in_a_file(tmp_path):
     orbit = found()
     archive.save_orbit(orbit, tmp_path / "belt.npz")
-    loaded = archive.load_orbit(
+    loaded = archive.read_orbit(
         tmp_path / "belt.npz", lambda record: replace(belt.PROBLEM, values=tuple(record["parameters"].values()))
     )
     assert loaded.problem == orbit.problem and loaded.period == orbit.period
@@ -79,14 +79,14 @@ def test_kept_in_a_file(tmp_path):
     with np.load(tmp_path / "belt.npz") as file:
         arrays = dict(file)
     np.savez(tmp_path / "more.npz", **arrays, notes=np.zeros(3))
-    assert archive.load_orbit(tmp_path / "more.npz", lambda record: orbit.problem).period == orbit.period
+    assert archive.read_orbit(tmp_path / "more.npz", lambda record: orbit.problem).period == orbit.period
     np.savez(tmp_path / "flat.npz", **{**arrays, "numbers": arrays["numbers"][None]})
     with pytest.raises(InputError, match="2 dimensions"):
-        archive.load_orbit(tmp_path / "flat.npz", lambda record: orbit.problem)
+        archive.read_orbit(tmp_path / "flat.npz", lambda record: orbit.problem)
     for name in arrays:
         np.savez(tmp_path / "fewer.npz", **{name: arrays[name]})
         with pytest.raises(InputError, match="it has no metadata"):
-            archive.load_orbit(tmp_path / "fewer.npz", lambda record: orbit.problem)
+            archive.read_orbit(tmp_path / "fewer.npz", lambda record: orbit.problem)
 
 
 def test_a_cycle_of_one_problem_is_never_solved_as_anothers():

@@ -12,8 +12,8 @@ import pytest
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle
+from casahunt.orbits.event_passage import passed, turning_values
 from casahunt.orbits.orbit import Orbit, unknowns_of
-from casahunt.orbits.passage import passed, turning_values
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 

@@ -15,8 +15,8 @@ from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.errors import InputError, Status
 from casahunt.orbits import adapt, floquet, map_chain, multiplier_mesh
 from casahunt.orbits.adapt import finished, refined, solve_adaptively
-from casahunt.orbits.border import curve_border
-from casahunt.orbits.graded import _cut, spectrum
+from casahunt.orbits.bordering import curve_border
+from casahunt.orbits.graded import _limited, spectrum
 from casahunt.orbits.marched_mesh import remeshed
 from casahunt.orbits.orbit import Orbit, orbit_of, unknowns_of
 from problems import belt
@@ -93,7 +93,9 @@ def test_the_interval_that_misses_the_flow_is_cut():
     setting = replace(setting, fractions=fractions)
     solution = newton(t, u, setting)
     assert solution.status.ok
-    found = multiplier_mesh._Solved((t, solution.u, setting), map_chain.collocation_chain(t, solution.u, setting))
+    found = multiplier_mesh._SolvedForMultipliers(
+        (t, solution.u, setting), map_chain.collocation_chain(t, solution.u, setting)
+    )
     defects = found.chain.flow_defects()
     others = np.arange(13) != 5
     assert 4**11 / 30 < defects[5] / np.median(defects[others]) < 4**11 * 30
@@ -271,7 +273,7 @@ def test_a_motion_on_a_mesh_for_the_tolerance():
     assert float(t.durations_of(u)[0]) == float(place[0].durations_of(place[1])[0])
     _, fine = start(intervals=40, degree=5)
     assert remeshed(fine, Options(tol=1e-4)) is fine
-    rest = estimate(*fine, believed=0.0).indicators.sum()
+    rest = estimate(*fine, accepted=0.0).indicators.sum()
     assert rest <= 1e-4
 
 
@@ -378,5 +380,5 @@ def test_where_a_sequence_has_stopped_being_a_motion(helps, soft, border):
 
 def test_subnormal_values_beside_one_that_is_cut():
     """The quotient of a subnormal number by its modulus is a direction, not an overflow."""
-    found = _cut(np.array([1e10 + 0j, 5e-324j]), 600)
+    found = _limited(np.array([1e10 + 0j, 5e-324j]), 600)
     assert found[0] == pytest.approx(CUT) and 0 < found[1].imag < 1e-130

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casahunt.orbits.qr_chain import FACTORS_AT_ONCE, LARGEST_COMPILED, MANY_AT_ONCE, left_behind, swept
+from casahunt.orbits.qr_chain import FACTORS_AT_ONCE, LARGEST_COMPILED, MANY_AT_ONCE, carried_backwards, swept
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, LARGEST_COMPILED, LARGEST_COMPILED + 1])
@@ -39,7 +39,7 @@ def test_entries_of_any_size(size: float) -> None:
 def test_a_row_carried_backwards(n: int, count: int) -> None:
     rng = np.random.default_rng(n)
     steps, z = np.triu(rng.standard_normal((count, n, n))), rng.standard_normal(n)
-    found = left_behind(steps, z)
+    found = carried_backwards(steps, z)
     for k in range(count - 1, -1, -1):
         assert np.allclose(found[k] / np.linalg.norm(found[k]), z / np.linalg.norm(z), rtol=1e-9, atol=1e-12)
         z = z @ steps[k]
@@ -49,4 +49,4 @@ def test_a_row_carried_backwards(n: int, count: int) -> None:
 def test_a_row_that_ends() -> None:
     """A factor that nothing comes through: zero before it, and no division by that."""
     steps = np.array([np.eye(2), np.zeros((2, 2)), np.eye(2)])
-    assert np.array_equal(left_behind(steps, np.array([1.0, 2.0])), [[0, 0], [0.5, 1], [1, 2]])
+    assert np.array_equal(carried_backwards(steps, np.array([1.0, 2.0])), [[0, 0], [0.5, 1], [1, 2]])

@@ -7,10 +7,10 @@ import pytest
 
 from casahunt.collocation.mesh import evaluate_phase
 from casahunt.collocation.transcription import Setting, transcribe
-from casahunt.hybrid.system import Cycle, Event, Mode, Phase
+from casahunt.hybrid.system import Cycle, Phase, VectorEvent, VectorMode
 from casahunt.motion.phases import Segment
 from casahunt.orbits.restart import breaks_of, from_segments, piece, relabelled
-from casahunt.orbits.sequences import joined
+from casahunt.orbits.sequences import joined_phases
 
 DEGREE = 4
 ROUNDING = 1e-12
@@ -19,7 +19,7 @@ DURATIONS = (1.0, 0.4, 2.0)
 
 
 def cycle_of(phases: int, name: str = "known") -> Cycle:
-    free, end = Mode("free", lambda x, p, sign: 0 * x), Event("end", lambda x, T, p: T - 1)
+    free, end = VectorMode("free", lambda x, p, sign: 0 * x), VectorEvent("end", lambda x, T, p: T - 1)
     return Cycle(name, ("a", "b"), ("c",), (Phase(free, end),) * phases, np.eye(2), 1)
 
 
@@ -69,7 +69,7 @@ def test_a_phase_that_shrinks_to_nothing_is_taken_out(middle):
     for k in range(3):
         breaks, w, duration = piece(t, u, setting, k)
         parts.append(Segment("free", "end", duration, breaks, w, w[-1, -2:]))
-    whole, lasts = joined(parts), max(middle, 0.0)
+    whole, lasts = joined_phases(parts), max(middle, 0.0)
     assert whole.duration == pytest.approx(3.0 + lasts, rel=ROUNDING) and len(whole.w) == (8 if middle > 0 else 6)
     stages = t.scheme.points
     times = whole.duration * (whole.breaks[:-1, None] + np.diff(whole.breaks)[:, None] * stages)
@@ -88,8 +88,8 @@ def test_the_same_unknowns_for_another_cycle():
 
 def test_a_motion_becomes_the_unknowns_of_a_cycle():
     """Two passes through one segment, the second mirrored, and a rest in closed form between them."""
-    rest = Mode("rest", lambda x, p, sign: 0 * x, flow=lambda x, T, p: x)
-    end = Event("end", lambda x, T, p: T - 1)
+    rest = VectorMode("rest", lambda x, p, sign: 0 * x, flow=lambda x, T, p: x)
+    end = VectorEvent("end", lambda x, T, p: T - 1)
     free = cycle_of(1).phases[0]
     cycle = Cycle("there and back", ("a", "b"), ("c",), (free, Phase(rest, end), free), np.eye(2), 1)
     t, u, setting = start()

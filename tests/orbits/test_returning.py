@@ -16,7 +16,7 @@ from casahunt.hybrid import Event, Mode, System
 from casahunt.motion.segment import NoEnd
 from casahunt.orbits import find_cycle
 from casahunt.orbits.returning import Returning
-from casahunt.orbits.watching import MOST_LOOKS, NotMet, cut, watched
+from casahunt.orbits.watching import MOST_LOOKS, NotFound, section_of, watch_motion
 from problems import rossler
 
 
@@ -25,9 +25,9 @@ def test_where_a_motion_is_cut_does_not_hang_on_rounding(more):
     """All states of a symmetric motion go from minus their size to plus their size: none is the largest."""
     system = van_der_pol()
     p = np.array(list(system.parameters.values()))
-    seen = watched(system, "smooth", np.array([2.0, 0.0]), p, "gauss")
+    seen = watch_motion(system, "smooth", np.array([2.0, 0.0]), p, "gauss")
     seen = seen._replace(late=seen.late * np.array([[1.0], [1.0 + more]]))
-    ((section,), turning) = cut(system, seen, p)
+    ((section,), turning) = section_of(system, seen, p)
     assert section.state == "x" and turning is None
 
 
@@ -40,14 +40,14 @@ def refused(system: System, sentence: str, **start: float) -> None:
 @pytest.mark.parametrize("start", [{"x": 1.0, "v": 0.0}, {"x": 0.0, "v": 0.0}])
 def test_a_motion_that_comes_to_rest(start):
     damped = System("damped", ("x", "v"), {}, (Mode("free", lambda x, p: {"x": x.v, "v": -0.3 * x.v - x.x}),))
-    refused(damped, "^no cycle of damped was met: the motion comes to rest", **start)
+    refused(damped, "^no cycle of damped was found: the motion comes to rest", **start)
 
 
 def test_a_block_that_sticks_for_ever():
     """It slips to where static friction holds it on a belt that stands."""
     slip = Mode("slip", lambda x, p: {"x": x.v, "v": 1 - x.x}, ends=(Event("stops", lambda x, p: x.v, -1, to="stick"),))
     stick = Mode("stick", flow=lambda x, t, p: {"x": x.x, "v": 0})
-    refused(System("block", ("x", "v"), {}, (slip, stick)), "^no cycle of block was met: .* rest", x=0.0, v=0.1)
+    refused(System("block", ("x", "v"), {}, (slip, stick)), "^no cycle of block was found: .* rest", x=0.0, v=0.1)
 
 
 def test_an_unstable_cycle_next_to_the_start():
@@ -123,7 +123,7 @@ SECOND = 4e4
 
 def refusal_of(system: System, **asked) -> tuple[str, float]:
     """(the sentence, seconds of work that it has cost)."""
-    with effort.watched(None) as watch, pytest.raises(NoOrbit) as refusal:
+    with effort.counting_work(None) as watch, pytest.raises(NoOrbit) as refusal:
         find_cycle(system, **asked)
     assert refusal.value.status is Status.NOT_FOUND
     return str(refusal.value), watch.work / SECOND
@@ -166,7 +166,7 @@ def test_a_torus_is_no_cycle():
 
     torus = System("torus", ("x", "y", "u", "w"), {}, (Mode("smooth", field),))
     said, seconds = refusal_of(torus, x=1.0, y=0.1, u=0.5, w=0.0)
-    assert said.startswith("no cycle of torus was met") and seconds < 8
+    assert said.startswith("no cycle of torus was found") and seconds < 8
 
 
 def test_it_says_how_long_it_watched():
@@ -218,9 +218,9 @@ def searched(field, span: float, looks: int) -> Returning:
 def test_a_motion_is_looked_at_again_and_not_for_ever():
     """x' = 1 until the time is over, and x'' = -x for more intervals than are waited: another look, up to the last."""
     drift, swing = (lambda x, p: {"x": 1.0, "v": 0.0}), (lambda x, p: {"x": x.v, "v": -x.x})
-    for field, span, why in ((drift, 1.0, NotMet), (swing, 1e6, NoEnd)):
+    for field, span, why in ((drift, 1.0, NotFound), (swing, 1e6, NoEnd)):
         search = searched(field, span, MOST_LOOKS - 1)
         search.marched(1)
         assert search.looks == MOST_LOOKS and not search.segments
-        with pytest.raises(why, match="does not meet another event" if why is NotMet else "no exit after"):
+        with pytest.raises(why, match="does not meet another event" if why is NotFound else "no exit after"):
             search.marched(1)

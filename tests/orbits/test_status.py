@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, Status, find_orbit
-from casahunt.collocation.admissibility import judge
+from casahunt.collocation.admissibility import check_admissible
 from casahunt.collocation.error_estimate import estimate
 from casahunt.collocation.ipopt import ipopt
 from casahunt.collocation.newton import newton
@@ -63,7 +63,7 @@ def test_wrong_sequence_is_inadmissible(orbit):
     nodes = t.nodes_of(u)
     wrong = Hunting("switch", Servo(), 0.3).cycle((("slip-", "stop"), ("stick", "breakaway-")), 2)
     other = transcribe(wrong, t.counts, t.degree, t.kind)
-    verdict = judge(other, other.pack(t.intervals_of(u), nodes, t.durations_of(u)), setting)
+    verdict = check_admissible(other, other.pack(t.intervals_of(u), nodes, t.durations_of(u)), setting)
     assert not verdict.admissible
     assert "slip-" in verdict.violated
 
@@ -74,9 +74,9 @@ def test_a_stick_that_holds_more_than_static_friction_is_none(orbit):
     Along the stick |m| is largest at its end, so the condition 1 - |m|/Fs falls to 1 - 1/0.9.
     """
     t, u, setting = unknowns_of(orbit("switch", 0.3))
-    assert judge(t, u, setting).admissible
+    assert check_admissible(t, u, setting).admissible
     weaker = setting.p * np.where(np.arange(setting.p.size) == PARAMETERS.index("friction.static"), 0.9, 1.0)
-    verdict = judge(t, u, replace(setting, p=weaker))
+    verdict = check_admissible(t, u, replace(setting, p=weaker))
     assert not verdict.admissible and verdict.phase == 1
     assert "phase 2 is no stick" in verdict.violated
     assert float(verdict.violated.rpartition(" ")[2]) == pytest.approx(1 - 1 / 0.9, rel=1e-2)
@@ -89,7 +89,7 @@ def test_too_coarse_a_mesh_is_not_clear(orbit):
     from casahunt.collocation.mesh import transfer
 
     coarse, u, fractions = transfer(t, u, setting.fractions, [np.array([0.0, 1.0])], target=coarse)
-    verdict = judge(coarse, u, replace(setting, fractions=fractions))
+    verdict = check_admissible(coarse, u, replace(setting, fractions=fractions))
     assert verdict.unclear.any()
 
 

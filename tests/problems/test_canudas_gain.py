@@ -8,12 +8,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt.continuation import branch_off, follow
-from casahunt.continuation.curve import curve_point, secant
+from casahunt.continuation.curve import curve_point, secant_direction
 from casahunt.continuation.reunion import MUCH_NEARER, _minus_one_next_to, met_at, reunion
 from casahunt.continuation.walk import step_along
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.adapt import finished, solve_adaptively
-from casahunt.orbits.border import curve_border
+from casahunt.orbits.bordering import curve_border
 from casahunt.orbits.orbit import unknowns_of
 from problems import canudas_gain
 
@@ -99,7 +99,7 @@ def assert_met_from_any_step(pair) -> None:
     """However far a step goes past the symmetric cycle, the point at which the pair meets in it is the same."""
     options, met = Options(tol=canudas_gain.TOL), []
     before = pair.orbits[-3]
-    way = secant(before, pair.orbits[-2], "K")
+    way = secant_direction(before, pair.orbits[-2], "K")
     for length in np.linalg.norm(way) * np.arange(1.0, 3.5, 0.1):
         outcome = step_along(curve_point(before, "K", like=way), before, "K", length, 40.0, 100.0, options)
         found = None if isinstance(outcome, str) else reunion(before, outcome[0], options.tol)
@@ -120,7 +120,7 @@ def test_a_reversal_that_dies_is_located_from_both_sides():
     assert dies.kind == is_born.kind == "grazing" and not up.missed and not down.missed
     K = dies.orbit.problem.value("K")
     assert is_born.orbit.problem.value("K") == pytest.approx(K, rel=1e-6)
-    # At the touch the velocity comes to zero inside the phase, and the motion goes on in it.
+    # At the contact the velocity comes to zero inside the phase, and the motion goes on in it.
     (arc,) = dies.orbit.arcs
     assert_flown(dies.orbit)
     speeds = np.abs(arc.states[1:, 0, 1])

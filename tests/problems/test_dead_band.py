@@ -20,7 +20,7 @@ KP, KD, KI, J, FS, FC, VS, B = (PARAMETERS[name] for name in ("kp", "kd", "ki", 
 
 @pytest.fixture(scope="module")
 def branch():
-    with effort.watched(None, limit=LARGEST_WORK) as watch:
+    with effort.counting_work(None, limit=LARGEST_WORK) as watch:
         found = follow(dead_band.stable_cycle(), "delta", to=1.0, back=NARROW, options=Options(tol=TOL))
     assert watch.work > 0
     return found

@@ -12,7 +12,7 @@ import pytest
 from archived import ORBITS, assert_same, computed, refusal
 
 from casahunt import Branch, Options, Servo, SpecialPoint, find_orbit, walk
-from casahunt.design.diagram_files import Task, begun
+from casahunt.design.diagram_files import DiagramTask, saved_points
 from casahunt.design.fold_curve.files import load_curve
 from casahunt.hybrid.examples import belt
 from casahunt.orbits import load_orbit as load_cycle
@@ -41,7 +41,7 @@ def test_files_of_an_earlier_version():
     now = find_orbit(Servo(), "switch", 0.1)
     assert orbit.period == pytest.approx(now.period, rel=3 * orbit.period_error + now.period_error)
     assert cycle.period == pytest.approx(12.001031294830579, rel=1e-9)  # problems/belt.py
-    points, ended, lopsided = begun(Task(Servo(), None, Options(tol=1e-3), False), "switch", OLD)
+    points, ended, lopsided = saved_points(DiagramTask(Servo(), None, Options(tol=1e-3), False), "switch", OLD)
     assert lopsided == ()
     fold = next(special for point in points for special in point.special if special.kind == "fold")
     assert len(points) == 3 and "the end of the range" in ended and (fold.at, fold.vary) == (None, "")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli
-from casahunt.servo.basin import basin, follow, stick_position
+from casahunt.servo.basin import basin, stick_position, until_settled
 from problems import table1
 from problems.taylor import switch_half_cycle
 
@@ -62,7 +62,7 @@ def test_the_outer_motion_starts_half_way_to_the_outer_cycle():
 def test_what_becomes_of_a_motion(monkeypatch, P, start, stable, hunting, outcome):
     """Maps made by hand; the border is at 1."""
     monkeypatch.setattr(sys.modules[basin.__module__], "map_at", lambda _, __, a: SimpleNamespace(position=P(a)))
-    found = follow(Servo(), "switch", 0.1, start, 1.0, hunting, stable=stable, swings=40)
+    found = until_settled(Servo(), "switch", 0.1, start, 1.0, hunting, stable=stable, swings=40)
     assert found.outcome == outcome and found.positions[0] == start
 
 

@@ -16,10 +16,10 @@ from casahunt.motion.phases import MarchFailure, Segment
 from casahunt.orbits.marched_mesh import start_from_motion
 from casahunt.servo import cold_start
 from casahunt.servo import find_orbit as orbits
-from casahunt.servo.event_map import near as near_by
+from casahunt.servo.event_map import secant_search as near_by
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap, half_cycle
-from casahunt.servo.event_map.near import FAR_OFF, MUCH_LONGER, near_stable, near_typical
+from casahunt.servo.event_map.secant_search import FAR_OFF, MUCH_LONGER, near_stable, near_typical
 from casahunt.servo.problem import Hunting
 from problems import table1
 

@@ -12,7 +12,7 @@ from map_support import map_fold, peak
 from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.collocation.scheme import scheme
 from casahunt.motion.march_step import Stepper
-from casahunt.motion.march_watch import Watch
+from casahunt.motion.march_watch import EventWatch
 from casahunt.servo.cycles import system_of
 from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map.fixed_points import fixed_points
@@ -301,7 +301,9 @@ def test_what_a_watched_interval_hides_of_a_servo():
     p, scale = table1.servo().parameters(0.1), np.array([0.01, 1.0, 0.05, 2e-5])
     system = system_of("lugre", p.size).vector_form
     mode = system.modes["slide+"]
-    watch = Watch(system.exits["slide+"], mode.feature, Stepper(mode.field, scheme(7, "radau"), p, scale, mode.sign))
+    watch = EventWatch(
+        system.exits["slide+"], mode.feature, Stepper(mode.field, scheme(7, "radau"), p, scale, mode.sign)
+    )
     start, end = np.array([-1.0, 0.0, 0.0, 0.0]), np.array([-0.9, 0.5, 0.0, 0.0])
     for fastest, hidden in ((0.01, False), (0.5, True)):
         stages = start + np.linspace(0.1, 1, 7)[:, None] * np.array([0.1, fastest, 0.0, 0.0])

@@ -16,7 +16,7 @@ from casahunt.continuation.fold import confirmed, next_fold
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.event_map.half_cycle import StickMap
-from casahunt.servo.event_map.near import near_stable
+from casahunt.servo.event_map.secant_search import near_stable
 from casahunt.servo.find_fold import find_any_orbit
 from casahunt.servo.hunting import Model
 from casahunt.servo.linear_loop import routh_hurwitz_gain

@@ -14,7 +14,7 @@ from casahunt import NoOrbit, Options, Servo, Status, cli, find_fold, find_orbit
 from casahunt.collocation.linearisation import Linearisation
 from casahunt.continuation.walk import walk
 from casahunt.servo import find_orbit as searching
-from casahunt.servo.basin import basin, follow
+from casahunt.servo.basin import basin, until_settled
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import scan
 from problems import table1
@@ -157,7 +157,7 @@ def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsy
     # A start 1 % beside it is "arrived" at a stable cycle after one swing; in truth it leaves, and comes to rest.
     a = 1.01 * amplitude
     start = (servo, "switch", 1.1773, a, found.border, found.outer_position)
-    assert follow(*start, stable=found.outer.stable, swings=100).outcome == "settles"
+    assert until_settled(*start, stable=found.outer.stable, swings=100).outcome == "settles"
     swings = 0
     while a > 0.5 * found.border and swings < 100:
         a, swings = abs(switch_half_cycle(servo, 1.1773, a)[0]), swings + 1
@@ -292,7 +292,7 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
     with pytest.raises(NoOrbit, match="turn back at .* in a second fold") as refused:
         searching._deny_below([near, past, farther], fold, gain, "stable", Options())
     assert refused.value.status is None
-    # Where a cycle was met at a smaller gain, that fold is not the end of them.
+    # Where a cycle was found at a smaller gain, that fold is not the end of them.
     lowest = searching.confirmed_between(near, past, Options(), sense=-1.0)
     monkeypatch.setattr(searching, "confirmed_between", lambda *_, **__: lowest)
     searching._deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())

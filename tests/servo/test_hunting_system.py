@@ -12,9 +12,9 @@ import pytest
 
 from casahunt import effort
 from casahunt.continuation import follow, largest
+from casahunt.continuation.broken_symmetry import _whole
 from casahunt.continuation.special_points import GRAZING
 from casahunt.continuation.vanishing import solved_at
-from casahunt.continuation.whole import _whole
 from casahunt.errors import NoOrbit
 from casahunt.hybrid.system import Exit
 from casahunt.motion import simulate
@@ -60,7 +60,7 @@ def test_any_users_search_finds_the_servos_orbit(form: Servo, model, K):
 def test_the_search_ends_with_the_first_returns(form: Servo, model, K):
     """On half a cycle, with the work of a few turns of the motion; one that settles takes several times it."""
     mode, start = STARTS[model]
-    with effort.watched(None) as watch:
+    with effort.counting_work(None) as watch:
         orbit = find_cycle(hunting_system(form, model, K), mode, start=start, follow="gain", tol=1e-9)
     assert orbit.repeats == 2 and watch.work < {"switch": 700, "lugre": 13_000}[model]
 
@@ -106,7 +106,7 @@ def lugre_cycle(K: float, x1: float):
 def test_its_branch_goes_over_weak_reversals():
     """Reversals come and go, and the field has but a kink there: that is said, and nothing is spent on it."""
     orbit = lugre_cycle(0.1, -0.02)
-    with effort.watched(None, limit=6e4):  # three times as many where every touch is located
+    with effort.counting_work(None, limit=6e4):  # three times as many where every touch is located
         branch = follow(orbit, "gain", to=2.0, back=0.1, options=Options(tol=1e-6))
     (fold,) = branch.special
     assert fold.kind == "fold" and fold.value == pytest.approx(REFERENCE["lugre"]["fold"]["K"], rel=1e-6)

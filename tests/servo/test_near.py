@@ -11,7 +11,7 @@ from casahunt import Options, Servo, find_orbit
 from casahunt.servo import find_orbit as orbits
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.half_cycle import StickMap, half_cycle
-from casahunt.servo.event_map.near import BESIDE_A_CYCLE, climbed, near_stable
+from casahunt.servo.event_map.secant_search import BESIDE_A_CYCLE, climbed, near_stable
 from problems import table1
 
 FOLD = table1.REFERENCE["switch"]["fold"]["K"]

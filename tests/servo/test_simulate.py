@@ -12,7 +12,7 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Servo, Status, Trajectory, cli, simulate
 from casahunt.motion.phases import MarchFailure
-from casahunt.servo.simulation.simulate import _Run
+from casahunt.servo.simulation.simulate import _Marcher
 from problems import taylor
 
 TABLE_1 = Servo()
@@ -329,7 +329,7 @@ def test_wrong_input(model, gain, more, words):
 
 def test_a_march_that_fails_is_reported(monkeypatch):
     """Coarser motions are tried first; where two can be had, the tolerance is not claimed."""
-    real, seen = _Run.__call__, []
+    real, seen = _Marcher.__call__, []
 
     def failing(self, tau):
         seen.append(tau)
@@ -337,7 +337,7 @@ def test_a_march_that_fails_is_reported(monkeypatch):
             raise MarchFailure("no end")
         return real(self, tau)
 
-    monkeypatch.setattr(_Run, "__call__", failing)
+    monkeypatch.setattr(_Marcher, "__call__", failing)
     limit = 1.0
     with pytest.raises(NoOrbit, match="the motion of the switch servo at gain 0.04 was not computed: no end"):
         simulate(TABLE_1, "switch", 0.04, time=5.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from casahunt import Servo, simulate
-from casahunt.servo.simulation.prospect import settles
+from casahunt.servo.simulation.long_run import settles
 from casahunt.servo.simulation.small_swings import creeps, distance
 
 

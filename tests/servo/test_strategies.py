@@ -74,6 +74,7 @@ def test_the_tables_name_their_strategies(name):
 
 def test_a_refusal_lists_motions_and_fold(monkeypatch):
     """Patched, so that one way after the other fails."""
+
     def lost(*arguments, **options):
         raise NoOrbit("lost", Status.NOT_CONVERGED)
 
@@ -82,7 +83,7 @@ def test_a_refusal_lists_motions_and_fold(monkeypatch):
     with pytest.raises(NoOrbit, match=listed) as refused:
         find_orbit(Servo(), "switch", 0.9)
     assert refused.value.status is Status.NOT_FOUND  # a scan alone is no evidence
-    # One that was met and not computed says more than that no other was found.
+    # One that was found and not computed says more than that no other was found.
     monkeypatch.setattr(find, "stable_at", lost)
     with pytest.raises(NoOrbit, match=r"^lost; tried besides: down from the fold: no hunting limit cycle") as refused:
         find_orbit(Servo(), "switch", 0.9)

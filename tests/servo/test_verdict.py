@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from casahunt import Servo, cli, simulate
-from casahunt.servo.simulation import prospect, verdict
-from casahunt.servo.simulation.prospect import cycle_near, escapes, settles
+from casahunt.servo.simulation import long_run, verdict
+from casahunt.servo.simulation.long_run import attracting_cycle_near, escapes, settles
 from casahunt.servo.simulation.swings import ABOVE, limit_of, limit_of_sides
-from casahunt.servo.simulation.verdict import SWINGS, judge
+from casahunt.servo.simulation.verdict import SWINGS, judge_motion
 from problems import taylor
 from scripts import verdicts
 from scripts.report.attraction import swing
@@ -115,16 +115,16 @@ def test_settling_below_the_unstable_cycle_and_hunting_above(orbit, gain):
     stable, unstable = orbit("switch", gain).amplitude, orbit("switch", gain, "unstable").amplitude
     below, above = (settles(TABLE_1, "switch", gain, unstable * f) for f in (1 - 1e-3, 1 + 1e-3))
     assert below.holds and not above.holds
-    cycle = cycle_near(TABLE_1, gain, stable * 1.02, 1e-6)
+    cycle = attracting_cycle_near(TABLE_1, gain, stable * 1.02, 1e-6)
     assert cycle.amplitude == pytest.approx(stable, rel=1e-8) and abs(cycle.multiplier) < 1
-    assert cycle_near(TABLE_1, gain, unstable, 1e-9) is None
+    assert attracting_cycle_near(TABLE_1, gain, unstable, 1e-9) is None
     # Not drawn to it from everywhere that it may be: that would reach beyond the unstable cycle.
-    assert cycle_near(TABLE_1, gain, stable, stable - 0.999 * unstable) is None
+    assert attracting_cycle_near(TABLE_1, gain, stable, stable - 0.999 * unstable) is None
 
 
 def settled_by(monkeypatch, ratio):
     """What `settles` makes of a map that is made by hand, b -> (P(b)/b, its slope), in the place of the servo's."""
-    monkeypatch.setattr(prospect, "_swing", lambda *_: ratio)
+    monkeypatch.setattr(long_run, "_swing", lambda *_: ratio)
     return settles(TABLE_1, "switch", 0.04, 0.01)
 
 
@@ -289,7 +289,7 @@ def test_what_is_said_of_all_stick_positions_was_looked_at_among_them(servo, mod
 
 
 def test_motions_that_are_not_known_are_not_judged():
-    assert judge(known_to(simulate(TABLE_1, "switch", 0.04), np.inf)).kind == "undecided"
+    assert judge_motion(known_to(simulate(TABLE_1, "switch", 0.04), np.inf)).kind == "undecided"
 
 
 BORDER = 0.01
@@ -299,7 +299,7 @@ BORDER = 0.01
 def map_made_by_hand(monkeypatch, q, slope) -> None:
     """P(b) = b q(b/BORDER), with dP/db given, in the place of the Switch servo's."""
     made = lambda servo, gain, b: SimpleNamespace(position=b * q(b / BORDER), slope=slope(b / BORDER))  # noqa: E731
-    for module in (prospect, verdict):
+    for module in (long_run, verdict):
         monkeypatch.setattr(module, "map_at", made)
 
 
@@ -312,7 +312,7 @@ def stuck(model, at: float, **how):
 def test_what_may_lie_beyond_the_border_does_not_settle(monkeypatch, at, error, kind):
     """P(b) = b^3/BORDER^2: the farthest place where the servo may be stuck decides."""
     map_made_by_hand(monkeypatch, lambda u: u**2, lambda u: 3 * u**2)
-    assert judge(known_to(stuck("switch", at), error * BORDER)).kind == kind
+    assert judge_motion(known_to(stuck("switch", at), error * BORDER)).kind == kind
 
 
 @pytest.mark.parametrize(("error", "kind"), [(5e-3, "decaying"), (0.015, "undecided")])
@@ -321,7 +321,7 @@ def test_what_may_lie_beyond_the_border_a_swing_later_does_not_settle(monkeypatc
     q, slope = lambda u: 1 + 0.4 * (u - 1) * (3 - u), lambda u: 1 + 0.4 * (-3 * u**2 + 8 * u - 3)
     assert q(3.69) * 3.69 == pytest.approx(0.95, abs=1e-3) and slope(3.69) == pytest.approx(-4.7, abs=0.05)
     map_made_by_hand(monkeypatch, q, slope)
-    found = judge(known_to(stuck("switch", 3.69), error * BORDER))
+    found = judge_motion(known_to(stuck("switch", 3.69), error * BORDER))
     assert found.kind == kind and ("1 swings later" in found.sentence) == (kind == "decaying")
 
 
@@ -330,10 +330,10 @@ def test_what_may_lie_beyond_the_border_a_swing_later_does_not_settle(monkeypatc
 def test_what_may_lie_beyond_the_border_does_not_settle_in_other_models(monkeypatch, how, error, kind):
     """The same, P(b)/b = (b/BORDER)^2, where no motion carries it on."""
     monkeypatch.setattr(verdict, "_carried_on", lambda motion: None)
-    monkeypatch.setattr(prospect, "half_cycle", lambda model, servo, gain, b: SimpleNamespace(ratio=(b / BORDER) ** 2))
-    monkeypatch.setattr(prospect, "_band_position", lambda servo, gain, b: b**3 / BORDER**2)
+    monkeypatch.setattr(long_run, "half_cycle", lambda model, servo, gain, b: SimpleNamespace(ratio=(b / BORDER) ** 2))
+    monkeypatch.setattr(long_run, "_band_position", lambda servo, gain, b: b**3 / BORDER**2)
     motion = stuck("lugre", 0.9) if how == "lugre" else stuck("switch", 0.9, regularised=True)
-    assert judge(known_to(motion, error * BORDER)).kind == kind
+    assert judge_motion(known_to(motion, error * BORDER)).kind == kind
 
 
 def test_command_prints_the_swings(capsys):

@@ -14,7 +14,8 @@ from casahunt import Options, Servo, find_fold
 from casahunt.servo import cold_start
 from casahunt.servo.cold_start import AtGain, quickly_at
 from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap, half_cycle
-from casahunt.servo.event_map.near import (
+from casahunt.servo.event_map.scan import IN_VAIN, _highest, _vertex, scan
+from casahunt.servo.event_map.secant_search import (
     BESIDE_A_CYCLE,
     BESIDE_A_WEAK_ONE,
     CONVERGING,
@@ -22,7 +23,6 @@ from casahunt.servo.event_map.near import (
     lowered,
     near_stable,
 )
-from casahunt.servo.event_map.scan import IN_VAIN, _highest, _vertex, scan
 from problems.taylor import switch_fold
 
 

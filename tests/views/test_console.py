@@ -169,7 +169,7 @@ def test_a_diagram_says_how_long_it_will_still_take(monkeypatch, last, of):
     now = 100.0
     monkeypatch.setattr(effort.time, "monotonic", lambda: now)
     known = ((False, 0.0), (False, 1.0), (True, 1.0))
-    ways = [command_diagram._Way(0.01, natural, top, last) for natural, top in known]
+    ways = [command_diagram._DiagramProgress(0.01, natural, top, last) for natural, top in known]
     said = []
     for gain, kind in ((0.01, ""), (0.1, ""), (1.0, "fold"), (0.1, ""), (0.01, "")):
         point = orbit_at(gain, kind)

@@ -256,8 +256,10 @@ def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, undr
     # The multiplier falls through 0.5 next to the fold, where it is 1.
     passed = replace(monitor.SYMMETRY_BREAKING, value=lambda orbit, point: orbit.half_multiplier - 0.5)
     monitors = (monitor.FOLD if kind == "fold" else passed,)
-    locate = crossings.locate
-    monkeypatch.setattr(crossings, "locate", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k))
+    locate = crossings.locate_special_point
+    monkeypatch.setattr(
+        crossings, "locate_special_point", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k)
+    )
     monkeypatch.setattr(command_diagram, "diagram", partial(diagram, monitors=monitors))
     command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", "--json"]
     code, out, err = run(capsys, *command)
@@ -316,7 +318,7 @@ def test_points_found_together_are_written_together(capsys, tmp_path, monkeypatc
 
 
 def test_points_say_whether_the_next_one_is_found():
-    """All but the last of eight whose multipliers are computed side by side; each alone where nobody asks for them."""
+    """All but the last of eight whose multipliers are computed in batches; each alone where nobody asks for them."""
     points = diagram(Servo(), "switch", start=0.3)
     assert [next(points).ahead for _ in range(10)] == [False, *[True] * 7, False, True]
     points = diagram(Servo(), "switch", start=0.3, monitors=())

@@ -17,7 +17,7 @@ import pytest
 import casahunt
 from casahunt.cli import main
 from casahunt.views.evidence import page as evidence
-from casahunt.views.evidence.page import page, value_at
+from casahunt.views.evidence.page import evidence_page, value_at
 from casahunt.views.evidence.record import made as made_of
 from casahunt.views.glossary import GLOSSARY, words_in
 
@@ -112,10 +112,10 @@ def test_the_answer_is_in_it(reader, record):
 
 def test_what_is_not_verified_stands_on_the_page(record):
     check = record["verification"] | {"result": "not everything verified", "unverified": ["a task: undecided"]}
-    shown = page(record | {"verification": check}, {})
+    shown = evidence_page(record | {"verification": check}, {})
     assert "Not everything is verified" in shown and "a task: undecided" in shown and ">Verified<" not in shown
     check |= {"result": "speaks against it", "against": ["a loop is unstable"]}
-    shown = page(record | {"verification": check}, {})
+    shown = evidence_page(record | {"verification": check}, {})
     assert "The verification speaks against it" in shown and "a loop is unstable" in shown
 
 
@@ -138,10 +138,10 @@ def test_no_text_is_taken_for_html(record, monkeypatch):
     check = record["verification"] | {"against": ["a loop"], "unverified": ["a task"]}
     made = made_of("my servo.toml", ["friction.static=0.55"])
     plain = record | {"verification": check, "made": made}
-    before = page(plain, pictures)
+    before = evidence_page(plain, pictures)
     for texts, name in [(evidence.CAPTIONS, "diagram"), (GLOSSARY, "fold"), (GLOSSARY, "event map")]:
         monkeypatch.setitem(texts, name, texts[name] + WRONG)
-    after = page(hostile(plain), pictures)
+    after = evidence_page(hostile(plain), pictures)
     tags = [re.findall(r"<(/?\w+)", text) for text in (before, after)]
     assert tags[0] == tags[1] and after.count("A &amp; B") > 60
     assert WRONG not in after and 'onclick="' not in after and "A & B" not in after
@@ -184,7 +184,7 @@ def test_every_row_of_numbers_has_its_unit(text):
 def test_numbers_have_the_digits_that_are_known(record):
     """Of the same tuning at a rough tolerance, and with a fold gain of three digits."""
     check = record["verification"] | {"fold_error": 2e-3}
-    shown = page(record | {"verification": check, "tol": 1e-2}, {})
+    shown = evidence_page(record | {"verification": check, "tol": 1e-2}, {})
     assert f"{record['gain']:.3g}<" in shown and f"{record['gain']:.4g}" not in re.sub(r'value="[^"]*"', "", shown)
     known = record["elasticities"]["friction.static"]
     assert f">{known:+.2f}<" in shown and f">{known:+.3f}<" not in shown
@@ -198,9 +198,9 @@ def test_the_page_says_when_by_what_and_for_which_servo(tmp_path, monkeypatch, r
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1000000000")
     again = made_of("my servo.toml", ["friction.static=0.55"])
     assert again["date"] == "2001-09-09"
-    shown = page(record | {"made": again}, {})
+    shown = evidence_page(record | {"made": again}, {})
     assert all(f">{part}<" in shown for part in ("2001-09-09", "my servo.toml", "friction.static=0.55"))
-    assert "no servo file" not in shown and page(record | {"made": again}, {}) == shown
+    assert "no servo file" not in shown and evidence_page(record | {"made": again}, {}) == shown
 
 
 def test_pictures_are_described_with_their_numbers(text, record):

@@ -6,7 +6,7 @@ At a fold of the branch in the gain the tangent has no parameter component.  Wit
 curve, which may turn back in q: a cusp, where two folds meet and vanish.  It is followed as that of any special point
 is (continuation/two_parameters.py).
 
-points.py   a fold curve as data: its points, the cubic through them
+data.py     a fold curve as data: its points, the cubic through them
 curve.py    `fold_curve`: where it begins, and where a gain tends to zero
 files.py    a fold curve on the disk after every point, and taken up again
 """

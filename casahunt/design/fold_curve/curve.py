@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...checks import known, require, shown
+from ...checks import choice_of, require, shown
 from ...continuation import Axis, SpecialOrbit, special_walk
 from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options
@@ -24,7 +24,7 @@ from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import NAMES
-from .points import FoldCurve, FoldPoint, as_found
+from .data import FoldCurve, FoldPoint, as_found
 
 RANGE_POINTS = 17
 """Points over the range where the curve is not steep."""
@@ -87,10 +87,10 @@ def fold_curve(
     a_servo(servo)
     began = time.perf_counter()
     options = options or Options()
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     check_range(servo, vary, start, end)
     require("points", points, at_least=2)
-    task = _Task(servo, model, Axis(vary, float(start), float(end)), options, 1 / (points - 1))
+    task = _FoldCurveTask(servo, model, Axis(vary, float(start), float(end)), options, 1 / (points - 1))
     specials, c, found = _begin(task, begun)
     if report is not None and not begun:
         report(found[0])
@@ -104,7 +104,7 @@ def fold_curve(
 
 
 @dataclass(frozen=True)
-class _Task:
+class _FoldCurveTask:
     """The curve that is asked for: `spacing` is the largest step in the place c of q in its range."""
 
     servo: Servo
@@ -144,7 +144,11 @@ class _Task:
 
 
 def _collect(
-    task: _Task, specials: Specials, found: list[FoldPoint], c: float, report: Callable[[FoldPoint], None] | None
+    task: _FoldCurveTask,
+    specials: Specials,
+    found: list[FoldPoint],
+    c: float,
+    report: Callable[[FoldPoint], None] | None,
 ) -> tuple[str, bool]:
     """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero)."""
     if task.axis.place(found[-1].value) in (0.0, 1.0) and len(found) > 1:
@@ -178,14 +182,14 @@ def check_range(servo: Servo, vary: str, start: float, end: float) -> None:
     vary: name of the parameter (sensitivity.NAMES).
     Raises InputError: unknown parameter, an empty range, or a value that the parameter cannot have.
     """
-    known("parameter", vary, [name for name in NAMES if name in servo.names])
+    choice_of("parameter", vary, [name for name in NAMES if name in servo.names])
     if start == end:
         raise InputError(f"from = to = {shown(start)}: must differ")
     for bound in (start, end):
         servo.replace(**{vary: bound})
 
 
-def _first(task: _Task) -> tuple[Specials, float, SpecialOrbit]:
+def _first(task: _FoldCurveTask) -> tuple[Specials, float, SpecialOrbit]:
     """The folds from an end of the range, the end, and the first of them.
 
     The end next to the servo's own value, or else the other.
@@ -203,7 +207,7 @@ def _first(task: _Task) -> tuple[Specials, float, SpecialOrbit]:
     raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints), Status.NOT_FOUND)
 
 
-def _begin(task: _Task, begun: Sequence[FoldPoint]) -> tuple[Specials, float, list[FoldPoint]]:
+def _begin(task: _FoldCurveTask, begun: Sequence[FoldPoint]) -> tuple[Specials, float, list[FoldPoint]]:
     """(the folds that follow, c of the first point, the points up to there as they were found)."""
     axis = task.axis
     if not begun:
@@ -223,7 +227,7 @@ def _begin(task: _Task, begun: Sequence[FoldPoint]) -> tuple[Specials, float, li
 
 
 def _ending(
-    task: _Task, last: FoldPoint, goal: float, turned: bool, reason: str, gone: bool
+    task: _FoldCurveTask, last: FoldPoint, goal: float, turned: bool, reason: str, gone: bool
 ) -> tuple[str, Status]:
     """(sentence about where the curve ends, CONVERGED where nothing is missing)."""
     vary = task.axis.vary

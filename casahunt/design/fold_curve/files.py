@@ -14,7 +14,7 @@ from ...servo.branch import Branch
 from ...servo.hunting import Model
 from ...servo.saved import load_run, same_task, save_branch
 from ...servo.servo import Servo
-from .points import FoldCurve, FoldPoint
+from .data import FoldCurve, FoldPoint
 
 _NUMBERS = ("value", "gain", "slope", "error_estimate", "curvature", "turns")
 
@@ -55,7 +55,7 @@ def load_curve(path: Path) -> tuple[FoldCurve, dict[str, Any]]:
         raise InputError(f"{str(path)!r} holds a branch, not the points of a fold curve") from None
 
 
-def begun(path: Path, servo: Servo, model: Model, settings: Mapping[str, Any]) -> FoldCurve | None:
+def saved_curve(path: Path, servo: Servo, model: Model, settings: Mapping[str, Any]) -> FoldCurve | None:
     """The curve of an earlier run of the same task.
 
     settings: by their names on the command line. Returns the curve, or what there is of it; None where there is no

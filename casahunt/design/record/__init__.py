@@ -5,8 +5,8 @@
 units.py     units of time and angle as a header states them
 file.py      a measured record, and how it is read from a file
 period.py    the period, from the likeness of what is a lag apart
-marks.py     marks that divide a record into its periods
-shape.py     the waveform of a record, its peaks, the steps of a rounded position
+period_marks.py marks that divide a record into its periods
+waveform.py  the waveform of a record, its peaks, the steps of a rounded position
 verdict.py   is a divided record one of a limit cycle?
 measure.py   all of it: `measure`
 """

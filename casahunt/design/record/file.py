@@ -22,7 +22,7 @@ from ...errors import InputError
 from ...export import Columns
 from ...files import bounded
 from ...results import Result
-from .units import Quantity, Unit, quantity_of, split_header, stated_unit, unit_of
+from .units import Quantity, Unit, parsed_unit, quantity_of, split_header, stated_unit
 
 Array = np.ndarray
 
@@ -186,8 +186,8 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
     path = Path(path)
     name = f"record {str(path)!r}"
     stated = {
-        "time": None if time_unit is None else unit_of("time", time_unit, what="time-unit"),
-        "angle": None if position_unit is None else unit_of("angle", position_unit, what="position-unit"),
+        "time": None if time_unit is None else parsed_unit("time", time_unit, what="time-unit"),
+        "angle": None if position_unit is None else parsed_unit("angle", position_unit, what="position-unit"),
     }
     read = bounded(path, name, LARGEST_RECORD)
     try:
@@ -337,7 +337,7 @@ def _column(quantity: Quantity, i: int, header: Sequence[str] | None, stated: Un
     found = stated_unit(quantity, header[i], what=name) if header else None
     if found is not None:
         return Column(label, found, "header")
-    return Column(label, unit_of(quantity, "s" if quantity == "time" else "rad"), "nobody")
+    return Column(label, parsed_unit(quantity, "s" if quantity == "time" else "rad"), "nobody")
 
 
 def _cell(name: str, line: int, row: Sequence[str], column: int) -> float:

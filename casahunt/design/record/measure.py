@@ -4,10 +4,10 @@ Report, section 2 and Figure 4: the servo is left alone at K = 0.04, its positio
 (0.061 rad) and frequency (0.122 Hz) are averages over consecutive periods.  A record is no computed orbit:
 its mean drifts, it is lopsided and noisy, its samples are not evenly spaced, some are missing.  So
 
-    period     of the whole waveform (period.py), between marks (marks.py); no period holds a gap
+    period     of the whole waveform (period.py), between marks (period_marks.py); no period holds a gap
     coherent   every period resembles the mean of all others, or the record is irregular: noise resembles nothing
     transient  periods at the start that differ from those of the second half are left out, and `left_out` says so
-    amplitude  half of top minus bottom of all periods laid over each other (shape.py)
+    amplitude  half of top minus bottom of all periods laid over each other (waveform.py)
     in one     the factor that fits the mean wave to a period gives its own amplitude
     period
 
@@ -35,10 +35,10 @@ from ...export import Columns
 from ...results import Result
 from ...servo.simulation.trajectory import Trajectory
 from .file import Record
-from .marks import Marks, level_of, mark, means_between
 from .period import FEWEST_PERIODS, Grid, find_period, gridded, in_blocks, off_line, usual_distance
-from .shape import equal_parts, factors, fold, peak_to_peak, quantum, shape_of, waves
-from .verdict import Kind, Periods, deviation, judge, lasting, settled
+from .period_marks import Marks, level_of, mark, means_between
+from .verdict import Kind, Periods, deviation, judge_record, lasting, settled
+from .waveform import factors, fold, number_of_equal_parts, peak_to_peak, quantum, shape_of, waves
 
 Array = np.ndarray
 
@@ -232,10 +232,10 @@ def measure(record: Record, *, start: float | None = None) -> Measurement:
             f"{record.name}: must hold at least {FEWEST_PERIODS} whole periods, but holds {k} of about "
             f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
         )
-    kind, reason = judge(found)
+    kind, reason = judge_record(found)
     if kind in ("hunting", "irregular"):
         found = _divided(times, values, settled(found, blur))
-        kind, reason = judge(found)
+        kind, reason = judge_record(found)
     if kind == "hunting":
         kind, reason = lasting(t, found)
     return _averages(record, times, values, found, kind, reason, origin)
@@ -260,7 +260,7 @@ def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: 
         found = _divided(times, values, marks)
         if found.lengths.size and np.ptp(found.waves.mean(axis=0)) <= NO_OSCILLATION * np.ptp(values):
             return None  # two samples in a period: nothing is left of them in a mean wave
-        parts = equal_parts(found.waves, blur)
+        parts = number_of_equal_parts(found.waves, blur)
         if parts == 1:
             return found
         period /= parts
@@ -353,5 +353,3 @@ def _nothing(record: Record, *, still: bool) -> Measurement:
         nan, nan, nan, nan, nan, nan, float(np.mean(level)), drift, nan, quantum(record.position), nan, True,
         (0.0, 0.0), 0.0, none, none.astype(bool), none, none, level, none, none,
     )  # fmt: skip
-
-

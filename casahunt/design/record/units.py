@@ -81,7 +81,7 @@ def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
     return InputError(f"{what}: {text!r} {why}; state how many {base} {noun} is, as {_OPTION[quantity]} NUMBER")
 
 
-def unit_of(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
+def parsed_unit(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
     """The unit that a person states: a name, or a number of seconds or radians.
 
     text: such as "ms", "deg" or "0.00153398". Raises InputError: neither a known name nor a finite number > 0.

@@ -25,9 +25,9 @@ from typing import Literal
 
 import numpy as np
 
-from .marks import REACH, Marks
 from .period import FEWEST_PERIODS, LONGEST, PARTS, SCALES
-from .shape import coherence, factors
+from .period_marks import REACH, Marks
+from .waveform import coherence, factors
 
 Array = np.ndarray
 Kind = Literal["hunting", "decaying", "growing", "irregular", "still"]
@@ -97,7 +97,7 @@ def settled(found: Periods, blur: float) -> Marks:
     return replace(marks, whole=whole)
 
 
-def judge(found: Periods) -> tuple[Kind, str]:
+def judge_record(found: Periods) -> tuple[Kind, str]:
     """Is it a limit cycle?"""
     alike = coherence(found.waves)
     wanted = float(np.interp(alike.size, (FEWEST_PERIODS, MANY_PERIODS), (FEW_COHERENCE, COHERENCE)))

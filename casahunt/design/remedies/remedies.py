@@ -1,6 +1,6 @@
 """The table of remedies: for each the smallest size that ends hunting, its error, its price.
 
-    cycle of the servo at its gain -> border of each remedy (border.py) -> a little more of it: its price (price.py)
+cycle of the servo at its gain -> border of each remedy (border.py) -> a little more of it: its price (price.py)
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...checks import known, require
+from ...checks import choice_of, require
 from ...continuation import Branch, follow
 from ...errors import InputError
 from ...export import Columns
@@ -191,9 +191,9 @@ def remedies(
     0.04334572
     """
     a_servo(servo)
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     for name in only:
-        known("remedy", name, REMEDY_NAMES)
+        choice_of("remedy", name, REMEDY_NAMES)
     error = math.inf if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     if uncertainty is not None:
@@ -303,5 +303,3 @@ def _numbers(loop: Loop) -> dict[str, float]:
     """The numbers of a loop, with kp, kd and ki in torque."""
     factor = loop.value("gain") * loop.value("motor_gain")
     return loop.parameters | {name: factor * loop.value(name) for name in ("kp", "kd", "ki")}
-
-

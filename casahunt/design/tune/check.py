@@ -36,10 +36,10 @@ from ...servo.servo import Servo, flatten
 from ..ensemble import folds_of
 from ..nearby import fold_beside, said, servo_at
 from ..uncertainty.set import Uncertainty
+from .best_gain import Answer, Given
 from .demands import DEMANDS, Demands, silent
-from .given import Answer, Given
 from .loop_set import loop_box
-from .tasks import Task, regulator_tasks
+from .tasks import SimulatedTask, regulator_tasks
 
 Array = np.ndarray
 
@@ -121,7 +121,7 @@ class Verification(Result):
     set_check: SetCheck | None
     span: float
     amplitude: float
-    tasks: tuple[Task, ...]
+    tasks: tuple[SimulatedTask, ...]
     against: tuple[str, ...]
     unverified: tuple[str, ...]
 
@@ -192,9 +192,9 @@ def verified(answer: Answer, given: Given) -> Verification:
     )  # fmt: skip
 
 
-def _simulated(answer: Answer, given: Given, span: float, amplitude: float) -> tuple[list[Task], list[str]]:
+def _simulated(answer: Answer, given: Given, span: float, amplitude: float) -> tuple[list[SimulatedTask], list[str]]:
     """(the tasks with the nominal and the worst friction, sentences about those that were not simulated)."""
-    tasks: list[Task] = []
+    tasks: list[SimulatedTask] = []
     missing = []
     servos = {"nominal": answer.servo} | ({"worst": answer.worst.servo} if answer.worst.servo != answer.servo else {})
     for friction, servo in servos.items():

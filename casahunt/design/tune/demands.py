@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...checks import known, require, sensible, shown
+from ...checks import choice_of, require, sensible, shown
 from ...errors import InputError
 from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.linear_loop import linear_loop
@@ -101,12 +101,12 @@ def check_bounds(
     """
     own = tuple(name.removeprefix("controller.") for name in servo.controller_names)
     for name in free:
-        known("free", name, own)
+        choice_of("free", name, own)
     if len(free) == len(BY_GAINS):
         raise InputError(f"free {', '.join(free)}: must leave one out, because the gain multiplies all three")
     found: dict[str, tuple[float, float]] = {}
     for name, (low, high) in bounds.items():
-        known("bounds", name, ("gain", *own))
+        choice_of("bounds", name, ("gain", *own))
         sensible(f"bounds {name}", low)
         sensible(f"bounds {name}", high)
         if not low < high:

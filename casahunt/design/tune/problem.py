@@ -60,7 +60,7 @@ class Cut:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class TuningPoint:
     """A solution of one problem.
 
     Attributes
@@ -108,7 +108,7 @@ class Round:
 
 
 @alone
-def solve_round(r: Round) -> Point:
+def solve_round(r: Round) -> TuningPoint:
     """Solve one problem, from its start."""
     k, times, slack = ca.MX.sym("k"), ca.MX.sym("q", r.q.size), ca.MX.sym("slack", len(SLACKS))
     p = _Problem()
@@ -132,7 +132,7 @@ def solve_round(r: Round) -> Point:
         p.fold(constraints, times + (log_numbers(fold.orbit.servo) - r.q), times, z, n)
     found = p.solve(cost + PRICE * ca.sum1(slack))
     x, n = found.x, 1 + r.q.size
-    return Point(x[1:n], float(x[0]), x[n : n + len(SLACKS)], found.status.ok, found.message)
+    return TuningPoint(x[1:n], float(x[0]), x[n : n + len(SLACKS)], found.status.ok, found.message)
 
 
 def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX, slack: ca.MX) -> None:

@@ -14,8 +14,8 @@ import numpy as np
 from ...servo.controller import Pid
 from ..nearby import said
 from ..uncertainty.worst_corner import WorstCase
+from .best_gain import Given
 from .demands import DEMANDS, Demands, controller_said
-from .given import Given
 from .loop_set import Intervals, Table, allowed, common
 
 Array = np.ndarray

@@ -1,6 +1,6 @@
 """The search of a tuning over controller times, worst servos of the set as cutting planes.
 
-v and cost at given times: given.py.  They are computed on a coarse grid over the bounds of the free times; the
+v and cost at given times: best_gain.py.  They are computed on a coarse grid over the bounds of the free times; the
 problem of problem.py is solved from the cheapest feasible times, and where that fails, from the next ones.
 Without feasible times on the grid the search goes on where v is least.
 
@@ -27,9 +27,9 @@ import numpy as np
 from ...errors import NoOrbit, Status
 from ...servo.problem import HuntingFold
 from ..uncertainty.worst_corner import WorstCase
+from .best_gain import Answer, Given, Outlook
 from .demands import cost_of, log_numbers
-from .given import Answer, Given, Outlook
-from .problem import Point, Round, solve_round
+from .problem import Round, TuningPoint, solve_round
 from .refusal import refusal
 
 Array = np.ndarray
@@ -54,7 +54,7 @@ FINEST_STEP = 0.01
 """Smallest step in ln tau of the search without derivatives."""
 
 
-class Search:
+class TuningSearch:
     """The search of the module docstring.
 
     Attributes
@@ -162,7 +162,7 @@ class Search:
             q, gain, step = point.q, math.exp(point.k), min(STEP, 2 * step)
         return q, gain
 
-    def _solve(self, q: Array, gain: float, folds: list[HuntingFold], step: float) -> Point:
+    def _solve(self, q: Array, gain: float, folds: list[HuntingFold], step: float) -> TuningPoint:
         self.rounds += 1
         self.given.tell(f"optimising the controller times: round {self.rounds}")
         given = self.given

@@ -30,7 +30,7 @@ MOST_TASK_INTERVALS = 20_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Task(Result):
+class SimulatedTask(Result):
     """A simulated task.
 
     Attributes
@@ -95,14 +95,14 @@ def waits(motion: Trajectory) -> float:
 
 def regulator_tasks(
     servo: Servo, model: Model, gain: float, span: float, amplitude: float, friction: str, *, decide: bool = True
-) -> list[Task]:
+) -> list[SimulatedTask]:
     """Simulated motions towards a set point: two steps from rest, and a breakaway beside the set point.
 
     servo, model, gain: the problem; gain K > 0 [V/rad]; span: length of the motions [s], longer where they are to be
     decided; amplitude: of the breakaway [rad]. Raises NoOrbit: a motion could not be computed.
     """
     return [
-        Task(friction, said, until_decided(servo, model, gain, span, start, MOST_LONGER if decide else 0))
+        SimulatedTask(friction, said, until_decided(servo, model, gain, span, start, MOST_LONGER if decide else 0))
         for said, start in stated(servo, gain, amplitude).items()
     ]
 

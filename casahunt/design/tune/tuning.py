@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...checks import known, of_kind
+from ...checks import choice_of, of_kind
 from ...errors import InputError, Status
 from ...orbits import Options
 from ...results import Result
@@ -32,10 +32,10 @@ from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import fold_sensitivities
 from ..uncertainty.set import Uncertainty, check_box
 from ..uncertainty.summary import linear_range
+from .best_gain import Answer, Given
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
-from .given import Answer, Given
-from .search import Search
+from .search import TuningSearch
 
 REPAIRS = 3
 """Most times that the check may find servos worse than the worst."""
@@ -192,15 +192,15 @@ def tune(
     """
     began = time.perf_counter()
     a_servo(servo)
-    known("model", model, MODELS)
-    known("cost", cost, COSTS)
+    choice_of("model", model, MODELS)
+    choice_of("cost", cost, COSTS)
     demands = of_kind("demands", demands or Demands(), Demands)
     options = of_kind("options", options or Options(), Options)
     free = tuple(dict.fromkeys(free if not isinstance(free, str) else [free]))
     limits = check_bounds(servo, free, bounds or {})
     _check_set(servo, uncertainty, free)
     given = Given(servo, model, demands, uncertainty, free, limits, cost, options, report or silent)
-    search = Search(given)
+    search = TuningSearch(given)
     answer = search.run()
     verification = verified(answer, given)
     for _ in range(REPAIRS):
@@ -211,7 +211,7 @@ def tune(
     return _tuning(search, answer, verification, began)
 
 
-def _tuning(search: Search, answer: Answer, verification: Verification, began: float) -> Tuning:
+def _tuning(search: TuningSearch, answer: Answer, verification: Verification, began: float) -> Tuning:
     """The answer with what it was asked for and what supports it."""
     given, worst = search.given, answer.worst
     bounds = {"gain": given.gains((1 + given.demands.margin) * worst.gain, answer.servo), **given.limits}

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...checks import known, of_kind, quoted
+from ...checks import choice_of, of_kind, quoted
 from ...errors import InputError
 from ...export import Columns
 from ...orbits import Options
@@ -84,9 +84,7 @@ class Samples(Result):
             **{column(name): values for name, values in parameters},
             column("fold_gain", GAIN_UNIT): gains,
             column("fold_gain_error", GAIN_UNIT): [self.tolerance * gain for gain in gains],
-            "status": [
-                sentences.get(i, "converged" if gain else "hunts at no gain") for i, gain in enumerate(gains)
-            ],
+            "status": [sentences.get(i, "converged" if gain else "hunts at no gain") for i, gain in enumerate(gains)],
         }
 
 
@@ -172,7 +170,7 @@ def sample(
     >>> bool(((0.57 < gains) & (gains < 0.73)).all())
     True
     """
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     check_box(servo, uncertainty)
     options = of_kind("options", options or Options(), Options)
     names = uncertainty.parameters

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import LARGEST, SMALLEST, known, number, of_kind, quoted, require, shown
+from ...checks import LARGEST, SMALLEST, choice_of, number, of_kind, quoted, require, shown
 from ...errors import InputError
 from ...servo.servo import Servo, a_servo, read_toml
 from ..nearby import values_of
@@ -79,7 +79,7 @@ class Uncertainty:
                 raise InputError(f"names = {list(self.names)!r}: must be left out where intervals are given")
             object.__setattr__(self, "intervals", {name: _interval(name, i) for name, i in self.intervals.items()})
             return
-        names = tuple(known("parameter", name, NAMES) for name in self.names)
+        names = tuple(choice_of("parameter", name, NAMES) for name in self.names)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "covariance", _covariance(names, self.covariance))
 
@@ -105,7 +105,7 @@ class Uncertainty:
 
 
 def _interval(name: str, pair: Any) -> tuple[float, float]:
-    known("parameter", name, NAMES)
+    choice_of("parameter", name, NAMES)
     if isinstance(pair, str) or not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
         raise InputError(f"{name} = {quoted(pair)}: must be an interval [low, high]")
     low, high = number(name, pair[0]), number(name, pair[1])
@@ -207,7 +207,7 @@ def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
 
 def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
     for section, table in tree.items():
-        known("section", section, ("interval", "covariance"))
+        choice_of("section", section, ("interval", "covariance"))
         if not isinstance(table, dict):
             raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
     if len(tree) != 1:
@@ -220,7 +220,7 @@ def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
         return Uncertainty(intervals)
     table = tree["covariance"]
     for key in table:
-        known("key", key, ("names", "matrix", "sigmas"))
+        choice_of("key", key, ("names", "matrix", "sigmas"))
     names = table.get("names", [])
     if not isinstance(names, list):
         raise InputError(f"names = {quoted(names)}: must be a list of parameters")
@@ -233,7 +233,7 @@ def _absolute(name: str, value: Any, servo: Servo) -> Any:
     """An interval as it stands, or that of "2%"."""
     if not isinstance(value, str):
         return value
-    known("parameter", name, NAMES)
+    choice_of("parameter", name, NAMES)
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*%\s*", value)
     try:
         part = float(match.group(1)) / 100 if match else None

@@ -6,7 +6,7 @@ The search is a local one.  K is monotone in most parameters, so it goes straigh
 give, takes the gradient there, and goes on until no bound and no interior point is better to first order: what a
 concave K could still gain, sum_i |g_i| room_i, is below the tolerance.  A coordinate along which the gradient changes
 sign is brought to its zero by a search along that coordinate.  It is started from the servo, from a few random corners,
-and from where the caller likes, all side by side: the folds of one round are one batch.  The fold at the best point is
+and from where the caller likes, all in one batch: the folds of one round are one batch.  The fold at the best point is
 computed once more, alone.
 
 Units: K in V/rad.  Symbols: k uncertain parameters, q, l, h (k,) values and bounds, g (k,) gradient.
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...checks import known
+from ...checks import choice_of
 from ...continuation import folds_near
 from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options
@@ -75,7 +75,7 @@ class WorstCase(Result):
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _SearchPoint:
     """A point of the search: K = -inf where it is no servo or was not computed; no gradient where K <= 0."""
 
     q: Array
@@ -84,11 +84,11 @@ class _Place:
     fold: HuntingFold | None = None
 
 
-Ascent = Generator[list[Array], list[_Place], None]
+Ascent = Generator[list[Array], list[_SearchPoint], None]
 """A search from one point: asks for the folds at points, is told them."""
 
 
-class _Search:
+class _CornerSearch:
     """The folds computed so far in one box; every point is computed once, those of all searches together."""
 
     def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: HuntingFold | None,
@@ -99,13 +99,13 @@ class _Search:
         self.low, self.high = uncertainty.box(servo)
         self.fold = fold
         self.known = known_fold(servo, self.names, fold, options.tol)
-        self.places: dict[bytes, _Place] = {}
+        self.places: dict[bytes, _SearchPoint] = {}
         self.evaluations = 0
         self.failures: list[str] = []
         if fold is not None:
-            self._keep(_Place(values_of(servo, self.names), fold.gain, gradient(fold, self.names), fold))
+            self._keep(_SearchPoint(values_of(servo, self.names), fold.gain, gradient(fold, self.names), fold))
 
-    def _keep(self, place: _Place) -> _Place:
+    def _keep(self, place: _SearchPoint) -> _SearchPoint:
         self.places[place.q.tobytes()] = place
         return place
 
@@ -118,7 +118,7 @@ class _Search:
             try:
                 servo_at(self.servo, self.names, q)
             except InputError:  # static below Coulomb friction; the other bounds have been checked
-                self._keep(_Place(q, -np.inf))
+                self._keep(_SearchPoint(q, -np.inf))
             else:
                 self.evaluations += 1
                 if self.report is not None:
@@ -132,21 +132,25 @@ class _Search:
         for i, q in enumerate(table):
             if folds is not None and folds.how[i] and q.all():  # of a parameter that is zero no elasticity tells
                 gain = float(folds.values[i])
-                self._keep(_Place(q, gain, gain * folds.slopes[i] / q))
+                self._keep(_SearchPoint(q, gain, gain * folds.slopes[i] / q))
             else:
-                self._keep(self._alone(_Place(q, float(expected[i]))))
+                self._keep(self._alone(_SearchPoint(q, float(expected[i]))))
 
-    def _alone(self, place: _Place) -> _Place:
+    def _alone(self, place: _SearchPoint) -> _SearchPoint:
         """The fold at a point computed alone, where its gain is about known."""
         try:
             fold = fold_near(servo_at(self.servo, self.names, place.q), self.model, place.gain, self.options)
         except NoOrbit as error:
             self.failures.append(f"at {said(dict(zip(self.names, place.q, strict=True)))}: {error}")
-            return _Place(place.q, -np.inf)
-        return _Place(place.q, 0.0) if fold is None else _Place(place.q, fold.gain, gradient(fold, self.names), fold)
+            return _SearchPoint(place.q, -np.inf)
+        return (
+            _SearchPoint(place.q, 0.0)
+            if fold is None
+            else _SearchPoint(place.q, fold.gain, gradient(fold, self.names), fold)
+        )
 
     def run(self, ascents: Iterable[Ascent]) -> None:
-        """Searches side by side: what they ask for in one round is one batch."""
+        """Searches in one batch: what they ask for in one round is one batch."""
         asked = {ascent: next(ascent) for ascent in ascents}
         while asked:
             self.compute([q for points in asked.values() for q in points])
@@ -171,7 +175,7 @@ class _Search:
                 return
             here = there
 
-    def _along(self, here: _Place, i: int) -> Generator[list[Array], list[_Place], _Place]:
+    def _along(self, here: _SearchPoint, i: int) -> Generator[list[Array], list[_SearchPoint], _SearchPoint]:
         """The best point along coordinate i, upwards from `here`: the zero of the gradient by Illinois steps."""
         assert here.gradient is not None
         sense = np.sign(here.gradient[i])
@@ -210,7 +214,7 @@ class _Search:
         q = np.where([name == STATIC for name in self.names], self.high, q)
         return np.where([name == COULOMB for name in self.names], self.low, q)
 
-    def best(self) -> _Place:
+    def best(self) -> _SearchPoint:
         """The best point of the box, the corner that favours hunting most where none was found to hunt.
 
         Its fold is computed alone too: what a batch has found there decides nothing by itself.
@@ -280,10 +284,10 @@ def worst_corner(
     >>> worst_corner(Servo(), "switch", uncertainty).corner
     {'friction.static': 0.54, 'friction.coulomb': 0.43}
     """
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     check_box(servo, uncertainty)
     options = options or Options()
-    search = _Search(servo, model, uncertainty, options, nominal_fold(servo, model, options, fold), report)
+    search = _CornerSearch(servo, model, uncertainty, options, nominal_fold(servo, model, options, fold), report)
     search.run([search.climb(search.possible(np.array(q, dtype=float))) for q in search.starts(starts, seed)])
     best = search.best()
     if best.gain == -np.inf:

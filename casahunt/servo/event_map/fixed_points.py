@@ -22,7 +22,7 @@ from ...errors import InputError
 from ...motion import MarchFailure
 from ...roots import Bracket
 from ..servo import Servo, a_servo
-from .points import FixedPoint, FixedPoints, Jump
+from .data import FixedPoint, FixedPoints, Jump
 from .scan import SCAN_HIGH, SCAN_LOW
 from .slopes import EPS, STEEP, MapPoint, cubic_is_good, map_at, nothing_between, rounding
 
@@ -170,7 +170,7 @@ def _halves(state: _Scan, left: MapPoint, right: MapPoint) -> list[tuple[MapPoin
     crossing = all(known) and left.excess * right.excess < 0
     floor = max(SMALLEST_CROSSING if crossing else SMALLEST_JUMP, 4 * rounding(state.servo, state.gain, left.start))
     if math.log(right.start / left.start) <= floor:
-        _verdict(state, left, right, crossing)
+        _jump_or_root(state, left, right, crossing)
         return []
     if len(state.points) >= MOST_POINTS or state.slips >= MOST_SLIPS_IN_ALL:
         state.unresolved.append((left.start, right.start))
@@ -268,7 +268,7 @@ def _fixed(state: _Scan, p: MapPoint) -> FixedPoint:
     return FixedPoint(p.start, p.slope, period, error, max(EPS, abs(p.duration_slope) * p.start * error * 2 / period))
 
 
-def _verdict(state: _Scan, left: MapPoint, right: MapPoint, crossing: bool) -> None:
+def _jump_or_root(state: _Scan, left: MapPoint, right: MapPoint, crossing: bool) -> None:
     """Two neighbours at rounding distance: a steep piece, or a jump."""
     step = right.position - left.position
     by_slope = 0.5 * (abs(left.slope) + abs(right.slope)) * (right.start - left.start)

@@ -111,7 +111,7 @@ class Scan:
 def scan(P: StickMap) -> Scan:
     """Find the stable fixed point of the map without a guess, the outermost one.
 
-    Returns scan: a half cycle next to the fixed point, None where none was met, and the largest |P(a)|/a.
+    Returns scan: a half cycle next to the fixed point, None where none was found, and the largest |P(a)|/a.
     """
     grid = [float(a) for a in P.unit * np.geomspace(SCAN_HIGH, SCAN_LOW, SCAN_POINTS)]
     failures: list[float] = []

@@ -195,13 +195,13 @@ def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
     """
     if not math.isfinite(middle.position) or not middle.excess * left.excess > 0:
         return False
-    expected, nearest = foretold(left, right)
+    expected, nearest = predicted_by_cubic(left, right)
     if abs(middle.excess - expected) > SMOOTH + DISTANCE * nearest:
         return False
     return nearest > NEAR or one_sided(left, middle, right)
 
 
-def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
+def cubic_of_two(left: MapPoint, right: MapPoint) -> np.ndarray:
     """The cubic through P/a - 1 and its slopes at two stick positions.
 
     Returns (4,) coefficients, highest power first, in t from 0 to 1 along log a.
@@ -213,12 +213,12 @@ def hermite(left: MapPoint, right: MapPoint) -> np.ndarray:
     return np.array([2 * y0 - 2 * y1 + s0 + s1, -3 * y0 + 3 * y1 - 2 * s0 - s1, s0, y0])
 
 
-def foretold(left: MapPoint, right: MapPoint) -> tuple[float, float]:
+def predicted_by_cubic(left: MapPoint, right: MapPoint) -> tuple[float, float]:
     """What the cubic says of the stick positions between two.
 
     Returns P/a - 1 half-way, and the smallest |P/a - 1| between; 0 for the latter where the sign changes.
     """
-    c = hermite(left, right)
+    c = cubic_of_two(left, right)
     t = np.linspace(0, 1, CUBIC_PLACES)
     values = np.polyval(c, t)
     smallest = 0.0 if np.any(values * values[0] <= 0) else float(np.min(np.abs(values)))
@@ -232,7 +232,7 @@ def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
     Returns True where the cubics of both halves stay off P = a by a tenth of what they vary.
     """
     for a, b in ((left, middle), (middle, right)):
-        c = hermite(a, b)
+        c = cubic_of_two(a, b)
         values = np.polyval(c, np.linspace(0, 1, CUBIC_PLACES))
         spread = float(np.ptp(values))
         if np.any(values * values[0] <= 0) or float(np.min(np.abs(values))) < 0.1 * spread:

@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...checks import known, number
+from ...checks import choice_of, number
 from ...compiled import kept
 from ...errors import InputError
 from ...hybrid import Event, Mode, System
@@ -53,7 +53,7 @@ class Loop:
     def __post_init__(self) -> None:
         every = [name for part in self.parts for name in part.parameters]
         for name, value in self.values.items():
-            number(known("parameter", name, every), value)
+            number(choice_of("parameter", name, every), value)
 
     @property
     def present(self) -> tuple[Part, ...]:
@@ -68,7 +68,7 @@ class Loop:
     def value(self, name: str) -> float:
         """One parameter."""
         defaults = {name: value for part in self.parts for name, value in part.parameters.items()}
-        return float(self.values.get(name, defaults[known("parameter", name, defaults)]))
+        return float(self.values.get(name, defaults[choice_of("parameter", name, defaults)]))
 
     def replace(self, **values: float) -> Loop:
         """The loop with other numbers."""
@@ -81,13 +81,13 @@ class Loop:
     @property
     def system(self) -> System:
         """The loop as a system."""
-        return system_of(self.present, tuple(self.parameters.items()), self.name)
+        return product_of(self.present, tuple(self.parameters.items()), self.name)
 
     def state(self, **start: float) -> dict[str, float]:
         """Every state: those given, the others zero.  Raises InputError: there is no such state."""
         states = tuple(state for part in self.present for state in part.states)
         for name in start:
-            known("state", name, states)
+            choice_of("state", name, states)
         return {state: float(start.get(state, 0.0)) for state in states}
 
     def mode_at(self, **start: float) -> str:
@@ -122,7 +122,7 @@ def mode_name(modes: Modes) -> str:
 
 
 @kept(maxsize=64)
-def system_of(parts: tuple[Part, ...], values: tuple[tuple[str, float], ...], name: str) -> System:
+def product_of(parts: tuple[Part, ...], values: tuple[tuple[str, float], ...], name: str) -> System:
     """The product of parts at these numbers."""
     modes = modes_of(parts, tuple(parameter for parameter, _ in values))
     even = {state for part in parts for state in part.even}
@@ -162,8 +162,12 @@ def _mode(parts: tuple[Part, ...], modes: Modes, signed: int | None, symbols: Sy
     holds = [ScalarOf(wiring, law.holds, sign) for law, sign in laws if law.holds is not None]
     features = [ScalarOf(wiring, law.feature, sign) for law, sign in laws if law.feature is not None]
     whole = [mode.unsplit or mode.name for mode in modes]
-    ends = [(i, edge) for i, mode in enumerate(modes) for edge in mode.ends
-            if _can_be_met(wiring, edge, laws[i][1], symbols, shared)]
+    ends = [
+        (i, edge)
+        for i, mode in enumerate(modes)
+        for edge in mode.ends
+        if _can_be_met(wiring, edge, laws[i][1], symbols, shared)
+    ]
     called = [edge.name for _, edge in ends]
     return Mode(
         mode_name(modes), FieldOf(wiring), _flow(wiring, symbols, shared),

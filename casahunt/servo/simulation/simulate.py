@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ... import effort
-from ...checks import COMPUTED, known, moderate, number, sensible
+from ...checks import COMPUTED, choice_of, moderate, number, sensible
 from ...collocation import Scheme, flow_at
 from ...errors import InputError, NoOrbit, Status
 from ...motion import MarchFailure, Segment, march
@@ -37,9 +37,9 @@ from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap
 from ..hunting import MODELS, Model
 from ..servo import Servo, a_servo
-from .prospect import escapes
+from .long_run import escapes
 from .trajectory import Happening, Trajectory
-from .verdict import SPAN, unit_of
+from .verdict import SPAN, static_friction_error
 
 Array = np.ndarray
 
@@ -119,7 +119,7 @@ def simulate(
     """
     began = clock.perf_counter()
     a_servo(servo)
-    known("model", model, MODELS)
+    choice_of("model", model, MODELS)
     sensible("gain", gain, power=COMPUTED)
     sensible("time", time, power=COMPUTED)
     tol = number("tol", tol)
@@ -135,7 +135,7 @@ def simulate(
     theta_d = numbers["set_point"]
     x = [numbers["position"] - theta_d, numbers["velocity"], numbers["integral"]]
     start = np.array(x + ([moderate("bristle", bristle, power=COMPUTED)] if model == "lugre" else []))
-    run = _Run(servo, model, gain, start, time, regularised)
+    run = _Marcher(servo, model, gain, start, time, regularised)
 
     found = _refined(run, tol, lambda coarse, fine: _trajectory(run, coarse, fine, tol, theta_d, began))
     if isinstance(found, MarchFailure):
@@ -144,14 +144,16 @@ def simulate(
     return found
 
 
-def _refined(run: _Run, tol: float, compared: Callable[[_Motion, _Motion], Trajectory]) -> Trajectory | MarchFailure:
+def _refined(
+    run: _Marcher, tol: float, compared: Callable[[_MarchedMotion, _MarchedMotion], Trajectory]
+) -> Trajectory | MarchFailure:
     """The finer motion of the first pair that agrees to `tol`, or of the finest pair that could be marched.
 
     Stiff and wide motions meet rounding before the march reaches `FINEST`: then the pair is made of the
     finest motion there is and a coarser one.
     """
     tau = max(min(FIRST * tol, COARSEST), FINEST * REFINEMENT)
-    coarse: _Motion | None = None
+    coarse: _MarchedMotion | None = None
     found: Trajectory | None = None
     while True:
         try:
@@ -176,7 +178,7 @@ def _refined(run: _Run, tol: float, compared: Callable[[_Motion, _Motion], Traje
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class _MarchedMotion:
     """Segments of a motion, the mode after the last one, why it ended early, and its march tolerance."""
 
     segments: list[Segment]
@@ -190,7 +192,7 @@ class _Motion:
         return np.cumsum([0.0, *(segment.duration for segment in self.segments)])
 
 
-class _Run:
+class _Marcher:
     """One problem, marched with any march tolerance."""
 
     def __init__(self, servo: Servo, model: Model, gain: float, start: Array, time: float, regularised: bool) -> None:
@@ -213,7 +215,7 @@ class _Run:
         # At x2 = 0 the law is that of a stop, or of a reversal, which is the first exit of every slip.
         return self.system.exits[f"{slip}+"][0].successor(self.start, self.p)
 
-    def __call__(self, tau: float) -> _Motion:
+    def __call__(self, tau: float) -> _MarchedMotion:
         degree, kind = SCHEMES[self.model]
         x, mode, now = self.start, self.first_mode(), 0.0
         segments: list[Segment] = []
@@ -244,7 +246,7 @@ class _Run:
                 ended = f"{MOST_EVENTS} events by {now:.6g} s"
             elif abs(float(x[0])) > limit and escapes(self.servo, self.model, self.gain, x):
                 ended = f"{abs(float(x[0])):.3g} rad away from the set point at {now:.6g} s"
-        return _Motion(segments, mode, ended, tau)
+        return _MarchedMotion(segments, mode, ended, tau)
 
     def closed(self, segment: Segment) -> bool:
         """Whether a segment is known in closed form."""
@@ -255,7 +257,9 @@ class _Run:
         return flow_at(self.system.modes[segment.mode], segment.start, times, self.p)
 
 
-def _trajectory(run: _Run, coarse: _Motion, fine: _Motion, tol: float, set_point: float, began: float) -> Trajectory:
+def _trajectory(
+    run: _Marcher, coarse: _MarchedMotion, fine: _MarchedMotion, tol: float, set_point: float, began: float
+) -> Trajectory:
     """The finer motion as a Trajectory, with the differences to the coarser one as error estimates."""
     result = _laid_out(run, fine, tol, set_point)
     other = _laid_out(run, coarse, tol, set_point)
@@ -308,11 +312,11 @@ def _event_errors(fine: Trajectory, coarse: Trajectory) -> tuple[Array, float]:
 
 def _alive_until(trajectory: Trajectory) -> float:
     """The last time [s] at which the position differs from the set point by more than rounding."""
-    far = np.abs(trajectory.states[0]) > NOTHING * unit_of(trajectory)
+    far = np.abs(trajectory.states[0]) > NOTHING * static_friction_error(trajectory)
     return float(trajectory.times[np.flatnonzero(far)[-1]]) if far.any() else 0.0
 
 
-def _laid_out(run: _Run, motion: _Motion, tol: float, set_point: float) -> Trajectory:
+def _laid_out(run: _Marcher, motion: _MarchedMotion, tol: float, set_point: float) -> Trajectory:
     """A motion as a Trajectory, without error estimates."""
     s, n = Scheme.of(*SCHEMES[run.model]), run.start.size
     starts, segments = motion.starts, motion.segments

@@ -30,7 +30,7 @@ FAR_INSIDE = 1e-3
 """Part of the range of small slips from which none leads out: a swing may be that many times its start."""
 
 
-def linear_range(servo: Servo, model: Model, gain: float) -> float:
+def linear_stick_range(servo: Servo, model: Model, gain: float) -> float:
     """The range of stick positions in which the drop of the friction is not felt in a slip.
 
     servo, model, gain: the problem; gain K > 0 [V/rad]. Returns its upper end [rad].
@@ -82,5 +82,5 @@ def crept(servo: Servo, gain: float, x: np.ndarray) -> tuple[float, str] | None:
     it may go farther, or that is not certain.
     """
     a = distance(servo, gain, x)
-    near = 0 < a <= FAR_INSIDE * linear_range(servo, "switch", gain)
+    near = 0 < a <= FAR_INSIDE * linear_stick_range(servo, "switch", gain)
     return (a, "it creeps to the set point; ") if near and creeps(servo, gain) else None

@@ -21,7 +21,7 @@ from ...results import Result
 from ..cycles import SCHEMES, motor_torque
 from ..hunting import Model
 from ..servo import Servo
-from .verdict import Verdict, judge
+from .verdict import Verdict, judge_motion
 
 Array = np.ndarray
 
@@ -198,7 +198,7 @@ class Trajectory(Result):
     @cached_property
     def verdict(self) -> Verdict:
         """What the end of the motion shows: hunting, decaying, growing, at rest or undecided."""
-        return judge(self)
+        return judge_motion(self)
 
     @property
     def duration(self) -> float:

@@ -10,7 +10,7 @@ largest |x1| between crossings of the set point.  Each is a function of the one 
     undecided  none of these is certain; the sentence says what is missing
 
 Swings that come close to each other prove no cycle: just above the fold they creep past the place where the two cycles
-were, d_{k+1}/d_k -> 1 with d_k = A_{k+1} - A_k, and decay later.  For Switch prospect.py therefore solves P(a*) = a*
+were, d_{k+1}/d_k -> 1 with d_k = A_{k+1} - A_k, and decay later.  For Switch long_run.py therefore solves P(a*) = a*
 and checks that the last stick position is drawn to it.  For LuGre and the stick band the swings themselves must show
 it (swings.py).
 
@@ -34,7 +34,7 @@ from ..event_map.slopes import map_at
 from ..hunting import Model
 from ..servo import Servo
 from ..stick_band import parameters as band_parameters
-from .prospect import KNOWN, NUDGE, Ahead, Cycle, cycle_near, escapes, nudged, settles
+from .long_run import KNOWN, NUDGE, Ahead, AttractingCycle, attracting_cycle_near, escapes, nudged, settles
 from .small_swings import crept
 from .swings import ABOVE, limit_of, limit_of_sides
 
@@ -108,7 +108,7 @@ class Verdict(Result):
         return tuple(b / a if a else math.nan for a, b in zip(self.judged, self.judged[1:], strict=False))
 
 
-class Motion(Protocol):
+class ObservedMotion(Protocol):
     """What a verdict needs of a trajectory (trajectory.py)."""
 
     # fmt: off
@@ -136,18 +136,18 @@ class Motion(Protocol):
     # fmt: on
 
 
-def unit_of(motion: Motion) -> float:
+def static_friction_error(motion: ObservedMotion) -> float:
     """Fs/kp [rad], the error at which the proportional torque is static friction."""
     return motion.servo.friction.static / motion.servo.torque_gains(motion.gain)[0]
 
 
-def judge(motion: Motion) -> Verdict:
+def judge_motion(motion: ObservedMotion) -> Verdict:
     """What the end of a motion shows."""
     crossings, peaks = motion.shape()
     error = float(motion.state_errors[0])
     stuck = _stuck(motion)
     swings, at = stuck if motion.model == "switch" and not motion.regularised else (peaks[1:-1], crossings[:-1])
-    floor = max(REST * unit_of(motion), error)
+    floor = max(REST * static_friction_error(motion), error)
     clear = np.flatnonzero(swings > floor)[-SWINGS - 1 :]
     seen = Verdict(
         "undecided", "", *_measured(crossings, peaks),
@@ -182,7 +182,7 @@ def _measured(crossings: Array, peaks: Array) -> tuple[float, float, int]:
 # Switch: the stick position is all there is to know -------------------------------------------------------------
 
 
-def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdict:
+def _switch(motion: ObservedMotion, seen: Verdict, sticks: Array, error: float) -> Verdict:
     servo, gain = motion.servo, motion.gain
     crossings, peaks = motion.shape()
     times = motion.times[np.flatnonzero(np.array(motion.modes) == "stick")]
@@ -191,7 +191,7 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
         if found is not None:
             return found
     known = sticks.size and sticks[-1] > seen.floor
-    cycle = cycle_near(servo, gain, float(sticks[-1]), error) if known else None
+    cycle = attracting_cycle_near(servo, gain, float(sticks[-1]), error) if known else None
     if cycle is not None:
         return _at_cycle(motion, seen, cycle, sticks)
     stuck, x = motion.modes[-1] == "stick", motion.states[:, -1]
@@ -216,7 +216,7 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
         if swings:
             text = f"carried on by the event map it sticks {a:.4g} rad beside the set point {swings} swings later; "
         return _resting(motion, seen, text, ahead)
-    later = cycle_near(servo, gain, a, error) if a > seen.floor else None
+    later = attracting_cycle_near(servo, gain, a, error) if a > seen.floor else None
     if later is not None:
         text = f"carried on by the event map it comes to a cycle of {later.amplitude:.6g} rad"
         coming = replace(seen, limit=later.amplitude, multiplier=later.multiplier)
@@ -224,7 +224,7 @@ def _switch(motion: Motion, seen: Verdict, sticks: Array, error: float) -> Verdi
     return _open(motion, seen, first)
 
 
-def _at_cycle(motion: Motion, seen: Verdict, cycle: Cycle, sticks: Array) -> Verdict:
+def _at_cycle(motion: ObservedMotion, seen: Verdict, cycle: AttractingCycle, sticks: Array) -> Verdict:
     a, count, end = float(sticks[-1]), sticks.size, motion.times[-1]
     what = "cycle" if cycle.swings == 1 else "lopsided cycle"
     distance = abs(a - cycle.amplitude) / cycle.amplitude
@@ -259,7 +259,7 @@ def _next(servo: Servo, gain: float, a: float, error: float) -> tuple[float, flo
 # LuGre and the stick band: the swings of the motion, and the map for rest ---------------------------------------
 
 
-def _other(motion: Motion, seen: Verdict, sticks: Array, swings: Array, error: float) -> Verdict:
+def _other(motion: ObservedMotion, seen: Verdict, sticks: Array, swings: Array, error: float) -> Verdict:
     found = _converging(seen, swings, error)
     if found is None and motion.model == "lugre" and swings.size >= SWINGS and _agree(swings[-SWINGS:], error):
         found = _drawn_back(motion, seen, float(swings[-1]), error)
@@ -282,7 +282,7 @@ def _other(motion: Motion, seen: Verdict, sticks: Array, swings: Array, error: f
     return _resting(motion, seen, "", ahead) if ahead.holds else _open(motion, seen, ahead)
 
 
-def _drawn_back(motion: Motion, seen: Verdict, swing: float, error: float) -> Verdict | None:
+def _drawn_back(motion: ObservedMotion, seen: Verdict, swing: float, error: float) -> Verdict | None:
     """Hunting of a LuGre servo whose swings agree from the start, where a push off them dies out."""
     pushed = nudged(motion.servo, motion.gain, motion.states[:, -1], motion.modes[-1], seen.period)
     blur = max(error, KNOWN * swing)
@@ -320,7 +320,7 @@ def _converging(seen: Verdict, swings: Array, error: float) -> Verdict | None:
 # What is shared -------------------------------------------------------------------------------------------------
 
 
-def _stuck(motion: Motion) -> tuple[Array, Array]:
+def _stuck(motion: ObservedMotion) -> tuple[Array, Array]:
     """(|x1| [rad], time [s]) at the end of each stick."""
     if motion.model == "switch":
         last = [
@@ -336,7 +336,7 @@ def _stuck(motion: Motion) -> tuple[Array, Array]:
     return np.abs(motion.states[0, runs]), motion.times[runs]
 
 
-def _carried_on(motion: Motion) -> tuple[float, str] | None:
+def _carried_on(motion: ObservedMotion) -> tuple[float, str] | None:
     """(|x1| [rad], sentence) where the motion, followed from its end, creeps to the set point or, for Switch, sticks.
 
     None where it crosses the set point again first (LuGre, stick band), or could not be followed.
@@ -354,7 +354,7 @@ def _carried_on(motion: Motion) -> tuple[float, str] | None:
             return bool(segment.mode == "stick") or slips > 40
         return bool(segment.event == "centre" or segment.end[0] * side <= 0 or slips > 200)
 
-    size = max(abs(float(x[0])), REST * unit_of(motion))
+    size = max(abs(float(x[0])), REST * static_friction_error(motion))
     stick_map = StickMap(model, servo, motion.gain)
     scale = np.maximum(stick_map.scale(size), np.abs(x) / SPAN)
     degree, kind = SCHEMES[model]
@@ -368,14 +368,14 @@ def _carried_on(motion: Motion) -> tuple[float, str] | None:
     last = segments[-1]
     a = abs(float(last.end[0]))
     if exact and last.mode == "stick":
-        where = f"sticks {a:.4g} rad beside" if a > REST * unit_of(motion) else "comes to"
+        where = f"sticks {a:.4g} rad beside" if a > REST * static_friction_error(motion) else "comes to"
         return a, f"followed on it {where} the set point; "
-    if last.event == "" and a <= max(1e-3 * abs(float(x[0])), REST * unit_of(motion)):
+    if last.event == "" and a <= max(1e-3 * abs(float(x[0])), REST * static_friction_error(motion)):
         return 0.0, "followed on it creeps to the set point without crossing it; "
     return None
 
 
-def _resting(motion: Motion, seen: Verdict, text: str, ahead: Ahead) -> Verdict:
+def _resting(motion: ObservedMotion, seen: Verdict, text: str, ahead: Ahead) -> Verdict:
     """At rest where the position does not leave the floor any more; decaying elsewhere."""
     t, x = motion.dense(8)
     away = np.flatnonzero(np.abs(x[0]) > seen.floor)
@@ -389,14 +389,14 @@ def _resting(motion: Motion, seen: Verdict, text: str, ahead: Ahead) -> Verdict:
     )
 
 
-def _open(motion: Motion, seen: Verdict, ahead: Ahead) -> Verdict:
+def _open(motion: ObservedMotion, seen: Verdict, ahead: Ahead) -> Verdict:
     text = f"neither a cycle nor rest is certain after {motion.times[-1]:.4g} s"
     if motion.ended:
         text = f"it was followed only until {motion.ended}"
     return replace(seen, sentence=f"{text} ({ahead.sentence}); try a longer time{_waits(motion)}")
 
 
-def _waits(motion: Motion) -> str:
+def _waits(motion: ObservedMotion) -> str:
     """The sentence of a servo that ends stuck beside its set point; "" elsewhere."""
     x = motion.states[:, -1]
     ki, static = motion.servo.torque_gains(motion.gain)[2], motion.servo.friction.static

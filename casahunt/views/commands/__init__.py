@@ -1,7 +1,7 @@
 """The commands, one module each: arguments, a call, text and JSON.
 
-printed.py     what is printed: 80 columns, words explained; CSV tables
-written.py     what a command may write
+output.py      what is printed: 80 columns, words explained; CSV tables
+output_paths.py what a command may write
 arguments.py   the arguments that they share, read and checked
 console.py     what else they share: progress, files, how numbers are shown
 orbit.py, diagram.py, fold.py, fold_curve.py, fold_map.py, loop.py, equilibria.py, map.py, basin.py, simulate.py,

@@ -12,13 +12,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from ...checks import known, quoted, sensible, shortened
+from ...checks import choice_of, quoted, sensible, shortened
 from ...errors import InputError
 from ...orbits import Options
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, load, with_overrides
-from .printed import LINE_WIDTH, folded, meanings
-from .written import Signs
+from .output import LINE_WIDTH, meanings, wrapped
+from .output_paths import Signs
 
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
@@ -70,7 +70,7 @@ class Parser(argparse.ArgumentParser):
     def format_help(self) -> str:
         """The help, with the words of the trade explained below it."""
         text = super().format_help()
-        below = [part for line in meanings(text.splitlines()) for part in folded(line)]
+        below = [part for line in meanings(text.splitlines()) for part in wrapped(line)]
         return text + ("\n" + "\n".join(below) + "\n" if below else "")
 
     def error(self, message: str) -> Any:
@@ -138,12 +138,12 @@ def add_solver(command: argparse.ArgumentParser) -> None:
 
 def model_of(options: argparse.Namespace) -> Model:
     """The one friction model of the command line."""
-    return known("model", options.model, MODELS)  # type: ignore[return-value]
+    return choice_of("model", options.model, MODELS)  # type: ignore[return-value]
 
 
 def how_of(options: argparse.Namespace) -> Options:
     """The tolerance of the command line, and the solver where there is a choice."""
-    solver: Any = known("solver", getattr(options, "solver", "auto"), Options.SOLVERS)
+    solver: Any = choice_of("solver", getattr(options, "solver", "auto"), Options.SOLVERS)
     return Options(tol=finite("tol", options.tol), solver=solver)
 
 
@@ -152,7 +152,7 @@ def models_of(options: argparse.Namespace) -> list[Model]:
 
     Raises InputError: an unknown model, or one that is named twice.
     """
-    models: list[Any] = [known("model", model, MODELS) for model in options.model or MODELS]
+    models: list[Any] = [choice_of("model", model, MODELS) for model in options.model or MODELS]
     if len(set(models)) != len(models):
         raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
     return models

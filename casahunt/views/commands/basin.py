@@ -11,7 +11,7 @@ from ...results import tables_of
 from ...servo.basin import OFFSET, Basin, basin
 from .arguments import add_command, finite, gain_of, how_of, model_of, servo_of
 from .console import complain, complex_text
-from .printed import give
+from .output import give
 
 
 def add(commands: Any) -> None:

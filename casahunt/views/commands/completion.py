@@ -19,7 +19,7 @@ from ...servo.hunting import MODELS
 from ...servo.servo import KEYS
 from ..glossary import GLOSSARY
 from .orbit import ROUTES
-from .written import WRITTEN
+from .output_paths import WRITTEN
 
 FILES = {
     "servo": (".toml",),

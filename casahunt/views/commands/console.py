@@ -19,8 +19,8 @@ from ...checks import to_absolute_error, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
 from ...servo.problem import HuntingOrbit
-from .printed import folded, meanings
-from .written import Signs, keep_others
+from .output import meanings, wrapped
+from .output_paths import Signs, keep_others
 
 TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 """Seconds between two lines of progress, and after which a long step is named again."""
@@ -203,7 +203,7 @@ def explain_complaints(*, aloud: bool) -> None:
     """
     if aloud:
         for line in meanings(_COMPLAINTS):
-            for part in folded(line):
+            for part in wrapped(line):
                 print(part, file=sys.stderr)
     _COMPLAINTS.clear()
 

@@ -1,6 +1,6 @@
 """casahunt diagram: both branches, the fold, pictures and files; points are on disk before the next ones begin.
 
-Points that were computed side by side are written together, and a point is announced when it is on disk.
+Points that were computed in batches are written together, and a point is announced when it is on disk.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import IO, Any
 from ... import effort
 from ...continuation import FOLD
 from ...design.diagram import DiagramPoint, branch_of, diagram, starting_gain
-from ...design.diagram_files import SIGNS, Left, Task, Words, begun, keep
+from ...design.diagram_files import SIGNS, DiagramTask, Left, Words, keep, saved_points
 from ...errors import NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
@@ -29,8 +29,8 @@ from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
 from .arguments import add_command, add_models, add_out, add_solver, how_of, models_of, positive, servo_of
 from .console import complain, folder, of_this, progress, progress_line, say
-from .printed import drawing, give
-from .written import keep_others
+from .output import drawing, give
+from .output_paths import keep_others
 
 PICTURES = {
     "diagram.png": "branches.diagram",
@@ -78,15 +78,15 @@ def run(options: argparse.Namespace) -> int:
     models = models_of(options)
     start = None if options.start is None else positive("from", options.start)
     how = how_of(options)
-    task = Task(servo_of(options), start, how, options.natural)
+    task = DiagramTask(servo_of(options), start, how, options.natural)
     began = time.perf_counter()
     results = _results(options)
     with folder(options.out, results) as out:
-        there = {model: begun(task, model, out) if options.resume else Left([], "") for model in models}
+        there = {model: saved_points(task, model, out) if options.resume else Left([], "") for model in models}
         # What an earlier run has left makes room when this one has its first point, and not before.
         taken_up = [model for model in models if there[model].points]
         stale = {name: sign for name, sign in results.items() if Path(name).stem not in taken_up}
-        found = _Found(task, out, there, stale, progress(options.quiet))
+        found = _Branches(task, out, there, stale, progress(options.quiet))
         try:
             for model in models:
                 found.add(model)
@@ -128,10 +128,10 @@ def _lines(branches: list[Branch], out: Path | None) -> Iterator[str]:
 
 
 @dataclass
-class _Found:
+class _Branches:
     """The branches of a run, and what is missing of them."""
 
-    task: Task
+    task: DiagramTask
     out: Path
     there: dict[Model, Left]
     """By model: what an earlier run has left."""
@@ -200,12 +200,12 @@ class _Found:
         """Compute the branch of a model from a gain."""
         task = replace(self.task, start=start)
         folds = [s.orbit.gain for branch in self.branches for s in branch.special if s.kind == FOLD.kind]
-        way = _Way(start, task.natural, max(folds, default=0.0), last=model == list(self.there)[-1])
+        way = _DiagramProgress(start, task.natural, max(folds, default=0.0), last=model == list(self.there)[-1])
         return _one_branch(task, model, self.there[model], self.make_room, self.out, self.stream, way)
 
 
 @dataclass
-class _Way:
+class _DiagramProgress:
     """How far along its branch a diagram has come, in the logarithm of the gain: up to the fold, and back.
 
     Attributes
@@ -237,13 +237,13 @@ class _Way:
 
 
 def _one_branch(
-    task: Task,
+    task: DiagramTask,
     model: Model,
     there: Left,
     make_room: Callable[[], None],
     out: Path,
     stream: IO[str] | None,
-    way: _Way,
+    way: _DiagramProgress,
 ) -> Branch:
     """Compute a branch, from the points that are there on; what is found is on disk before more is computed."""
     found, ended, words = list(there.points), there.ended, Words()
@@ -291,7 +291,7 @@ def _one_branch(
     return keep(task, model, found, ended, out, words, beside)
 
 
-def _beside(branch: Branch, task: Task, stream: IO[str] | None) -> Branch:
+def _beside(branch: Branch, task: DiagramTask, stream: IO[str] | None) -> Branch:
     """The branch with one cycle of each lopsided pair that branches off from it, followed too."""
 
     def shown(orbit: HuntingOrbit) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from ...results import tables_of
 from ...servo.equilibria import PROVES, Equilibria, equilibria
 from .arguments import add_command, gain_of, model_of, servo_of
-from .printed import give
+from .output import give
 
 
 def add(commands: Any) -> None:

@@ -18,7 +18,7 @@ from ...servo.problem import HuntingFold
 from ..stability import stability_of
 from .arguments import add_command, add_solver, how_of, model_of, servo_of
 from .console import progress, progress_line, say
-from .printed import give
+from .output import give
 
 MOST_DECIMALS = 4
 """Of a sensitivity in per cent of the gain."""

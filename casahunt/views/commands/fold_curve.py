@@ -12,8 +12,8 @@ from typing import IO, Any
 from ... import effort
 from ...checks import to_error
 from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
-from ...design.fold_curve.files import begun, save_curve
-from ...design.fold_curve.points import FoldCurve, FoldPoint, as_found
+from ...design.fold_curve.data import FoldCurve, FoldPoint, as_found
+from ...design.fold_curve.files import save_curve, saved_curve
 from ...errors import InputError, NoOrbit, Status
 from ...export import write_csv
 from ...files import together
@@ -27,7 +27,7 @@ from ...servo.units import with_unit
 from .arguments import add_command, add_models, count_of, finite, how_of, models_of, servo_of
 from .console import complain, of_this, progress, say
 from .fold import sensitivity_text
-from .printed import give
+from .output import give
 
 CURVE_POINTS = 2, 1000
 """Fewest and most points of a curve."""
@@ -38,9 +38,7 @@ def add(commands: Any) -> None:
     about = "the fold gain against another parameter: where the servo cannot hunt"
     plot = "the gains with and without hunting"
     command = add_command(commands, "fold-curve", about, csv="the points", plot=plot)
-    command.add_required(
-        "--vary", example="friction.static", metavar="KEY", help="the parameter, e.g. friction.static"
-    )
+    command.add_required("--vary", example="friction.static", metavar="KEY", help="the parameter, e.g. friction.static")
     command.add_required("--from", example="0.5", dest="start", metavar="A", help="where its range begins")
     command.add_required("--to", example="0.6", metavar="B", help="where its range ends")
     add_models(command)
@@ -164,7 +162,7 @@ def _desk_of(options: argparse.Namespace) -> _Desk:
         raise InputError(f"save = {str(save)!r}: holds the points of one model; give one --model")
     if options.resume and not save:
         raise InputError("resume: must be given together with --save, the file to go on from")
-    before = begun(save, servo, models[0], _settings(asked, how)) if save and options.resume else None
+    before = saved_curve(save, servo, models[0], _settings(asked, how)) if save and options.resume else None
     desk = _Desk(models, servo, asked, how, table, save, before, progress(options.quiet))
     desk.there += as_found(before.points, start) if before else []
     return desk

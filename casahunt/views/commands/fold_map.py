@@ -17,7 +17,7 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from .arguments import add_command, count_of, finite, how_of, model_of, servo_of
 from .console import progress, progress_line, say, teller
-from .printed import give
+from .output import give
 
 MAP_SIDE = 25
 """Values of each parameter: 625 folds make smooth contours, and take some seconds."""

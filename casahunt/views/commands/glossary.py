@@ -6,9 +6,9 @@ import argparse
 import json
 from typing import Any
 
-from ...checks import known
+from ...checks import choice_of
 from ..glossary import GLOSSARY, sentence
-from .printed import show
+from .output import show
 
 
 def add(commands: Any) -> None:
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     """
     asked = " ".join(options.word)
     names = {word.lower(): word for word in GLOSSARY}
-    words = [names[known("word", asked.lower(), names)]] if asked else list(GLOSSARY)
+    words = [names[choice_of("word", asked.lower(), names)]] if asked else list(GLOSSARY)
     if options.json:
         print(json.dumps({word: GLOSSARY[word] for word in words}))
         return 0

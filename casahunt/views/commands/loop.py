@@ -10,7 +10,7 @@ from typing import Any
 from ...results import tables_of
 from ...servo.linear_loop import LinearLoop, linear_loop, lowest_stable_gain, routh_hurwitz_gain
 from .arguments import add_command, add_gain, positive, servo_of
-from .printed import give
+from .output import give
 
 
 def add(commands: Any) -> None:

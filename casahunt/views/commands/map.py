@@ -16,7 +16,7 @@ from ...servo.event_map.fixed_points import MAP_POINTS, FixedPoints, default_ran
 from ...servo.servo import Servo
 from .arguments import add_command, count_of, gain_of, positive, servo_of
 from .console import progress, teller
-from .printed import give
+from .output import give
 
 MOTIONS = 2, 1000
 """Fewest and most motions of the first grid."""

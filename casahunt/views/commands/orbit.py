@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from ...checks import error_text, known, to_error
+from ...checks import choice_of, error_text, to_error
 from ...export import Columns
 from ...orbits import Multipliers
 from ...orbits.archive import save_orbit
@@ -18,7 +18,7 @@ from ...servo.problem import HuntingOrbit
 from ...servo.units import column
 from .arguments import add_command, add_solver, gain_of, how_of, model_of, servo_of
 from .console import complex_text, progress, progress_line, say
-from .printed import give
+from .output import give
 
 CHECK = "their accuracy   the one that must be 1 is off by"
 """Said of the multipliers by either way."""
@@ -45,8 +45,8 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model = model_of(options)
-    branch: Any = known("branch", options.branch, BRANCHES)
-    route = known("multipliers", options.multipliers, ROUTES)
+    branch: Any = choice_of("branch", options.branch, BRANCHES)
+    route = choice_of("multipliers", options.multipliers, ROUTES)
     gain = gain_of(options)
     how = replace(how_of(options), half=not options.full)
     servo = servo_of(options)

@@ -31,7 +31,7 @@ from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
 from .arguments import add_command, finite, how_of, model_of, positive, servo_of
 from .console import complain, progress, say
-from .printed import HARD_SPACE, give
+from .output import HARD_SPACE, give
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
@@ -109,9 +109,7 @@ def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:
         ("frequency", "Hz", m.frequency, m.frequency_error, m.frequency_scatter, 1 / period, errors[1]),
         ("period", "s", m.period, m.period_error, m.period_scatter, period, errors[1]),
     ]
-    return [
-        dict(zip(CSV_COLUMNS, (*row[:6], row[5] * row[6], row[2] / row[5]), strict=True)) for row in rows
-    ]
+    return [dict(zip(CSV_COLUMNS, (*row[:6], row[5] * row[6], row[2] / row[5]), strict=True)) for row in rows]
 
 
 def _lines(

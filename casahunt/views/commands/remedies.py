@@ -10,14 +10,14 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from ...checks import known, to_absolute_error
+from ...checks import choice_of, to_absolute_error
 from ...design.remedies.price import TASK_STEP
 from ...design.remedies.remedies import REMEDY_NAMES, Cure, Cures, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...results import tables_of
 from .arguments import add_command, gain_of, how_of, model_of, positive, servo_of
 from .console import progress, say
-from .printed import give
+from .output import give
 
 PRICE_DIGITS = 4
 """Digits of a price."""
@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options.quiet)
-    names = [known("remedy", name.strip(), REMEDY_NAMES) for text in options.only for name in text.split(",")]
+    names = [choice_of("remedy", name.strip(), REMEDY_NAMES) for text in options.only for name in text.split(",")]
     servo = servo_of(options)
     limits = {key: None if getattr(options, key) is None else positive(key, getattr(options, key))
               for key in ("max_error", "max_torque")}  # fmt: skip
@@ -103,5 +103,3 @@ def _advice(found: Cures, limits: dict[str, float | None]) -> str:
     if best is None:
         return f"none of these remedies ends it{within}"
     return f"the cheapest remedy{within} is: {best.name} {best.recommended:.{PRICE_DIGITS}g} {best.unit}".rstrip()
-
-

@@ -31,7 +31,7 @@ from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
 from .arguments import add_command, finite, gain_of, model_of, positive, servo_of
 from .console import complain
-from .printed import give
+from .output import give
 
 EVENT_WORDS = {
     "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",

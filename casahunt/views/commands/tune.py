@@ -30,7 +30,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...checks import known, to_error
+from ...checks import choice_of, to_error
 from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tuning import Tuning, tune
 from ...design.uncertainty.set import load_uncertainty
@@ -38,12 +38,12 @@ from ...errors import InputError
 from ...export import columns_from
 from ...files import together, whole_text
 from ...servo.units import GAIN_UNIT, unit_of
-from ..evidence.page import TITLE, page
-from ..evidence.record import before_tasks, made, record_of
+from ..evidence.page import TITLE, evidence_page
+from ..evidence.record import before_tasks, evidence_record, made
 from .arguments import add_command, add_out, finite, how_of, model_of, positive, servo_of
 from .console import complain, folder, progress, say, telling
-from .printed import give
-from .written import keep_others
+from .output import give
+from .output_paths import keep_others
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -72,7 +72,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Tune, verify and print; returns the exit code."""
     model = model_of(options)
-    cost = known("cost", options.cost, COSTS)
+    cost = choice_of("cost", options.cost, COSTS)
     how = how_of(options)
     demands = Demands(
         margin=finite("margin", options.margin),
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     now = None if options.gain is None else positive("gain", options.gain)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
-    free = [known("free", name, NUMBERS) for name in options.free]
+    free = [choice_of("free", name, NUMBERS) for name in options.free]
     bounds = bounds_of(options.bounds)
 
     stream = progress(options.quiet)
@@ -98,18 +98,18 @@ def run(options: argparse.Namespace) -> int:
 
     if options.out is None:
         tuning = tuned()
-        record = record_of(tuning, before_tasks(tuning, now) if now is not None else None, how)
+        record = evidence_record(tuning, before_tasks(tuning, now) if now is not None else None, how)
         record |= {"tol": how.tol, "made": made(options.servo, options.set)}
     else:
         with folder(options.out, FILES) as out:
             tuning = tuned()
             say(stream, "simulating the tasks with the gain used now, and drawing")
             before = before_tasks(tuning, now)
-            record = record_of(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
+            record = evidence_record(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
-            options.outputs.write(_write, out, page(record, images), record)
+            options.outputs.write(_write, out, evidence_page(record, images), record)
     lines = _lines(record, how.tol, None if options.outputs.troubles else options.out)
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, lines, table=table)

@@ -25,7 +25,7 @@ from ...servo.servo import Servo
 from ...servo.units import unit_of
 from .arguments import add_command, count_of, how_of, model_of, servo_of
 from .console import progress, progress_line, say, teller
-from .printed import HARD_SPACE, give
+from .output import HARD_SPACE, give
 
 DEFAULT_SAMPLES = 200
 """The 5 and 95 % quantiles are then known to a fiftieth of the distribution: sqrt(0.05 0.95 / 200) = 0.015."""

@@ -143,7 +143,7 @@ CAPTIONS = {
 }
 
 
-def page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """The evidence as one HTML page.
 
     record: of `record_of`; images: PNG files by name: any of `CAPTIONS`. Returns HTML, with the images in it.
@@ -268,8 +268,10 @@ def _fold(p: _Page) -> list[str]:
     rows = [
         ["fold gain, nominal friction", p.known("fold/nominal", GAIN_UNIT, value_at(p.record, "fold/error") or p.tol)],
         ["its numerical error, relative", p.n("fold/error", ".1e")],
-        ["cycle there", f"amplitude {p.known('fold/amplitude', 'rad', p.tol, 6)}, "
-                          f"period {p.known('fold/period', 's', p.tol, 6)}"],
+        [
+            "cycle there",
+            f"amplitude {p.known('fold/amplitude', 'rad', p.tol, 6)}, period {p.known('fold/period', 's', p.tol, 6)}",
+        ],
     ]
     corner = p.record["worst"]["corner"]
     if corner:

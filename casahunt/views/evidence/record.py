@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from ...design.tune.tasks import Task, regulator_tasks
+from ...design.tune.tasks import SimulatedTask, regulator_tasks
 from ...design.tune.tuning import Tuning
 from ...export import plain
 from ...orbits import Options
@@ -40,7 +40,7 @@ def made(servo_file: str | None, changes: Sequence[str]) -> dict[str, Any]:
     return {"date": date, "casahunt": version, "servo_file": servo_file, "set": list(changes)}
 
 
-def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task, ...]]:
+def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[SimulatedTask, ...]]:
     """The simulated tasks with the controller as given.
 
     gain: K used before [V/rad]; default: half the fold gain of the nominal friction with the times as given or tuned.
@@ -54,8 +54,8 @@ def before_tasks(tuning: Tuning, gain: float | None) -> tuple[float, tuple[Task,
     return gain, tuple(tasks)
 
 
-def record_of(
-    tuning: Tuning, before: tuple[float, tuple[Task, ...]] | None = None, options: Options | None = None
+def evidence_record(
+    tuning: Tuning, before: tuple[float, tuple[SimulatedTask, ...]] | None = None, options: Options | None = None
 ) -> dict[str, Any]:
     """The JSON object of a tuning: its `to_dict`, up to which gain a cycle is stable, and the tasks before.
 

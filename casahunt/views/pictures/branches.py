@@ -27,7 +27,7 @@ from .plotting import (
     FixedLocator,
     FuncFormatter,
     Line2D,
-    Look,
+    LineStyle,
     NullLocator,
     at_least_one,
     legend,
@@ -158,7 +158,7 @@ def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
 class _Curve(NamedTuple):
     """A branch ready to be drawn: its orbits with the special points between them, where they belong."""
 
-    look: Look
+    look: LineStyle
     name: str
     orbits: list[HuntingOrbit]
     kinds: list[str]

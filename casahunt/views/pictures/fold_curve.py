@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...design.fold_curve.points import FoldCurve, hermite
+from ...design.fold_curve.data import FoldCurve, cubic_through_points
 from ...errors import InputError
 from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, logarithmic, panels
 
@@ -75,7 +75,7 @@ def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * HEADROOM)
     for curve in curves:
         look = LOOKS[curve.model]
-        q, K = hermite(curve)
+        q, K = cubic_through_points(curve)
         label = f"fold, {NAMES[curve.model]} friction"
         axes.plot(q, K, color=look.colour, linewidth=look.width, zorder=look.zorder)
         axes.plot(
@@ -113,7 +113,7 @@ def _words(axes: Any, curves: Sequence[FoldCurve], wide: bool) -> None:
     lower = np.full(place.size, np.inf)
     upper = np.full(place.size, -np.inf)
     for curve in curves:
-        q, K = hermite(curve)
+        q, K = cubic_through_points(curve)
         order = np.argsort(q)
         there = np.interp(place, q[order], K[order])
         lower, upper = np.minimum(lower, there), np.maximum(upper, there)

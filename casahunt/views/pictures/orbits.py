@@ -26,7 +26,7 @@ from .plotting import (
     Axes,
     Figure,
     Line2D,
-    Look,
+    LineStyle,
     MaxNLocator,
     at_least_one,
     fix_labels,
@@ -179,7 +179,7 @@ def _space_and_planes(given: Any, legend_rows: int) -> tuple[Figure | None, Arra
     return figure, np.array([space, *planes], dtype=object)
 
 
-def _looks(orbits: Sequence[HuntingOrbit]) -> list[Look]:
+def _looks(orbits: Sequence[HuntingOrbit]) -> list[LineStyle]:
     """The look of its model for the first orbit of a model, others for the rest."""
     if len(orbits) == 1:
         return [LOOKS[orbits[0].model]._replace(width=ALONE)]
@@ -248,7 +248,7 @@ def rolled(times: Array, states: Array) -> tuple[Array, Array]:
     return np.append(shifted[order], shifted[order[0]] + period), states[:, closed]
 
 
-def _draw_orbit(axes: Axes, x: Array, stuck: Array, look: Look) -> None:
+def _draw_orbit(axes: Axes, x: Array, stuck: Array, look: LineStyle) -> None:
     """A closed line in two or three dimensions, x (2 or 3, m), with the stick part (m,) bool thick."""
     axes.plot(*x, color=look.colour, linewidth=look.width, linestyle=look.dashes, zorder=look.zorder)
     for is_stuck, group in groupby(range(stuck.size), key=lambda i: bool(stuck[i])):

@@ -27,7 +27,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogFormatterSciNotati
 from ...checks import quoted
 from ...errors import InputError
 from ...export import MAKER
-from ...files import whole
+from ...files import whole_file
 
 Array = np.ndarray
 Axes = Any
@@ -49,7 +49,7 @@ LEGEND_EDGE, LEGEND_ROW = 0.2, 0.19
 """Room for the frame of a legend above the panels, and for each of its rows [in]."""
 
 
-class Look(NamedTuple):
+class LineStyle(NamedTuple):
     """How the line of a model or of an orbit is drawn."""
 
     colour: str
@@ -60,15 +60,15 @@ class Look(NamedTuple):
 
 
 LOOKS = {
-    "switch": Look("#0b2f6b", 1.3, "s", 4),
-    "lugre": Look("#f2a03d", 2.8, "^", 3),
+    "switch": LineStyle("#0b2f6b", 1.3, "s", 4),
+    "lugre": LineStyle("#f2a03d", 2.8, "^", 3),
 }
 MORE_LOOKS = (
-    Look("#7a1f3d", 1.3, "D", 6, (0, (6, 2))),
-    Look("#5fae8c", 2.2, "v", 5, (0, (1, 1.2))),
-    Look("#555555", 1.3, "P", 7, (0, (6, 2, 1, 2))),
-    Look("#b0509b", 1.8, "X", 5.5, (0, (2, 1))),
-    Look("#111111", 1.0, "o", 8, (0, (10, 2, 1, 2, 1, 2))),
+    LineStyle("#7a1f3d", 1.3, "D", 6, (0, (6, 2))),
+    LineStyle("#5fae8c", 2.2, "v", 5, (0, (1, 1.2))),
+    LineStyle("#555555", 1.3, "P", 7, (0, (6, 2, 1, 2))),
+    LineStyle("#b0509b", 1.8, "X", 5.5, (0, (2, 1))),
+    LineStyle("#111111", 1.0, "o", 8, (0, (10, 2, 1, 2, 1, 2))),
 )
 """For orbits of a model that is in the picture already, in turn."""
 NAMES = {"switch": "Switch", "lugre": "LuGre"}
@@ -113,7 +113,7 @@ def save(picture: Any, path: str | Path) -> None:
     if not path.parent.is_dir():
         raise InputError(f"figure {str(path)!r}: there is no folder {str(path.parent)!r}")
     content = drawn(figure, suffix)
-    with whole(path) as stream:
+    with whole_file(path) as stream:
         stream.write(content)
 
 
@@ -290,7 +290,7 @@ __all__ = [
     "FixedLocator",
     "FuncFormatter",
     "Line2D",
-    "Look",
+    "LineStyle",
     "MaxNLocator",
     "NullLocator",
     "align",

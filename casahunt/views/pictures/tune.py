@@ -9,7 +9,7 @@ import numpy as np
 
 from ...design.diagram import collect, diagram
 from ...design.sensitivity import fold_sensitivities
-from ...design.tune.tasks import Task
+from ...design.tune.tasks import SimulatedTask
 from ...design.tune.tuning import Tuning
 from ...errors import NoOrbit
 from ...orbits import Options
@@ -73,7 +73,7 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
     return both
 
 
-def tasks(before: tuple[float, Sequence[Task]], after: Sequence[Task], *, axes: Any = None) -> Array:
+def tasks(before: tuple[float, Sequence[SimulatedTask]], after: Sequence[SimulatedTask], *, axes: Any = None) -> Array:
     """The same tasks before and after: distance from the set point [rad] against time [s].
 
     Parameters
@@ -135,7 +135,7 @@ def png(axes: Any) -> bytes:
 
 
 def evidence_images(
-    tuning: Tuning, before: tuple[float, Sequence[Task]], options: Options | None = None
+    tuning: Tuning, before: tuple[float, Sequence[SimulatedTask]], options: Options | None = None
 ) -> dict[str, bytes]:
     """The images of the evidence page.
 

@@ -1,13 +1,14 @@
 """Behind a grazing: the cycle with which a branch goes on where an event is met with no speed.
 
     a phase has vanished            the cycle without it                                     (vanishing.py)
-    an event is touched once more   the cycle that meets it, at first with no speed: its speed tells how far it is along
-    an event is only touched        the cycle next to it that keeps clear of it, on either side of the parameter: where
+    an event is grazed once more   the cycle that meets it, at first with no speed: its speed tells how far it is along
+    an event is only grazed        the cycle next to it that keeps clear of it, on either side of the parameter: where
                                     the motion settles on one that is nearly the same
 
-Where an event is touched once more, the equations of the cycle go on beyond the touch, and between its points a phase
-shows the event no better than its polynomial: the touch is where the scalar of the event turns at zero (touching.py).
-At the touch the cycle with one more boundary has a regular tangent, although h' = 0 there: the speed is free.
+Where an event is grazed once more, the equations of the cycle go on beyond the contact, and between its points a phase
+shows the event no better than its polynomial: the contact is where the scalar of the event turns at zero
+(grazing_contact.py). At the contact the cycle with one more boundary has a regular tangent, although h' = 0 there: the
+speed is free.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from .curve import along, backwards, point_at, predict, solved_at
-from .recut import same_events
+from .grazing_contact import NEAR_CONTACT, Contact, contact_value, cycle_near, grazing_at
+from .poincare_section import same_events
 from .special_points import GRAZING, SpecialPoint, special_point
-from .touching import NEAR_TOUCH, Touch, cycle_near, touching_at, value_of
 from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)
-"""How far behind a touch, in arclength, the cycle that meets the event is looked for."""
+"""How far behind a grazing contact, in arclength, the cycle that meets the event is looked for."""
 BESIDE_GRAZING = 1e-3
 """How far beside a grazing, in lambda, the motion is looked at."""
 NEARLY_THE_SAME = 0.05
@@ -46,20 +47,20 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
     Attributes
     ----------
     grazing, following : the special point and the orbit.
-    place : where an event is touched once more: orbits of the branch may have passed it.
+    place : where an event is grazed once more: orbits of the branch may have passed it.
     """
 
     grazing: SpecialPoint[AnyOrbit] | None
     following: AnyOrbit | None
-    place: Touch | None = None
+    place: Contact | None = None
 
     def reached(self, orbits: tuple[AnyOrbit, ...]) -> tuple[AnyOrbit, ...]:
-        """The orbits of the branch up to the touch, and the one that touches."""
+        """The orbits of the branch up to the contact, and the one that grazes."""
         if self.place is None or self.grazing is None:
             return orbits
         many = len(orbits)
         while many > 1 and orbits[many - 1].signature == orbits[-1].signature:
-            if not value_of(self.place, orbits[many - 1]) > 0:
+            if not contact_value(self.place, orbits[many - 1]) > 0:
                 break
             many -= 1
         return *orbits[:many], self.grazing.orbit
@@ -75,26 +76,26 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
     if without is not None and without.signature != last.signature and _alike(last, without):
         return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
     distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
-    if distance > NEAR_TOUCH:
+    if distance > NEAR_CONTACT:
         if failure.status is not Status.INADMISSIBLE:
             return Behind(None, None)
         return Behind(special_point(MET_WITHOUT_SPEED, last, vary), _clear_of_it(last, vary, options))
     what = f"grazing at {{name}} = {{value:.10g}}: mode {mode!r} meets {event!r} once more, with no speed"
-    located = touching_at(last, event, vary, options)
+    located = grazing_at(last, event, vary, options)
     if located is None:  # the last cycle is as near to it as its polynomials show
         called = replace(GRAZING, meaning=f"{what}; no cycle with these phases follows")
-        return Behind(special_point(called, last, vary, error=NEAR_TOUCH), _clear_of_it(last, vary, options))
+        return Behind(special_point(called, last, vary, error=NEAR_CONTACT), _clear_of_it(last, vary, options))
     place, orbit = located
     more = _with_one_more(orbit, place, vary, options)
     follows = "no cycle with these phases follows" if more is None else "it goes on with the cycle that meets it"
-    touch = special_point(replace(GRAZING, meaning=f"{what}; {follows}"), orbit, vary)
-    return Behind(touch, more or _clear_of_it(last, vary, options), place)
+    contact = special_point(replace(GRAZING, meaning=f"{what}; {follows}"), orbit, vary)
+    return Behind(contact, more or _clear_of_it(last, vary, options), place)
 
 
-def _with_one_more(orbit: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | None:
-    """The cycle next to one that touches an event which meets it, slowly; None where none was found."""
+def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle next to one that grazes an event which meets it, slowly; None where none was found."""
     family = cast(Cycles, orbit.problem)
-    start = family.with_touch(place.phase, place.event, *unknowns_of(orbit))
+    start = family.with_contact(place.phase, place.event, *unknowns_of(orbit))
     if start is None:
         return None
     point = point_at(*start, along(family, vary), like=None)

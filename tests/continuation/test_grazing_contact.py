@@ -1,4 +1,4 @@
-"""Branches on which a cycle touches an event once more, against closed forms of the impact oscillator."""
+"""Branches on which a cycle grazes an event once more, against closed forms of the impact oscillator."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from casahunt.continuation import behind_grazing, follow, touching
+from casahunt.continuation import beyond_grazing, follow, grazing_contact
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.family import Family
 from problems import impact_oscillator
@@ -103,14 +103,14 @@ def test_the_first_impact_is_born_where_the_linear_amplitude_reaches_the_stop():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", ["_touching", "with_touch"])
+@pytest.mark.parametrize("hidden", ["_touching", "with_contact"])
 def test_a_touch_that_leads_nowhere_ends_the_branch(monkeypatch, hidden):
     """Where it is not located no digit is claimed that is not known; where nothing follows, that is said."""
-    monkeypatch.setattr(behind_grazing, "_clear_of_it", lambda *args: None)
+    monkeypatch.setattr(beyond_grazing, "_clear_of_it", lambda *args: None)
     if hidden == "_touching":
-        monkeypatch.setattr(touching, "_touching", lambda *args: "")
+        monkeypatch.setattr(grazing_contact, "_grazing", lambda *args: "")
     else:
-        monkeypatch.setattr(Family, "with_touch", lambda *args: None)
+        monkeypatch.setattr(Family, "with_contact", lambda *args: None)
     branch = follow(find_cycle(impact_oscillator.SYSTEM, parameters={"A": 0.09}, x=0.0, v=0.0), "A", to=0.2)
     (special,) = branch.special
     assert "no cycle with these phases follows" in special.meaning and special.meaning in branch.ended

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .marks import means_between
 from .period import in_blocks
+from .period_marks import means_between
 
 Array = np.ndarray
 
@@ -107,7 +107,7 @@ def factors(wave: Array, mean: Array) -> Array:
     return np.asarray(wave @ mean / max(float(mean @ mean), 1e-300))
 
 
-def equal_parts(wave: Array, blur: float) -> int:
+def number_of_equal_parts(wave: Array, blur: float) -> int:
     """Into how many equal parts the mean wave divides.
 
     Two parts are equal if their difference is no larger than that of the waves from their mean, averaged, than `ALIKE`

@@ -8,15 +8,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from casahunt.collocation import side_by_side
+from casahunt.collocation import batched_newton
+from casahunt.collocation.batched_newton import Member, solve_batch
 from casahunt.collocation.mesh import divided
 from casahunt.collocation.newton import newton
-from casahunt.collocation.side_by_side import Member, corrected
 from casahunt.hybrid.examples import ball, belt
 from casahunt.orbits import Orbit, find_cycle
+from casahunt.orbits.batched_multipliers import know_multipliers
 from casahunt.orbits.multiplier_mesh import NO_STEP
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.orbits.side_by_side import know_multipliers
 from problems import impact_oscillator
 
 
@@ -56,8 +56,8 @@ def shaken(one: Member, size: float = 1e-4) -> Member:
 
 
 def assert_one_by_one(members: list[Member]) -> None:
-    """What is found side by side is what Newton's method finds, on a mesh with a node system of its own."""
-    for one, found in zip(members, corrected(members, NO_STEP), strict=True):
+    """What is found in a batch is what Newton's method finds, on a mesh with a node system of its own."""
+    for one, found in zip(members, solve_batch(members, NO_STEP), strict=True):
         t, u, setting = one.place()
         alone = newton(t, u, setting, border=one.border, accuracy=NO_STEP)
         assert found is not None and alone.status.ok
@@ -87,7 +87,7 @@ def test_a_parameter_that_is_free():
     """Next to a fold it must move."""
     members = [member(sliding(0.1), 1, held=True), member(sliding(0.3), 2), member(sliding(0.25), 3, held=True)]
     assert_one_by_one(members)
-    found = corrected(members, NO_STEP)
+    found = solve_batch(members, NO_STEP)
     assert [one is not None and one.parameter != 0 for one in found] == [True, False, True]
 
 
@@ -99,9 +99,9 @@ def test_states_that_jump():
 
 def test_more_intervals_than_are_eliminated_at_once(monkeypatch):
     """Patched: so many take seconds."""
-    monkeypatch.setattr(side_by_side, "INTERVALS_AT_ONCE", 16)
+    monkeypatch.setattr(batched_newton, "INTERVALS_AT_ONCE", 16)
     members = [member(sliding(0.1), 1, most=8), member(sliding(0.3), 2, most=8)]
-    assert all(one.parts.sum() % side_by_side.ROUND_UP for one in members)
+    assert all(one.parts.sum() % batched_newton.ROUND_UP for one in members)
     assert_one_by_one(members)
 
 
@@ -111,23 +111,23 @@ def test_what_is_lost_is_none_and_disturbs_no_one():
     far = good.u.copy()
     far[: good.t.intervals * good.t.rows] += np.random.default_rng(3).standard_normal(good.t.intervals * good.t.rows)
     wrong = [replace(good, u=u) for u in (far, np.full(good.u.size, np.nan))]
-    found = corrected([good, *wrong, good], NO_STEP)
+    found = solve_batch([good, *wrong, good], NO_STEP)
     assert [one is None for one in found] == [False, True, True, False]
-    np.testing.assert_allclose(found[0].nodes, corrected([good], NO_STEP)[0].nodes, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(found[0].nodes, solve_batch([good], NO_STEP)[0].nodes, rtol=1e-13, atol=1e-13)
 
 
 def test_phases_last_longer_than_nothing():
     good = member(sliding(0.2))
-    rows = side_by_side._Rows([good, good])
+    rows = batched_newton._Rows([good, good])
     at = rows.begun()
     at.T[:2] *= -1
-    assert not side_by_side._is_solution(at, rows, 0, at.X[rows.nodes_of(0)])
-    assert side_by_side._is_solution(at, rows, 1, at.X[rows.nodes_of(1)])
+    assert not batched_newton._is_solution(at, rows, 0, at.X[rows.nodes_of(0)])
+    assert batched_newton._is_solution(at, rows, 1, at.X[rows.nodes_of(1)])
 
 
 def test_a_step_to_phases_that_last_less_than_nothing(monkeypatch):
     """Is not gone on from, although the next would lead back.  Patched: the first step of one member."""
-    step, steps = side_by_side._Rows.step, []
+    step, steps = batched_newton._Rows.step, []
 
     def overshooting(self, lin):
         by = step(self, lin)
@@ -136,8 +136,8 @@ def test_a_step_to_phases_that_last_less_than_nothing(monkeypatch):
             by.T[:2] -= 2 * unknowns_of(sliding(0.2))[1][-2:]
         return by
 
-    monkeypatch.setattr(side_by_side._Rows, "step", overshooting)
-    found = corrected([member(sliding(0.2))] * 2, NO_STEP)
+    monkeypatch.setattr(batched_newton._Rows, "step", overshooting)
+    found = solve_batch([member(sliding(0.2))] * 2, NO_STEP)
     assert [one is None for one in found] == [True, False] and set(steps[1:]) == {1}
 
 
@@ -147,8 +147,8 @@ def test_stages_that_cannot_be_eliminated(monkeypatch):
     def singular(*_):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(side_by_side._Rows, "_eliminated", singular)
-    assert corrected([member(sliding(0.2))] * 2, NO_STEP) == [None, None]
+    monkeypatch.setattr(batched_newton._Rows, "_eliminated", singular)
+    assert solve_batch([member(sliding(0.2))] * 2, NO_STEP) == [None, None]
 
 
 def test_multipliers_of_many_are_those_of_each():
@@ -168,6 +168,6 @@ def test_a_cycle_without_intervals_is_left_to_others():
     orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
     t, u, setting = unknowns_of(orbit)
     assert t.intervals == 0
-    found = corrected([Member(t, u, setting, np.zeros(0, int), t.system.border(parameter=1.0))], NO_STEP)
+    found = solve_batch([Member(t, u, setting, np.zeros(0, int), t.system.border(parameter=1.0))], NO_STEP)
     assert found == [None]
     assert orbit.multipliers.trusted

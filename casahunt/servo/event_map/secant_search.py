@@ -100,9 +100,7 @@ def near_typical(P: StickMap, *, close: float | None = None) -> HalfCycle | None
     return found if found is not None else near_stable(P, FARTHER_OUT * P.typical, close=close)
 
 
-def _near_weak(
-    P: StickMap, at: tuple[float, float], slope: float, close: float, longest: float
-) -> HalfCycle | None:
+def _near_weak(P: StickMap, at: tuple[float, float], slope: float, close: float, longest: float) -> HalfCycle | None:
     """`near_stable` where log P/a hardly falls with log a, from (log a, log P/a): the distance decides."""
     x, y = at
     previous = None

@@ -2,7 +2,7 @@
 
 A plane x_i = level is a good place to cut a cycle that meets no event where the cycle crosses it steeply,
 
-    steepness = |x_i'| T / (max x_i - min x_i)        (pi for a sine through its middle, 0 where a plane is touched)
+    steepness = |x_i'| T / (max x_i - min x_i)        (pi for a sine through its middle, 0 where a plane is grazed)
 
 Along a branch the cycle moves and changes its size, and a plane that stays where it was is left behind: then the cycle
 is cut by another one, and goes on.  The intervals are those of the orbit, in another order, some of them cut in two.
@@ -35,9 +35,9 @@ from ..orbits.adapt import Options
 from ..orbits.closure import Section
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from ..orbits.other_start import may_vanish
 from ..orbits.restart import from_segments
 from ..orbits.sequences import part_of, segments_of, start_of, uncut
-from ..orbits.starts import may_vanish
 from ..roots import boundary
 from .curve import along, point_at, solved_along, solved_at
 
@@ -89,12 +89,12 @@ def cut_by_planes(orbit: Orbit) -> bool:
     return all(arc.event in family.marks and arc.mode == orbit.arcs[0].mode for arc in orbit.arcs)
 
 
-def left_behind(orbit: Orbit) -> bool:
+def section_outgrown(orbit: Orbit) -> bool:
     """Whether a cycle's own plane is not good any more."""
     return _steepness_of_ends(orbit) <= WORTH_ANOTHER
 
 
-def recut(orbit: AnyOrbit, vary: str, options: Options, *, insist: bool = False) -> AnyOrbit | None:
+def with_better_section(orbit: AnyOrbit, vary: str, options: Options, *, insist: bool = False) -> AnyOrbit | None:
     """The same cycle, cut by the plane that it crosses most steeply.
 
     orbit, vary: cut by planes (`cut_by_planes`), and the name of the parameter that is followed; insist: take another
@@ -110,7 +110,7 @@ def recut(orbit: AnyOrbit, vary: str, options: Options, *, insist: bool = False)
     share = (high - low) / np.maximum(np.abs(low), np.abs(high))
     steepest = max(plane.steepness for plane in planes)
     alike = [plane for plane in planes if plane.steepness >= ABOUT_AS_STEEP * steepest]
-    return _cut(orbit, max(alike, key=lambda plane: (share[plane.state], plane.steepness)), vary, options)
+    return _cut_at(orbit, max(alike, key=lambda plane: (share[plane.state], plane.steepness)), vary, options)
 
 
 def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyOrbit | None:
@@ -122,7 +122,7 @@ def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyO
     section = like.problem.sections[0]
     i = orbit.problem.system.names.entries.index(section.state)
     plane = _plane(orbit, i, section.level)
-    found = None if plane is None else _cut(orbit, plane, vary, options)
+    found = None if plane is None else _cut_at(orbit, plane, vary, options)
     return found if found is not None and found.signature == like.signature else None
 
 
@@ -199,7 +199,7 @@ def _plane(orbit: Orbit, i: int, level: float) -> _Plane | None:
     return _Plane(i, float(level), tuple(crossings), min(c.steepness for c in crossings))
 
 
-def _cut(orbit: AnyOrbit, plane: _Plane, vary: str, options: Options) -> AnyOrbit | None:
+def _cut_at(orbit: AnyOrbit, plane: _Plane, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle from the first crossing of a plane on, solved."""
     family = cast(Cycles, orbit.problem)
     mode, entries = orbit.arcs[0].mode, family.system.names.entries

@@ -23,8 +23,8 @@ Array = np.ndarray
 FIRST_WAY = 1e-6
 """First way along the curve where of the bend only the sign is known: shorter than all but the sharpest folds are wide,
 and long enough for two slopes to differ by more than rounding."""
-BELIEVED_STEP = 0.1
-"""A Newton step below this lets the tangent be believed."""
+ACCEPTED_STEP = 0.1
+"""A Newton step below this lets the tangent be accepted."""
 CLEAN_STEP = 0.01
 """Of the way between two points: their slopes are compared where Newton's steps at both are smaller than that.  With a
 tenth, a step that was 7 % of the way made a bend a hundred times too small."""
@@ -73,7 +73,7 @@ class Turn:
         else:
             way = -_over(slope, bend)
         longest = _over(LARGEST_WAY, length)
-        way = max(min(way if step <= BELIEVED_STEP else 0.0, longest), -longest)
+        way = max(min(way if step <= ACCEPTED_STEP else 0.0, longest), -longest)
         # Where the slope has not vanished as it should, the bend is told first, from the corrected point at the same a.
         if began and not clean and (unknown or not abs(slope) <= REDUCED * abs(last)):
             way = 0.0

@@ -2,7 +2,7 @@
 
 Between the points of an interval the scalar is a polynomial, looked at on equidistant times and at the tops between
 them, and known to some times its last Legendre coefficient.  A top that is no farther from zero than that, on whichever
-side, says nothing: what one mesh shows next to a touch is rounding.
+side, says nothing: what one mesh shows next to a grazing contact is rounding.
 
 Symbols: N intervals, m times.
 """
@@ -14,9 +14,7 @@ import numpy as np
 Array = np.ndarray
 
 
-def comes_and_goes(
-    values: Array, tops: Array, doubt: Array | float, least: Array | float
-) -> tuple[Array, Array]:
+def comes_and_goes(values: Array, tops: Array, doubt: Array | float, least: Array | float) -> tuple[Array, Array]:
     """Where an event that is not met in the end is met in between: surely, and perhaps.
 
     values, tops: (..., N, m) of the event, below zero before it is met, and `tops_of` them; doubt, least: (..., N, 1)

@@ -1,4 +1,4 @@
-"""What is believed of two cycles next to each other, and where it is not; cycles made by hand."""
+"""What is accepted of two cycles next to each other, and where it is not; cycles made by hand."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from casahunt.continuation import behind_grazing, following
+from casahunt.continuation import beyond_grazing, following
 
 
 def sampled(period=2.0, x=(1.0, -1.0), v=(3.0, 0.0)):
@@ -28,7 +28,7 @@ def sampled(period=2.0, x=(1.0, -1.0), v=(3.0, 0.0)):
 )  # fmt: skip
 def test_a_cycle_behind_a_grazing_is_nearly_the_same(other, alike):
     """A twentieth of the period, and of the range of every state; all else is another branch."""
-    assert behind_grazing._alike(sampled(), sampled(**other)) is alike
+    assert beyond_grazing._alike(sampled(), sampled(**other)) is alike
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, find_fold
-from casahunt.collocation.admissibility import judge
+from casahunt.collocation.admissibility import check_admissible
 from casahunt.collocation.ipopt import maximise_parameter
 from casahunt.collocation.linearisation import Linearisation
 from casahunt.collocation.mesh import on_halved_mesh
@@ -22,7 +22,7 @@ from casahunt.continuation.locating import turned_between
 from casahunt.continuation.optimum import optimum
 from casahunt.errors import Status
 from casahunt.orbits import adapt
-from casahunt.orbits.border import curve_border, row_along
+from casahunt.orbits.bordering import curve_border, row_along
 from casahunt.orbits.orbit import unknowns_of
 from problems import table1
 
@@ -157,7 +157,9 @@ def test_between_two_orbits_of_one_side_there_is_no_fold(orbit, branch):
 def test_what_is_no_motion_is_no_fold(beside, monkeypatch):
     """Patched: the fold of this servo is a motion.  It has the mesh it was solved on, or that of the motion itself."""
     judged = []
-    monkeypatch.setattr(adapt, "judge", lambda *a: judged.append(a) or replace(judge(*a), violated="a slip"))
+    monkeypatch.setattr(
+        adapt, "check_admissible", lambda *a: judged.append(a) or replace(check_admissible(*a), violated="a slip")
+    )
     assert turned_between(*beside, "gain", Options(tol=1e-8)) is None
     assert len({t.intervals for t, *_ in judged}) <= 2, "no mesh makes it one"
 
@@ -167,12 +169,12 @@ def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
     judged = []
 
     def unclear(t, u, setting):
-        verdict = judge(t, u, setting)
+        verdict = check_admissible(t, u, setting)
         judged.append(t.intervals)
         blank = len(judged) == 1
         return replace(verdict, unclear=np.ones(t.intervals, bool)) if blank else verdict
 
-    monkeypatch.setattr(adapt, "judge", unclear)
+    monkeypatch.setattr(adapt, "check_admissible", unclear)
     found = turned_between(*beside, "gain", Options(tol=1e-6))
     assert found.gain == pytest.approx(FOLD["K"], rel=1e-9)
     assert judged[1] == 4 * judged[0]

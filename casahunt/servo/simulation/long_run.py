@@ -39,7 +39,7 @@ from ..event_map.slopes import map_at
 from ..hunting import Model
 from ..linear_loop import matrix
 from ..servo import Servo
-from .small_swings import creeps, linear_range
+from .small_swings import creeps, linear_stick_range
 
 Array = np.ndarray
 
@@ -75,7 +75,7 @@ class Ahead:
     holds : the statement that was asked for holds at all the points computed.
     sentence : what was computed.
     motions : motions of the event map.
-    refuted_at : a stick position [rad] from which it does not hold; nan where none was met.
+    refuted_at : a stick position [rad] from which it does not hold; nan where none was found.
     """
 
     holds: bool
@@ -85,7 +85,7 @@ class Ahead:
 
 
 @dataclass(frozen=True)
-class Cycle:
+class AttractingCycle:
     """A cycle that attracts a stick position.
 
     Attributes
@@ -120,7 +120,7 @@ Swing = Callable[[float], tuple[float, float]]
 
 
 def _swing(servo: Servo, model: Model, gain: float, regularised: bool) -> Swing:
-    small = linear_range(servo, model, gain) * (1 + 1e-9) if model == "switch" and creeps(servo, gain) else 0.0
+    small = linear_stick_range(servo, model, gain) * (1 + 1e-9) if model == "switch" and creeps(servo, gain) else 0.0
 
     def switch(b: float) -> tuple[float, float]:
         if b <= small:
@@ -168,7 +168,7 @@ def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: b
     def said(holds: bool, words: str, refuted_at: float = math.nan) -> Ahead:
         return Ahead(holds, words, len(seen), refuted_at)
 
-    bottom = linear_range(servo, model, gain)
+    bottom = linear_stick_range(servo, model, gain)
     top = max(a, bottom)
     s = np.linspace(math.log(bottom), math.log(top), 2 + int(math.log(top / bottom) / math.log(STRIDE)))
     waiting = [(float(u), float(v)) for u, v in zip(s[:-1], s[1:], strict=True)] if top > bottom else []
@@ -252,7 +252,7 @@ def nudged(servo: Servo, gain: float, x: Array, mode: str, period: float) -> Arr
     return np.array(peaks[2:])
 
 
-def cycle_near(servo: Servo, gain: float, a: float, error: float) -> Cycle | None:
+def attracting_cycle_near(servo: Servo, gain: float, a: float, error: float) -> AttractingCycle | None:
     """The cycle of the Switch servo that attracts every stick position near one.
 
     servo, gain: the problem; gain K > 0 [V/rad]; a, error: the stick position and what near means [rad].
@@ -265,7 +265,7 @@ def cycle_near(servo: Servo, gain: float, a: float, error: float) -> Cycle | Non
         return None
 
 
-def _cycle(servo: Servo, gain: float, a: float, error: float, swings: int) -> Cycle | None:
+def _cycle(servo: Servo, gain: float, a: float, error: float, swings: int) -> AttractingCycle | None:
     def image(b: float) -> tuple[float, float]:
         slope = 1.0
         for _ in range(swings):
@@ -281,7 +281,7 @@ def _cycle(servo: Servo, gain: float, a: float, error: float, swings: int) -> Cy
     centre, slope = fixed
     radius = max(NEIGHBOURHOOD * (abs(a - centre) + error), RESOLVED * centre)
     if abs(slope) < 1 and radius < centre and _draws(image, centre, radius):
-        return Cycle(centre, slope, swings, radius)
+        return AttractingCycle(centre, slope, swings, radius)
     return None
 
 

@@ -2,7 +2,7 @@
 
     g turns where g_x . f = 0:  bracketed between points of an interval, polished by the equations (extrema.py)
 
-An event is touched where its scalar turns at zero inside a phase; it is passed where that goes through.
+An event is grazed where its scalar turns at zero inside a phase; it is passed where that goes through.
 
 Symbols: n states, m points.
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..collocation.transcription import Setting, Transcription
-from .extrema import Look
+from .extrema import SampledPiece
 from .observables import Expression, Later, kept_values
 
 Array = np.ndarray
@@ -65,7 +65,7 @@ class _Passage:
         self, t: Transcription, u: Array, setting: Setting, g: Expression, phase: int, sense: int, piece: int
     ) -> None:
         g = Later(g, t.cycle, piece) if piece else g
-        self.look = Look(t, u, setting, g, piece, kept_values)
+        self.look = SampledPiece(t, u, setting, g, piece, kept_values)
         self.seen = self.look.of_phase(phase)
         self.values, rate = sense * self.seen.g, sense * self.seen.rate
         self.turns = (rate[:, :-1] > 0) & (rate[:, 1:] <= 0)

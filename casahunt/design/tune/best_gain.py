@@ -38,7 +38,7 @@ GAINS = (1e-3, 10.0)
 """Default bounds of the gain, in units of (1 + margin) times the worst fold gain."""
 GUARD = 2.0
 """Free times keep the demands with this many tolerances to spare: another mesh must not put the answer outside."""
-TOUCHING = 1e-5
+ON_BOUND = 1e-5
 """A constraint kept with less than this to spare is binding."""
 SAFE = 1e-12
 """The gain is rounded up by this part, so that rounding cannot put it below its bound."""
@@ -154,29 +154,29 @@ class Given:
         sets = common([[(first, high)], *(allowed(boxes, demands, table, name) for name in DEMANDS)])
         if not sets:
             return None
-        return sets[0][0] if self.cost != "settling" else min(
-            (fastest(servo, *interval) for interval in sets), key=lambda k: cost_of(self.cost, servo, k)
+        return (
+            sets[0][0]
+            if self.cost != "settling"
+            else min((fastest(servo, *interval) for interval in sets), key=lambda k: cost_of(self.cost, servo, k))
         )
 
-    def _binding(
-        self, servo: Servo, gain: float, worst: WorstCase, loops: dict[str, WorstLoop]
-    ) -> tuple[str, ...]:
+    def _binding(self, servo: Servo, gain: float, worst: WorstCase, loops: dict[str, WorstLoop]) -> tuple[str, ...]:
         demands = self.demands
-        touching = TOUCHING + (2 * GUARD * self.options.tol if self.free else 0.0)
+        bounded = ON_BOUND + (2 * GUARD * self.options.tol if self.free else 0.0)
         found = []
-        if worst.gain and gain <= (1 + demands.margin) * worst.gain * (1 + touching):
+        if worst.gain and gain <= (1 + demands.margin) * worst.gain * (1 + bounded):
             found.append("hunting margin")
         for name, loop in loops.items():
-            if loop.phase - demands.least(name) <= touching:
+            if loop.phase - demands.least(name) <= bounded:
                 found.append(name)
         for name in ("gain", *self.free):
             if name not in self.limits:
                 continue
             value = gain if name == "gain" else getattr(servo.controller, name)
             low, high = self.limits[name]
-            if value <= low * (1 + TOUCHING):
+            if value <= low * (1 + ON_BOUND):
                 found.append(f"lower bound of {name}")
-            if value >= high * (1 - TOUCHING):
+            if value >= high * (1 - ON_BOUND):
                 found.append(f"upper bound of {name}")
         return tuple(found)
 

@@ -138,7 +138,7 @@ class FoldCurve(Result):
         return {"special": [{"kind": "cusp", "value": point.value, "gain": point.gain} for point in self.cusps]}
 
 
-def hermite(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:
+def cubic_through_points(curve: FoldCurve, samples: int = 24) -> tuple[Array, Array]:
     """The cubic through the points of a curve with their exact slopes.
 
     Returns q, and K [V/rad] there.

@@ -29,7 +29,7 @@ _TOGETHER = re.compile(
 MEANINGS = "what the words mean (more: casahunt glossary)"
 
 
-def folded(line: str, width: int = LINE_WIDTH) -> list[str]:
+def wrapped(line: str, width: int = LINE_WIDTH) -> list[str]:
     """A line as several of at most `width` columns, the further ones below the text behind its label.
 
     A single word that is longer, such as a path that somebody will copy, stays whole on a line of its own.
@@ -64,7 +64,7 @@ def show(lines: Iterable[str], said: Collection[str] = ()) -> None:
     """
     lines = list(lines)
     for line in (*lines, *meanings(lines, said)):
-        for part in folded(line):
+        for part in wrapped(line):
             print(part)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import Options
-from casahunt.collocation.admissibility import judge
+from casahunt.collocation.admissibility import check_admissible
 from casahunt.collocation.linearisation import Linearisation
 from casahunt.collocation.mesh import shape, transfer
 from casahunt.continuation.walk import walk
@@ -23,11 +23,11 @@ from casahunt.servo.event_map.half_cycle import StickMap, half_cycle
 from casahunt.servo.problem import Hunting
 from problems import table1, van_der_pol
 
-SKETCHED = Options(tol=1e-5, sketched=True)
+SKETCHED = Options(tol=1e-5, provisional=True)
 
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])
-def test_a_sketch_claims_no_accuracy_and_leads_to_the_orbit(orbit, model):
+def test_a_provisional_orbit_claims_no_accuracy(orbit, model):
     """Down from 0.4: the unstable side is not met, the errors are infinite, and the end is the reference's."""
     start = orbit(model, 0.4)
     *_, last = walk(start, low=0.2, high=1.0, sense=-1.0, options=SKETCHED)
@@ -40,7 +40,7 @@ def test_a_sketch_claims_no_accuracy_and_leads_to_the_orbit(orbit, model):
     assert exact.period == pytest.approx(row["period"], rel=2e-8)
 
 
-def test_a_sketch_on_too_rough_a_mesh_gets_another():
+def test_a_provisional_orbit_on_too_rough_a_mesh_gets_another():
     """Two intervals for van der Pol's oscillator: the last Legendre coefficients tell."""
     found = find_cycle(van_der_pol.SYSTEM, parameters={"mu": 1.0}, start={"x": 2.0, "v": 0.0}, tol=1e-6)
     t, u, setting = unknowns_of(found)
@@ -58,7 +58,7 @@ def test_what_a_motion_does_is_clear_before_it_is_solved():
     rigid = half_cycle("switch", servo, 0.2, 0.1 * servo.friction.static / servo.torque_gains(0.2)[0])
     motion = StickMap("lugre", servo, 0.2)(rigid.position, degree=7, kind="radau")
     start = start_from_motion(problem, *phases_of(motion, problem, options), options)
-    assert not judge(*remeshed(start, options)).unclear.any()
+    assert not check_admissible(*remeshed(start, options)).unclear.any()
 
 
 def test_the_side_of_the_fold_is_seen_at_a_glance_where_that_is_sure(orbit, monkeypatch):

@@ -1,4 +1,4 @@
-"""Solutions of one cycle, each on a mesh whose intervals are parts of those of its own, corrected side by side.
+"""Solutions of one cycle, each on a mesh whose intervals are parts of those of its own, corrected in batches.
 
 The intervals of all members stand one behind the other and are linearised in blocks, whoever they belong to; between
 the nodes of the coarse meshes the unknowns are eliminated along the parts j = 1, 2, ... of an interval,
@@ -292,7 +292,7 @@ class _Rows:
         return rows, _State(at.X[nodes], at.Z[inside], at.T[phases], at.lam[keep])
 
 
-def corrected(members: Sequence[Member], accuracy: float) -> list[Corrected | None]:
+def solve_batch(members: Sequence[Member], accuracy: float) -> list[Corrected | None]:
     """Solutions on the meshes of their parts, by Newton's method.
 
     members: solutions of one cycle in one scheme, with their parts; accuracy: a point whose Newton step is no larger

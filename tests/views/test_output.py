@@ -19,8 +19,8 @@ from casahunt.checks import to_absolute_error, to_error
 from casahunt.cli import main
 from casahunt.servo.servo import KEYS
 from casahunt.servo.units import PARAMETER_UNITS, column, with_unit
-from casahunt.views.commands.printed import LINE_WIDTH, MEANINGS, folded, meanings
-from casahunt.views.glossary import FAMILIAR, GLOSSARY, OTHER_FORMS, page, words_in
+from casahunt.views.commands.output import LINE_WIDTH, MEANINGS, meanings, wrapped
+from casahunt.views.glossary import FAMILIAR, GLOSSARY, OTHER_FORMS, glossary_page, words_in
 
 ROOT = Path(__file__).parents[2]
 SET = ROOT / "problems" / "table1_uncertainty.toml"
@@ -195,15 +195,15 @@ def test_the_samples_are_those_of_the_quantiles(capsys, tmp_path):
 
 def test_long_lines_are_folded_below_their_text():
     line = "  because          " + "word " * 30 + "a = 0.001 rad"
-    parts = folded(line)
+    parts = wrapped(line)
     assert all(len(part) <= LINE_WIDTH for part in parts)
     assert all(part.startswith(" " * 19 + "word") for part in parts[1:-1])
     assert " ".join(" ".join(parts).split()) == " ".join(line.split())
     for width in range(20, 80):  # neither a number and its unit nor the two sides of "=" are parted
-        assert any("a = 0.001 rad" in part for part in folded("x " * 30 + "a = 0.001 rad", width))
+        assert any("a = 0.001 rad" in part for part in wrapped("x " * 30 + "a = 0.001 rad", width))
     path = "written to /" + "x" * 100
-    assert folded(path) == ["written to", "  /" + "x" * 100]  # can be copied
-    assert folded("short") == ["short"] and folded("x" * 80) == ["x" * 80]
+    assert wrapped(path) == ["written to", "  /" + "x" * 100]  # can be copied
+    assert wrapped("short") == ["short"] and wrapped("x" * 80) == ["x" * 80]
 
 
 def test_words_are_found_and_names_are_not():
@@ -218,8 +218,8 @@ def test_words_are_found_and_names_are_not():
 
 
 def test_the_page_of_the_documentation_is_made_of_it():
-    """Made again by `print(casahunt.views.glossary.page(), end="")`."""
-    assert (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8") == page()
+    """Made again by `print(casahunt.views.glossary.glossary_page(), end="")`."""
+    assert (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8") == glossary_page()
 
 
 def test_a_word_of_the_glossary(capsys):

@@ -1,14 +1,14 @@
-"""Cycles that touch an event: what vanishes there, and a family in which they have neighbours on both sides.
+"""Cycles that contact an event: what vanishes there, and a family in which they have neighbours on both sides.
 
     inside   the scalar h of an event has a largest value (for one that rises; else smallest) of zero inside a phase
     end      a phase ends with h = 0 and dh/dt = 0: its event is met with no speed
 
 On one side of a grazing the cycle with the same phases is no motion of the system, on the other side the roots of its
-equations go on all the same.  `Loose` is the family of these roots: it asks nothing of one phase.  A cycle that touches
+equations go on all the same.  `Loose` is the family of these roots: it asks nothing of one phase.  A cycle that grazes
 is judged by the rules of the system again, and no event may be passed on it without notice.
 
 A phase that vanishes at a grazing has no neighbours in its duration, which cannot be negative.  The cycle without it is
-sought where its motion would lead if the event before it did nothing; it touches that event inside a phase.
+sought where its motion would lead if the event before it did nothing; it grazes that event inside a phase.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from ..collocation.admissibility import RESOLUTION, judge
+from ..collocation.admissibility import RESOLUTION, check_admissible
 from ..collocation.joints import event_rate
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.language import System
-from ..hybrid.system import Cycle, Event, Exit, Signature
+from ..hybrid.system import Cycle, Exit, Signature, VectorEvent
 from ..orbits.adapt import Options
 from ..orbits.cycle_search import find_cycle
+from ..orbits.event_passage import passed, turning_values
 from ..orbits.family import Cycles
 from ..orbits.marched_mesh import cleared
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
-from ..orbits.passage import passed, turning_values
 from ..orbits.restart import Start
 from ..roots import secant
-from .curve import Point, parameter_value, solved_at
+from .curve import CurvePoint, parameter_value, solved_at
 from .special_points import GRAZING, Monitor
 
 Array = np.ndarray
 
-TOUCHES = 1e-6
-"""How far the scalar of an event, or the condition of a mode, may be beyond zero where a cycle touches it."""
-TOUCHABLE = 0.05
-"""Scalars of events that are no nearer to zero than this are not touched by a cycle next to it."""
-BESIDE_TOUCH, TOUCH_ROUNDS = 1e-6, 12
-"""How far from a cycle, in lambda, the next one is looked at for where it touches; steps of that search."""
-NEAR_TOUCH = 1e-3
-"""An exit that a cycle comes this near, in units of the way that it goes off it, is touched where no step leads on:
-between the nodes a solution shows no more.  And it is touched within this, in lambda."""
+CONTACT = 1e-6
+"""How far the scalar of an event, or the condition of a mode, may be beyond zero where a cycle grazes it."""
+CONTACT_RANGE = 0.05
+"""Scalars of events that are no nearer to zero than this are not grazed by a cycle next to it."""
+BESIDE_CONTACT, CONTACT_ROUNDS = 1e-6, 12
+"""How far from a cycle, in lambda, the next one is looked at for where it grazes; steps of that search."""
+NEAR_CONTACT = 1e-3
+"""An exit that a cycle comes this near, in units of the way that it goes off it, is grazed where no step leads on:
+between the nodes a solution shows no more.  And it is grazed within this, in lambda."""
 VANISHING_SHARE = 1e-3
 """A phase that takes less of the period than this has vanished."""
 
@@ -92,7 +92,7 @@ class Loose(Cycles):
         return strict
 
     def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
-        """None: the phases are those of the cycle that touches.
+        """None: the phases are those of the cycle that grazes.
 
         t, u, setting, phase, soft: as in `Problem`.
         """
@@ -107,13 +107,13 @@ def _loose(kind: type[Cycles]) -> Any:
 
 
 @dataclass(frozen=True)
-class Touch:
-    """Where a cycle touches an event.
+class Contact:
+    """Where a cycle grazes an event.
 
     Attributes
     ----------
     phase, event, direction : number of the phase, name of the event, +1 where it rises through zero.
-    at_end : whether it is touched at the end of the phase, which is then met with no speed; else inside.
+    at_end : whether it is grazed at the end of the phase, which is then met with no speed; else inside.
     piece : number of the computed piece in the period, where that is made up of several.
     """
 
@@ -125,11 +125,11 @@ class Touch:
 
     @property
     def monitor(self) -> Monitor:
-        """Vanishes where the cycle touches."""
-        return Monitor(GRAZING.kind, self._value, "grazing at {name} = {value:.10g}: " + f"{self.event!r} is touched")
+        """Vanishes where the cycle grazes."""
+        return Monitor(GRAZING.kind, self._value, "grazing at {name} = {value:.10g}: " + f"{self.event!r} is grazed")
 
-    def _value(self, orbit: Orbit, point: Point | None) -> float:
-        return value_of(self, orbit)
+    def _value(self, orbit: Orbit, point: CurvePoint | None) -> float:
+        return contact_value(self, orbit)
 
     def loosened(self, orbit: Any) -> Any:
         """The orbit as one of the loose family."""
@@ -138,22 +138,22 @@ class Touch:
         return replace(orbit, problem=_loose(cast(Any, type(family)))(**own, loose=self.phase))
 
     def reported(self, orbit: Any) -> Any:
-        """An orbit of the loose family that touches, as one of the system; a sentence where it is none."""
+        """An orbit of the loose family that grazes, as one of the system; a sentence where it is none."""
         family = cast(Loose, orbit.problem)
         t, u, setting = unknowns_of(orbit)
         if violated := self._violated(orbit):
-            return f"beyond, the cycle that touches {self.event!r} is no motion of the system: {violated}"
+            return f"beyond, the cycle that grazes {self.event!r} is no motion of the system: {violated}"
         for k, way_out in _exits(family, orbit):
             for piece in range(orbit.repeats):
-                if passed(t, u, setting, _scalar(way_out.event), k, way_out.direction, slack=TOUCHES, piece=piece):
-                    return f"beyond, phase {k + 1} passes {way_out.event.name!r}: another event is touched"
+                if passed(t, u, setting, _scalar(way_out.event), k, way_out.direction, slack=CONTACT, piece=piece):
+                    return f"beyond, phase {k + 1} passes {way_out.event.name!r}: another event is grazed"
         return replace(orbit, problem=family.strict)
 
     def _violated(self, orbit: Any) -> str:
-        """What a touching orbit of the loose family violates, or "".
+        """What a grazing orbit of the loose family violates, or "".
 
         Nothing has asked for a mesh that shows the condition of the loose phase: where this one does not, its
-        polynomials are looked at in parts, and believed to what they are known to.
+        polynomials are looked at in parts, and accepted to what they are known to.
         """
         family = cast(Loose, orbit.problem)
         t, u, setting = unknowns_of(orbit)
@@ -162,11 +162,11 @@ class Touch:
             cycle = family.asking(family.strict.cycle(orbit.signature, orbit.repeats), slack)
             return transcribe(cycle, t.counts, t.degree, t.kind)
 
-        verdict = judge(asked(TOUCHES), u, setting)
+        verdict = check_admissible(asked(CONTACT), u, setting)
         if not verdict.violated and verdict.unclear.any():
             w = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)[verdict.unclear]
             known = RESOLUTION * float(np.max(np.abs(t.scheme.last_mode @ w)))
-            verdict = judge(*cleared((asked(TOUCHES + known), u, setting)))
+            verdict = check_admissible(*cleared((asked(CONTACT + known), u, setting)))
         return verdict.violated
 
 
@@ -180,7 +180,7 @@ class _Still:
         return self.function(x, 0.0, p)
 
 
-def _scalar(event: Event) -> _Still:
+def _scalar(event: VectorEvent) -> _Still:
     return _Still(event.function)
 
 
@@ -192,32 +192,32 @@ def _exits(family: Cycles, orbit: Orbit) -> Iterator[tuple[int, Exit]]:
 
 
 def events_of(orbit: Orbit) -> list[str]:
-    """Names of the events that a cycle of a system may touch; one that several phases may touch is there for each."""
+    """Names of the events that a cycle of a system may graze; one that several phases may graze is there for each."""
     return [way_out.event.name for _, way_out in _exits(cast(Cycles, orbit.problem), orbit)]
 
 
-def value_of(touch: Touch, orbit: Orbit) -> float:
-    """What vanishes where an orbit touches.
+def contact_value(contact: Contact, orbit: Orbit) -> float:
+    """What vanishes where an orbit grazes.
 
-    touch, orbit: where it may touch, and the orbit.
+    contact, orbit: where it may graze, and the orbit.
     Returns the scalar where it turns inside the phase, counted along its direction, nearest to being passed; or its
     rate at the end, times the period.  NaN where it does not turn inside.
     """
     t, u, setting = unknowns_of(orbit)
-    phase = t.cycle.phases[touch.phase]
-    if touch.at_end:
-        x = t.nodes_of(u)[t.phase_end[touch.phase]] * setting.scale
-        return touch.direction * event_rate(phase, x, orbit.arcs[touch.phase].duration, setting.p)[0] * orbit.period
+    phase = t.cycle.phases[contact.phase]
+    if contact.at_end:
+        x = t.nodes_of(u)[t.phase_end[contact.phase]] * setting.scale
+        return contact.direction * event_rate(phase, x, orbit.arcs[contact.phase].duration, setting.p)[0] * orbit.period
     exits = cast(Cycles, orbit.problem).system.vector_form.exits[phase.mode.name]
-    event = next(e.event for e in exits if e.event.name == touch.event)
-    turning = turning_values(t, u, setting, _scalar(event), touch.phase, touch.direction, piece=touch.piece)
-    return max((touch.direction * g for g in turning), default=float("nan"))
+    event = next(e.event for e in exits if e.event.name == contact.event)
+    turning = turning_values(t, u, setting, _scalar(event), contact.phase, contact.direction, piece=contact.piece)
+    return max((contact.direction * g for g in turning), default=float("nan"))
 
 
-def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]:
-    """Where a cycle of a user's system may touch an event, the nearest first.
+def contacts(orbit: Orbit, event: str | None = None) -> list[tuple[float, Contact]]:
+    """Where a cycle of a user's system may graze an event, the nearest first.
 
-    event: name of the event; default any. Returns (how far it is from touching, the place) each.
+    event: name of the event; default any. Returns (how far it is from grazing, the place) each.
     """
     family = cast(Cycles, orbit.problem)
     found = []
@@ -227,61 +227,61 @@ def touches(orbit: Orbit, event: str | None = None) -> list[tuple[float, Touch]]
             continue
         ways = [(False, piece) for piece in range(orbit.repeats)]
         for at_end, piece in [*ways, (True, 0)] if name == orbit.arcs[k].event else ways:
-            touch = Touch(k, name, way_out.direction, at_end, piece)
-            value = abs(value_of(touch, orbit))
+            contact = Contact(k, name, way_out.direction, at_end, piece)
+            value = abs(contact_value(contact, orbit))
             if np.isfinite(value):
-                found.append((value, touch))
+                found.append((value, contact))
     return sorted(found, key=lambda pair: pair[0])
 
 
-def touching_at(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple[Touch, AnyOrbit] | None:
-    """The cycle next to one that touches an event inside a phase, and where.
+def grazing_at(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple[Contact, AnyOrbit] | None:
+    """The cycle next to one that grazes an event inside a phase, and where.
 
     last, event, vary, options: the cycle, names of the event and of the parameter, tolerance and method.
     Returns (place, orbit); None where it is none of the system's.
     """
-    for _, place in touches(last, event):
+    for _, place in contacts(last, event):
         if place.at_end or place.piece:
             continue
-        found = _touching(place.loosened(last), place, vary, options)
+        found = _grazing(place.loosened(last), place, vary, options)
         if not isinstance(found, str):
             return place, found
     return None
 
 
-def _touching(loose: AnyOrbit, place: Touch, vary: str, options: Options) -> AnyOrbit | str:
-    """The cycle of the loose family next to one that touches, as one of the system's; a sentence where it is none."""
+def _grazing(loose: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | str:
+    """The cycle of the loose family next to one that grazes, as one of the system's; a sentence where it is none."""
     start, seen = unknowns_of(loose), []
 
     def beyond(lam: float) -> float:
         problem = loose.problem.with_value(vary, loose.problem.moved(vary, float(lam)))
-        orbit = solved_at(problem, start, options) if abs(lam) <= NEAR_TOUCH else None
+        orbit = solved_at(problem, start, options) if abs(lam) <= NEAR_CONTACT else None
         if orbit is None:
             return math.nan
         seen.append(orbit)
-        return value_of(place, orbit)
+        return contact_value(place, orbit)
 
-    _, left = secant(beyond, 0.0, BESIDE_TOUCH, tolerance=place.monitor.tolerance, rounds=TOUCH_ROUNDS)
+    _, left = secant(beyond, 0.0, BESIDE_CONTACT, tolerance=place.monitor.tolerance, rounds=CONTACT_ROUNDS)
     reached = abs(left) <= place.monitor.tolerance
-    return cast(AnyOrbit | str, place.reported(seen[-1])) if reached else "no cycle next to it touches the event"
+    return cast(AnyOrbit | str, place.reported(seen[-1])) if reached else "no cycle next to it grazes the event"
 
 
-def touch_at(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Touch, AnyOrbit]:
-    """Where a cycle next to a grazing touches, and the cycle of the loose family to go on with.
+def contact_of(orbit: AnyOrbit, vary: str, options: Options) -> tuple[Contact, AnyOrbit]:
+    """Where a cycle next to a grazing grazes, and the cycle of the loose family to go on with.
 
     vary, options: the parameter of the branch; tolerance and method.
-    Returns touch, and the orbit; another one where a phase has vanished: that which keeps clear of the event before it.
-    Raises InputError: it is no cycle of a user's system; NoOrbit: it touches nothing.
+    Returns contact, and the orbit; another one where a phase has vanished: that which keeps clear of the event before
+    it. Raises InputError: it is no cycle of a user's system; NoOrbit: it grazes nothing.
     """
     if orbit.problem.system is None:
         raise InputError(f"a grazing of {orbit.problem.title}: only cycles of a user's system are followed along it")
     shares = [arc.duration * orbit.repeats / orbit.period for arc in orbit.arcs]
     if min(shares) < VANISHING_SHARE and len(orbit.arcs) > 1:
         orbit = _without(orbit, int(np.argmin(shares)), options)
-    near = [touch for distance, touch in touches(orbit) if distance <= TOUCHABLE]
+    near = [contact for distance, contact in contacts(orbit) if distance <= CONTACT_RANGE]
     if not near:
         at = f"{vary} = {parameter_value(orbit, vary):.8g}"
-        raise NoOrbit(f"the cycle of {orbit.problem.title} at {at} touches no event", Status.NOT_FOUND)
+        raise NoOrbit(f"the cycle of {orbit.problem.title} at {at} grazes no event", Status.NOT_FOUND)
     return near[0], near[0].loosened(orbit)
 
 

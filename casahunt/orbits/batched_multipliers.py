@@ -1,4 +1,4 @@
-"""Multipliers of orbits before anyone reads them: of many side by side they take half as long.
+"""Multipliers of orbits before anyone reads them: of many in a batch they take half as long.
 
 Whoever has computed several orbits, all of which will be asked for theirs, says so; the numbers are the same but for
 rounding (multiplier_mesh.py).
@@ -36,7 +36,7 @@ def know_multipliers(orbits: Sequence[Orbit]) -> None:
 def with_multipliers(
     steps: Generator[AnyOrbit, None, str], *, ahead: bool = True
 ) -> Generator[tuple[AnyOrbit, bool], None, str]:
-    """The orbits of a walk that is some steps ahead, whose multipliers are computed side by side.
+    """The orbits of a walk that is some steps ahead, whose multipliers are computed in batches.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from servo_files import dump
 
 from casahunt import Servo, cli, files, find_orbit, pictures
 from casahunt.errors import InputError
-from casahunt.views.commands import completion, written
+from casahunt.views.commands import completion, output_paths
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve
 from casahunt.views.commands import orbit as command_orbit
@@ -134,7 +134,7 @@ def test_every_file_of_every_command_is_known():
     (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     actions = [action for command in commands.choices.values() for action in command._actions]
     named = {a.dest for a in actions if isinstance(a.metavar, str) and "." in a.metavar}
-    assert named == {*written.READ, *written.WRITTEN} == set(completion.FILES)
+    assert named == {*output_paths.READ, *output_paths.WRITTEN} == set(completion.FILES)
     for command in commands.choices.values():
         assert ("out" in {a.dest for a in command._actions}) == (command.get_default("results") is not None)
 
@@ -219,7 +219,9 @@ def test_what_comes_while_it_computes_stays(capsys, tmp_path, monkeypatch):
 
 def test_what_comes_while_it_tunes_stays(capsys, tmp_path, monkeypatch):
     cheap_tuning(monkeypatch)
-    monkeypatch.setattr(command_tune, "page", lambda *_: (tmp_path / "tune.html").write_text("mine") and "<html>")
+    monkeypatch.setattr(
+        command_tune, "evidence_page", lambda *_: (tmp_path / "tune.html").write_text("mine") and "<html>"
+    )
     code, _, err = run(capsys, "tune", "--out", tmp_path, "--quiet", "--json")
     assert code == 2 and "holds a tune.html that this version of casahunt did not write" in err
     assert contents(tmp_path) == {"tune.html": b"mine"}
@@ -231,7 +233,7 @@ def test_what_it_has_written_is_known_again(capsys, tmp_path, monkeypatch):
     (tmp_path / "notes.txt").write_text("mine")
     for words in (RUNS["diagram"], RUNS["tune"], RUNS["tune"]):
         assert run(capsys, *words, "--out", tmp_path, "--quiet", "--json")[0] == 0
-    written.keep_others(tmp_path, {name: old.removesuffix(b"\nold\n") for name, old in results("switch").items()})
+    output_paths.keep_others(tmp_path, {name: old.removesuffix(b"\nold\n") for name, old in results("switch").items()})
     assert set(contents(tmp_path)) == {*results("switch"), "notes.txt"}
 
 

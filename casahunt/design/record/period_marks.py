@@ -214,11 +214,11 @@ def _chain(at: Array, period: float) -> list[int]:
     middle, last = at.size // 2, at.size - 1
     if at.size < 2:
         return []
-    before = [last - j for j in _follow(-at[::-1], last - middle, period)]
-    return [*before[::-1], middle, *_follow(at, middle, period)]
+    before = [last - j for j in _chain_behind(-at[::-1], last - middle, period)]
+    return [*before[::-1], middle, *_chain_behind(at, middle, period)]
 
 
-def _follow(at: Array, i: int, period: float) -> list[int]:
+def _chain_behind(at: Array, i: int, period: float) -> list[int]:
     """The chain behind passage i; behind a gap, or where a passage is missing, with the one that fits best."""
     chain: list[int] = []
     goal = at + period

@@ -107,8 +107,6 @@ def _whole(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     last = others[-1]
     sections = tuple(s for s in planes if last.event in marks and s == replace(marks[last.event], mode=last.mode))
     segments = uncut((*halves, *others), marks)
-    closure = Closure.of(
-        np.eye(orbit.scale.size), turned(family.system, segments[0].start, segments[-1].behind), 1
-    )
+    closure = Closure.of(np.eye(orbit.scale.size), turned(family.system, segments[0].start, segments[-1].behind), 1)
     whole = family.closing(closure, sections)
     return cast("AnyOrbit | None", solved_at(whole, start_of(whole.asked(), segments, start), options))

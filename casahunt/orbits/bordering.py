@@ -1,6 +1,6 @@
 """The row under which the parameter is free: the correction of a point of a branch is orthogonal to a direction y'.
 
-    y' . (x_0, ln T_1, lambda)  as it was,      T_1 the duration of the first phase (continuation/curve.py)
+y' . (x_0, ln T_1, lambda)  as it was,      T_1 the duration of the first phase (continuation/curve.py)
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
 
 
 def row_along(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> Array:
-    """The weights that measure the way along the curve at a point of it, without lambda, as at a fold (turn.py).
+    """The weights that measure the way along the curve at a point of it, without lambda, as at a fold (fold_system.py).
 
     lin: the equations linearised there, where that is known.
     Returns (n + 2,) of length one, its last entry zero: the tangent itself.

@@ -4,10 +4,10 @@ An interval's map from its start to its end, stages eliminated, is known better 
 
     x+ = r + A x + B dT + C dlambda      from one part to the next,      r = r_2 + A_2 r_1,  A = A_2 A_1,  and so on,
 
-and the residual r of the parts is what the interval is to blame for (error_estimate.py).  Two parts suffice where the
-solution is smooth.  In stiff modes, and where the field has kinks, something may happen within a part of an interval
-that its halves hardly see: there they say 3e-7, and four, eight and thirty-two parts say 1.2e-6.  It is a few intervals
-of a mesh that matter, so these are cut in four; what changes then tells how far the halves could be believed.
+and the residual r of the parts is what the interval contributes to the error (error_estimate.py).  Two parts suffice
+where the solution is smooth.  In stiff modes, and where the field has kinks, something may happen within a part of an
+interval that its halves hardly see: there they say 3e-7, and four, eight and thirty-two parts say 1.2e-6.  It is a few
+intervals of a mesh that matter, so these are cut in four; what changes then tells how far the halves could be accepted.
 
 Symbols: m intervals, n states, d stages, R = n (d + 1), c = n + 3 columns of [r | A | B | C], or more of C.
 """

@@ -2,7 +2,7 @@
 
     x_k, ..., x_P-1, S^-1 (x_0 + c), ..., S^-1 (x_k-1 + c)      closes as x_0 ... x_P-1 does, x_k = S S^-1 (x_k + c) - c
 
-Next to an event that is touched, the state there moves like a square root of the parameter: a branch is followed from
+Next to an event that is grazed, the state there moves like a square root of the parameter: a branch is followed from
 the boundary that is crossed the fastest.  The first phase lends the branch the logarithm of its duration as a
 coordinate, and is never taken out: it is not one that may be about to vanish.
 

@@ -18,7 +18,7 @@ from ..collocation.mesh import evaluate_phase
 from ..hybrid.system import Signature
 from ..motion.phases import MarchFailure, Segment, march
 from .restart import Start
-from .sequences import Posed, joined, segments_of, start_of
+from .sequences import Posed, joined_phases, segments_of, start_of
 from .watching import SEARCH_TOLERANCE
 
 Array = np.ndarray
@@ -63,7 +63,7 @@ def _as_cut(posed: Posed, segments: list[Segment], signature: Signature) -> list
         if segment is not segments[-1] and (not mark or left[label] > 0):
             left[label] -= 1
             phases.append([])
-    return [joined(some) for some in phases]
+    return [joined_phases(some) for some in phases]
 
 
 def _motions(posed: Posed, start: Start) -> Iterator[list[Segment]]:
