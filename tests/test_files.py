@@ -143,10 +143,10 @@ def test_a_reader_sees_the_old_or_the_new(tmp_path):
 @posix
 def test_a_kill_leaves_no_torn_file_and_no_lock(tmp_path):
     code = (
-        "import sys\nfrom pathlib import Path\nfrom casahunt.files import alone_in, whole\n"
+        "import sys\nfrom pathlib import Path\nfrom casahunt.files import alone_in, whole_file\n"
         "with alone_in(Path('.')):\n"
         "    for i in range(10**6):\n"
-        "        with whole('a.bin') as stream:\n"
+        "        with whole_file('a.bin') as stream:\n"
         "            for _ in range(500): stream.write(bytes([i % 256]) * 1000)\n"
         "        print(i, flush=True)\n"
     )
