@@ -346,12 +346,32 @@ def test_a_march_that_fails_is_reported(monkeypatch):
     assert found.status is Status.TOLERANCE_NOT_REACHED and 1e-9 < found.time_error < 1e-2
 
 
+def test_the_largest_torque_of_a_step_is_that_of_another_integrator():
+    """From rest at 1 rad the torque grows a little more before the servo comes nearer: by scipy's DOP853."""
+    solve_ivp = pytest.importorskip("scipy.integrate").solve_ivp
+    kp, kd, ki = TABLE_1.torque_gains(0.04)
+    f = TABLE_1.friction
+
+    def field(t, y):
+        m = -(kp * y[0] + kd * y[1] + ki * y[2])
+        F = f.coulomb + (f.static - f.coulomb) * np.exp(-((y[1] / f.stribeck_velocity) ** 2)) + f.viscous * y[1]
+        return [y[1], (m - F) / TABLE_1.inertia, y[0]]
+
+    run = solve_ivp(field, (0, 0.5), [-1.0, 0, 0], "DOP853", rtol=1e-10, atol=1e-12, dense_output=True)
+    y = run.sol(np.linspace(0, 0.5, 20001))
+    truth = np.abs(kp * y[0] + kd * y[1] + ki * y[2]).max()
+    found = simulate(TABLE_1, "switch", 0.04, time=5.0)
+    assert truth > kp and found.peak_torque == pytest.approx(truth, rel=1e-3)
+    assert found.peak_voltage == found.peak_torque / TABLE_1.motor_gain
+
+
 # The command -----------------------------------------------------------------------------------------------
 
 KEYS = {
     "model", "gain", "set_point", "time", "regularised", "tol", "verdict", "reason", "amplitude", "period", "swings",
     "judged", "position", "velocity", "integral", "bristle", "events", "time_error", "end_error", "state_errors",
     "status", "advice", "ended", "intervals", "wall_s", "other_end", "other_end_reason",
+    "peak_torque", "peak_voltage",
 }  # fmt: skip
 
 

@@ -42,7 +42,8 @@ class SimulatedTask(Result):
 
     _quantities = (
         "friction", "start", "time = motion.duration [s]", "verdict = motion.verdict.kind",
-        "reason = motion.verdict.sentence", "status = motion.status",
+        "reason = motion.verdict.sentence", "status = motion.status", "peak_torque = motion.peak_torque [N m]",
+        "peak_voltage = motion.peak_voltage [V]",
     )  # fmt: skip
 
     friction: str

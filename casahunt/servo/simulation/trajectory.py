@@ -27,6 +27,9 @@ Array = np.ndarray
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the table of a motion; for LuGre bristle_rad stands before the torque."""
+PEAK_POINTS = 16
+"""Points of an interval at which its torque is looked at: a peak between two of them is missed by 1e-3 of its size at
+most, where the interval is half a swing."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -88,7 +91,7 @@ class Trajectory(Result):
     _details = (
         "servo", "time = duration [s]", "regularised", "tol", "verdict = verdict.kind", "reason = verdict.sentence",
         "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]", "swings = verdict.swings", "end",
-        "state_errors", "intervals = modes.size", "wall_s [s]",
+        "peak_torque [N m]", "peak_voltage [V]", "state_errors", "intervals = modes.size", "wall_s [s]",
     )  # fmt: skip
 
     model: Model
@@ -173,6 +176,16 @@ class Trajectory(Result):
     def torque(self, states: Array) -> Array:
         """Motor torque m (m,) [N m] at states (n, m)."""
         return np.asarray(motor_torque(states, self.servo.parameters(self.gain)), float)
+
+    @cached_property
+    def peak_torque(self) -> float:
+        """The largest |m| of the motor [N m], at points `PEAK_POINTS` to an interval."""
+        return float(np.abs(self.torque(self.dense(PEAK_POINTS)[1])).max())
+
+    @property
+    def peak_voltage(self) -> float:
+        """The largest |voltage| [V]: that of the largest torque."""
+        return self.peak_torque / self.servo.motor_gain
 
     def shape(self) -> tuple[Array, Array]:
         """Swings of the motion from one crossing of the set point to the next.

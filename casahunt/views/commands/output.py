@@ -23,7 +23,8 @@ _LABEL = re.compile(r" *\S.*?\S {2,}(?=\S)")
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """Where a long line must not be broken; printed as a space."""
 _TOGETHER = re.compile(
-    r"(?<=\d) (?=(?:rad|N|V|1/s|s|%|Hz|degrees)(?:[ ,;)/]|$))|(?<=\S) (?=[=<>]=? \S)|(?<= [=<>]) |(?<=[<>]=) "
+    r"(?<=\d) (?=(?:rad|N|V|1/s|s|%|Hz|degrees)(?:[ ,;)/]|$))|(?<=\d N) (?=m(?:[ ,;)/]|$))"
+    r"|(?<=\S) (?=[=<>]=? \S)|(?<= [=<>]) |(?<=[<>]=) "
 )
 """Spaces between a number and its unit, and around a sign of comparison: no line ends there."""
 MEANINGS = "what the words mean (more: casahunt glossary)"

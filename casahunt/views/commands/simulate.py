@@ -119,6 +119,7 @@ def _lines(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterator
     end = (found.set_point + x[0], errors[0]), (x[1], errors[1])
     position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
     yield f"  at the end       position {position} rad, velocity {velocity} rad/s"
+    yield f"  largest torque   {found.peak_torque:.4g} N m, by {found.peak_voltage:.4g} V"
     yield f"  events           {_counts(found)}"
     yield (
         f"  error estimate   {error_text(found.time_error)} s of event times, {error_text(found.end_error)} of the "

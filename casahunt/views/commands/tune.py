@@ -16,7 +16,8 @@ with the least "phase margin", "gain margin (lowering)", "gain margin (raising)"
 lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
 tasks [{friction, start, time, verdict, reason, status}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
-before {gain, lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or --out is given;
+before {gain, times (by which the gain grows), lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or
+--out is given;
 servo {key: value}: as given; rounds, evaluations, status, wall_s;
 tol; made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
 """
@@ -130,6 +131,11 @@ def _write(out: Path, html: str, record: dict[str, Any]) -> None:
                 stream.write(text)
 
 
+def _peak(task: dict[str, Any]) -> str:
+    """What a task asks of the motor."""
+    return f"at most {task['peak_torque']:.3g} N m"
+
+
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """`NAME=LOW,HIGH` as numbers; names and order are checked by `tune`.
 
@@ -161,9 +167,10 @@ def _lines(record: dict[str, Any], tol: float, out: str | None) -> Iterator[str]
         if name == "nominal" or loop != check["loops"]["nominal"]:
             yield _loop(name, loop, check["loop_corners"])
     for task in check["tasks"]:
-        yield f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}"
+        yield f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}, {_peak(task)}"
     for task in (record["before"] or {"tasks": []})["tasks"]:
-        yield f"  before           gain {record['before']['gain']:.6g}, {task['start']}: {task['verdict']}"
+        now = f"gain {record['before']['gain']:.6g}"
+        yield f"  before           {now}, {task['start']}: {task['verdict']}, {_peak(task)}"
     for sentence in check["against"]:
         yield f"  against it       {sentence}"
     for sentence in check["unverified"]:
@@ -199,6 +206,12 @@ def _answer(record: dict[str, Any], error: float, tol: float) -> Iterator[str]:
     else:
         yield "  hunting          possible at no gain"
     yield f"  limited by       {', '.join(record['binding']) or 'nothing'}"
+    if record["before"] is not None:
+        now, after = record["before"], record["verification"]["tasks"]
+        yield (
+            f"  in place of      {now['gain']:.6g} V/rad: {now['times']:.3g} times that gain; {after[0]['start']} "
+            f"takes {_peak(after[0])}, before {_peak(now['tasks'][0])}"
+        )
 
 
 def _folds(check: dict[str, Any], error: float, tol: float) -> Iterator[str]:

@@ -72,6 +72,7 @@ dd { margin: 0 0 .4rem 0; } td { overflow-wrap: break-word; } td .good, td .bad,
   thead { display: table-header-group; }
 }
 """
+TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "verdict", "why"
 
 
 class _Page:
@@ -235,6 +236,7 @@ def _answer(p: _Page) -> list[str]:
         f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
         _made(p),
         f"<p class=answer>{p.known('gain', '', p.gain_error, most=6)} <small>V/rad, the recommended gain</small></p>",
+        *_against_before(p),
         f"<p>{_result(check)}: {above}</p>",
         *[f"<p class=bad>{p.text(f'verification/against/{i}')}</p>" for i in range(len(check["against"]))],
         *[f"<p class=open>Not verified: {p.text(f'verification/unverified/{i}')}</p>"
@@ -325,12 +327,23 @@ def _loop_row(p: _Page, name: str, loop: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _against_before(p: _Page) -> list[str]:
+    """How much more gain and torque that is than before."""
+    if p.record["before"] is None:
+        return []
+    old, new = (p.with_unit(f"{where}/tasks/0/peak_torque", "N m", ".3g") for where in ("before", "verification"))
+    return [
+        f"<p>{p.n('before/times', '.3g')} times the gain before, {p.with_unit('before/gain', GAIN_UNIT, '.4g')}: "
+        f"{p.text('verification/tasks/0/start')} takes {new} at most, before {old}.</p>"
+    ]
+
+
 def _tasks(p: _Page) -> list[str]:
     rows = []
     if p.record["before"] is not None:
         rows += [_task_row(p, f"before/tasks/{i}", "before/gain") for i in range(len(p.record["before"]["tasks"]))]
     rows += [_task_row(p, f"verification/tasks/{i}", "gain") for i in range(len(p.record["verification"]["tasks"]))]
-    return ["<h2>Simulated regulator tasks</h2>", _table(["gain [V/rad]", "friction", "start", "verdict", "why"], rows)]
+    return ["<h2>Simulated regulator tasks</h2>", _table([*TASK_COLUMNS], rows)]
 
 
 def _limits(p: _Page) -> list[str]:
@@ -368,4 +381,5 @@ def _task_row(p: _Page, key: str, gain: str) -> list[str]:
     colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in ("at rest", "decaying") else "dim"
     verdict = f'<span class="{colour}">{p.text(f"{key}/verdict")}</span>'
     shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
-    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), verdict, p.text(f"{key}/reason")]
+    torque = p.n(f"{key}/peak_torque", ".3g")
+    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, verdict, p.text(f"{key}/reason")]

@@ -66,5 +66,8 @@ def evidence_record(
     record["verification"]["stable"] = None if fold is None else plain(stability_of(fold, options or Options()))
     gain, tasks = before or (None, ())
     controller = dataclasses.asdict(tuning.before.controller)
-    record["before"] = None if before is None else {"gain": gain, **controller, "tasks": plain(tasks)}
+    record["before"] = None
+    if gain is not None:
+        times = {"gain": gain, "times": record["gain"] / gain}
+        record["before"] = {**times, **controller, "tasks": plain(tasks)}
     return record
