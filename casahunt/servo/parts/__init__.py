@@ -3,6 +3,7 @@
     x' = product of the parts' fields,   modes = tuples of their modes,   y = signals that they exchange
 
 part.py                  the words: Part, PartMode, Law, Edge
+addresses.py             where parts and their functions stand, for other processes
 wiring.py                the parts in one mode each, wired by their signals
 loop.py                  the product of parts, as a system like any user's
 remedy.py                what is to be known of a part to find and to price its smallest size

@@ -224,6 +224,9 @@ class _Least(Compared):
     def __init__(self, *several: ScalarOf) -> None:
         self.key = several
 
+    def __reduce__(self) -> Any:
+        return type(self), self.key
+
     def __call__(self, x: Any, p: Any) -> Any:
         first, *others = [each(x, p) for each in self.key]
         for other in others:
@@ -236,6 +239,9 @@ class _Sum(Compared):
 
     def __init__(self, *several: ScalarOf) -> None:
         self.key = several
+
+    def __reduce__(self) -> Any:
+        return type(self), self.key
 
     def __call__(self, x: Any, p: Any) -> Any:
         return sum(each(x, p) for each in self.key)

@@ -97,6 +97,7 @@ class Part:
     even : states that keep their sign in the mirror image of a motion: a clock, the envelope of something.
     upon : event of any part: the states that jump there; of another part's, x3 of the integrator alone.
     follows : event of any part: the mode in which this part is behind it.
+    made_by : (function, its arguments) of a part that is no global of a module, so that it can be made elsewhere.
     size : the parameter that measures the part, at whose value `absent` the loop is the one without it; "" for none.
     """
 
@@ -108,5 +109,6 @@ class Part:
     even: tuple[str, ...] = ()
     upon: Mapping[str, Mapping[str, Function]] = field(default_factory=dict)
     follows: Mapping[str, str] = field(default_factory=dict)
+    made_by: tuple[Callable[..., Part], tuple[Any, ...]] | None = None
     size: str = ""
     absent: float = 0.0

@@ -73,6 +73,12 @@ def from_object(controller: Any) -> Part:
     raise InputError(f"controller: {type(controller).__name__} has neither num and den nor A, B, C and D")
 
 
+def _again(*matrices: Any) -> Part:
+    """The part in another process; what is kept cannot be sent by its name."""
+    part: Part = _state_space(*matrices)
+    return part
+
+
 @kept(maxsize=64)
 def _state_space(A: Rows, B: tuple[float, ...], C: tuple[float, ...], D: float) -> Part:
     names = tuple(f"c{i + 1}" for i in range(len(B)))
@@ -86,7 +92,7 @@ def _state_space(A: Rows, B: tuple[float, ...], C: tuple[float, ...], D: float) 
 
     size = abs(D) + max(map(abs, C), default=0.0)
     return Part(
-        "linear controller", names, {"motor_gain": 16.0, "gain": 0.04},
+        "linear controller", names, {"motor_gain": 16.0, "gain": 0.04}, made_by=(_again, (A, B, C, D)),
         gives={"demand": demand, "kp": lambda x, s, p: p.gain * p.motor_gain * size},
         modes=(PartMode("", Law({name: row(i) for i, name in enumerate(names)})),),
     )  # fmt: skip

@@ -8,12 +8,14 @@ nothing limits it, and what is integrated is the error.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 
 from ...compiled import kept
 from ...errors import InputError
+from .addresses import packed, unpacked
 from .part import Function, Law, Part
 
 UNGIVEN: dict[str, Function] = {
@@ -82,7 +84,12 @@ class Wiring:
                 self._givers[name] = function, sign
 
     def __reduce__(self) -> Any:
-        return wired, (self.active,)
+        return _wired_again, (packed(self.active, self.parts),)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts."""
+        return tuple(part for part, _, _ in self.active)
 
     def giver(self, name: str) -> tuple[Function, float | None]:
         """Who gives a signal, and the sign it sees."""
@@ -110,6 +117,10 @@ def wired(active: Active) -> Wiring:
     return Wiring(active)
 
 
+def _wired_again(active: Any) -> Wiring:
+    return wired(unpacked(active))
+
+
 class Compared:
     """What is compared by its class and `key`, so that equal loops share what is compiled."""
 
@@ -122,7 +133,12 @@ class Compared:
         return hash((type(self), self.key))
 
     def __reduce__(self) -> Any:
-        return type(self), self.key
+        wiring: Wiring = self.key[0]
+        return _made_again, (type(self), wiring, packed(self.key[1:], wiring.parts))
+
+
+def _made_again(kind: Callable[..., Compared], wiring: Wiring, others: Any) -> Compared:
+    return kind(wiring, *unpacked(others))
 
 
 class FieldOf(Compared):

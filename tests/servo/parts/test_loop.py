@@ -1,13 +1,18 @@
 """The product of parts: the plain servo in every form of its controller, the limits of each part, what is refused."""
 
 import math
+import multiprocessing
 import pickle
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from stick_map_support import border
 
 from casahunt import InputError, Options, Servo, find_orbit
-from casahunt.orbits import find_cycle
+from casahunt.continuation import follow, special_curve
+from casahunt.orbits import find_cycle, orbit_ensemble
 from casahunt.servo.parts.by_direction import BY_DIRECTION
 from casahunt.servo.parts.cascade import P_PI
 from casahunt.servo.parts.dead_band import DEAD_BAND, HYSTERESIS
@@ -126,11 +131,39 @@ def test_bristles_as_a_part():
     assert loop.parts[1] is LUGRE and same(orbit, find_orbit(servo, "lugre", 0.04, options=options), 1e-8)
 
 
-def test_a_loop_comes_back_from_a_file():
-    system = Loop(PLAIN).with_parts(LEAK, leak=0.1).system
-    assert pytest.approx(0.1) == dict(system.parameters)["leak"]
-    with pytest.raises((pickle.PicklingError, AttributeError)):
-        pickle.dumps(lambda: system)  # what cannot be told by its name is not
+@pytest.mark.parametrize("parts", [
+    (*PLAIN, LEAK, DEAD_BAND), (TWO_MASSES, BY_DIRECTION, PID_WITH_FILTER, INTEGRATOR, CLAMPING, RESET_AT_STOP),
+    (INERTIA, LUGRE, transfer_function([0.16, 2.0, 6.3], [1e-3, 1.0, 0.0])),
+])  # fmt: skip
+def test_a_loop_can_be_sent_to_another_process(parts):
+    """Its lambdas by where they stand: the system that comes back is equal, and shares what is compiled."""
+    system = Loop(parts, {part.size: 0.1 for part in parts if part.size}).system
+    again = pickle.loads(pickle.dumps(system))
+    assert again == system and again.vector_form == system.vector_form
+
+
+def test_a_part_that_nobody_finds_again_cannot_be_sent():
+    with pytest.raises(pickle.PicklingError, match="the part 'leak' cannot be sent: it must be a global of a module"):
+        pickle.dumps(Loop((*PLAIN, replace(LEAK)), {"leak": 0.1}).system)
+
+
+def test_members_of_an_ensemble_are_those_of_other_processes():
+    loop = Loop((*PLAIN, LEAK), {"leak": 0.1})
+    orbit = cycle_of(loop)
+    leaks = np.linspace(0.09, 0.12, 4)[:, None]
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
+        there, here = (orbit_ensemble(orbit, ["leak"], leaks, executor=how) for how in (executor, None))
+    assert (there.periods == here.periods).all() and np.isfinite(here.periods).all()
+
+
+def test_the_border_in_two_parameters_is_that_of_the_stick_map():
+    """Dead band against gain, from 0.04 to 0.3."""
+    loop = Loop((*PLAIN, DEAD_BAND), {"dead_band": 0.01})
+    fold = follow(cycle_of(loop), "dead_band", to=0.3, options=Options(tol=1e-7), max_points=40).special[0]
+    curve = special_curve(fold, "dead_band", "gain", to=0.3)
+    assert curve.values[-1, 1] == pytest.approx(0.3)
+    size = curve.values[-1, 0]
+    assert size == pytest.approx(border(0.3, "dead band", size, 1.001 * size, 1.8 * size), rel=1e-6)
 
 
 @pytest.mark.parametrize(("parts", "values", "sentence"), [
