@@ -85,7 +85,7 @@ def collocated(
         found = _attempt(watch, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):
             h, longest = h * found.factor, 1.0
-            if h < VANISHING_STEP * max(t, 1.0):
+            if not h >= VANISHING_STEP * max(t, 1.0):  # nor where the field, and so the first length, is no number
                 raise MarchFailure(f"mode {name!r}: {found.why} at {t:.6g} s")
             continue
         length = h * min(longest, max(0.3, 0.9 * (tol / max(found.error, 1e-300)) ** (1 / d)))

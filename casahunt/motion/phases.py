@@ -100,7 +100,8 @@ def march(
 
     Raises
     ------
-    MarchFailure : NaN, a step size that vanishes, or a mode that does not hold (`strict`).
+    MarchFailure : a phase begins with a state that is not finite, a step size vanishes, as where the field is no
+        number, or a mode does not hold (`strict`).
     NoEnd : a MarchFailure: too many intervals.
 
     Examples
@@ -120,6 +121,9 @@ def march(
     segments: list[Segment] = []
     time, used = 0.0, 0
     while True:
+        if not np.all(np.isfinite(x)):
+            wrong = system.states[int(np.argmin(np.isfinite(x)))]
+            raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
         segment, mode = _phase(system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals))
         segments.append(segment)
         if strict:

@@ -337,12 +337,15 @@ def _deny_below(
     A fold above a gain at which a cycle was found is not where they end.
     """
     least = min(orbit.gain for orbit in around) * (1 + options.tol)
-    try:
-        folds = (confirmed_between(*pair, options, sense=-1.0) for pair in reversed(list(pairwise(around))))
-        lower = next((found for found in folds if found is not None and found.gain <= least), None)
-    except NoOrbit:
+    for before, after in reversed(list(pairwise(around))):
+        lower = None
+        with suppress(NoOrbit):  # what is between these two is not known: the fold may lie between the others
+            lower = confirmed_between(before, after, options, sense=-1.0)
+        if lower is not None and lower.gain <= least:
+            break
+    else:
         return
-    if lower is not None and gain < lower.gain * (1 - 2 * lower.gain_error):
+    if gain < lower.gain * (1 - 2 * lower.gain_error):
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: followed down from their "
             f"largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn back at "

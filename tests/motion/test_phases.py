@@ -126,6 +126,32 @@ def test_what_is_no_number_is_no_exit(monkeypatch: pytest.MonkeyPatch) -> None:
         marched(Exit(VectorEvent("end", broken), +1, lambda x, p: "swing", mark=True), start=0.5)
 
 
+@pytest.mark.parametrize("flow", [None, lambda x, T, p: x + T])
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+@pytest.mark.parametrize("jumps", [False, True])
+def test_a_phase_that_begins_with_no_number_is_refused(flow: Any, wrong: float, jumps: bool) -> None:
+    """By the march or by a closed form, from the start or behind a jump; no comparison with no number ends a march."""
+    ramp = VectorMode("ramp", lambda x, p, sign: ca.vertcat(1.0, 1.0), flow=flow)
+
+    def reset(x: Any, p: Any) -> Any:
+        return ca.vertcat(x[0], wrong)
+
+    end = Exit(VectorEvent("end", lambda x, T, p: x[0] - 2), +1, lambda x, p: "ramp", mark=True, reset=reset)
+    system = VectorSystem("ramp", ("position", "load"), {"ramp": ramp}, {"ramp": (end,)})
+    x, at = (np.zeros(2), 2) if jumps else (np.array([0.0, wrong]), 0)
+    with pytest.raises(MarchFailure, match=f"mode 'ramp': the state 'load' with which it begins at {at} s is not fin"):
+        march(system, "ramp", x, NO_PARAMETERS, scale=np.ones(2), until=lambda segment: False)
+
+
+@pytest.mark.parametrize("stiff", [False, True])
+def test_a_field_that_is_no_number_at_the_start_is_refused(stiff: bool) -> None:
+    """The length of the first interval is no number either: no smaller than any."""
+    root = VectorMode("root", lambda x, p, sign: ca.sqrt(x), stiff=stiff)
+    system = VectorSystem("root", ("x",), {"root": root}, {"root": ()})
+    with pytest.raises(MarchFailure, match="mode 'root': the step size vanished at 0 s"):
+        march(system, "root", -np.ones(1), NO_PARAMETERS, scale=np.ones(1), until=lambda segment: True)
+
+
 def test_of_two_exits_next_to_each_other_the_first_is_taken() -> None:
     # On straight lines one interval is as long as one likes: both exits lie between the same two watched times.
     for late, early in ((0.50001, 0.5), (0.5, 0.50001)):

@@ -6,6 +6,7 @@ import math
 import re
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from casahunt.servo import find_orbit as searching
 from casahunt.servo.basin import basin, until_settled
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import scan
+from casahunt.servo.problem import HuntingFold, HuntingOrbit
 from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle
 from scripts.random_servos import draw
@@ -292,7 +294,18 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
     with pytest.raises(NoOrbit, match="turn back at .* in a second fold") as refused:
         searching._deny_below([near, past, farther], fold, gain, "stable", Options())
     assert refused.value.status is None
-    # Where a cycle was found at a smaller gain, that fold is not the end of them.
+    # What is not known between two of them takes nothing from a fold between the others.
     lowest = searching.confirmed_between(near, past, Options(), sense=-1.0)
+    assert lowest is not None
+
+    def known_before(before: HuntingOrbit, *_: Any, **__: Any) -> HuntingFold:
+        if before is past:
+            raise NoOrbit("not converged", Status.NOT_CONVERGED)
+        return lowest
+
+    monkeypatch.setattr(searching, "confirmed_between", known_before)
+    with pytest.raises(NoOrbit, match="turn back at .* in a second fold"):
+        searching._deny_below([near, past, farther], fold, gain, "stable", Options())
+    # Where a cycle was found at a smaller gain, that fold is not the end of them.
     monkeypatch.setattr(searching, "confirmed_between", lambda *_, **__: lowest)
     searching._deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())
