@@ -350,7 +350,7 @@ def _followed(
     jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name
     length = reached.length if by_intervals else 0.0
-    return Segment(name, event, reached.time, breaks, w, reached.x * scale, jumped, length), successor
+    return Segment(name, event, float(reached.time), breaks, w, reached.x * scale, jumped, length), successor
 
 
 def _meshed(lengths: list[float], pieces: list[Array], scale: Array) -> tuple[Array, Array]:
