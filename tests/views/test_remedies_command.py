@@ -83,7 +83,7 @@ def test_limits(capsys):
     code, out, _ = run(capsys, *words, "--max-error", "0.01")
     assert code == 0 and "cheapest remedy with error at rest up to 0.01 rad: gain, 0.7121" in " ".join(out.split())
     code, out, err = run(capsys, *words, "--max-error", "0.01", "--max-torque", "5")
-    assert code == 1 and "none of these remedies ends it with error at rest up to 0.01 rad and torque up to 5" in out
+    assert code == 1 and "none of these remedies ends it with error at rest up to 0.01 rad" in " ".join(out.split())
     assert "  gain " in out and err.startswith("casahunt remedies: no remedy ends hunting with error at rest")
 
 
