@@ -30,15 +30,15 @@ def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
 
     Examples
     --------
-    >>> from casahunt import Options, Servo
+    >>> from casahunt import Servo
     >>> from casahunt.continuation import largest
     >>> from casahunt.orbits import find_cycle
-    >>> from casahunt.servo.parts import LEAK, loop_of
-    >>> loop = loop_of(Servo(), "switch", 0.04).with_parts(LEAK, leak=0.1)
+    >>> from casahunt.servo.parts import loop_of
+    >>> loop = loop_of(Servo(), "switch", 0.04)
     >>> start = loop.state(x1=-0.05)
-    >>> cycle = find_cycle(loop.system, loop.mode_at(**start), start=start, follow="leak", tol=1e-9)
-    >>> round(largest(cycle, "leak", options=Options(tol=1e-6)).value, 6)  # 1/s: with more, nothing hunts
-    0.246845
+    >>> cycle = find_cycle(loop.system, loop.mode_at(**start), start=start, follow="gain", tol=1e-9)
+    >>> round(largest(cycle, "gain").value, 8)  # V/rad, as find_fold has it
+    0.64733908
     """
     pid = servo.controller.pid()
     own = flatten(servo)
