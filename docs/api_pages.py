@@ -6,6 +6,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from casahunt.servo.parts import Part
+
 MODULES = {
     "casahunt": "The servo",
     "casahunt.pictures": "Pictures",
@@ -14,6 +16,7 @@ MODULES = {
     "casahunt.motion": "Its motion",
     "casahunt.orbits": "Its cycles",
     "casahunt.continuation": "Followed in parameters",
+    "casahunt.servo.parts": "Loops from parts",
 }
 """Public modules, with a heading."""
 
@@ -31,6 +34,7 @@ def write(folder: Path) -> None:
     for module, heading in MODULES.items():
         room = import_module(module)
         names = [name for name in sorted(room.__all__, key=str.lower) if getattr(room, name) not in told]
+        names = [name for name in names if not isinstance(getattr(room, name), Part | tuple)]  # parts_pages.py
         told += [getattr(room, name) for name in names]
         lines += [heading, "-" * len(heading), "", f".. currentmodule:: {module}", "", f"``{module}``", ""]
         lines += [".. autosummary::", "   :toctree: names", ""]

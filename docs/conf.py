@@ -17,6 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import api_pages  # noqa: E402
 import command_line  # noqa: E402
+import parts_pages  # noqa: E402
 
 import casahunt  # noqa: E402
 
@@ -115,3 +116,4 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", plain)
     command_line.write(HERE / "reference" / "commands")
     api_pages.write(HERE / "reference" / "api")
+    parts_pages.write(HERE / "reference" / "parts")

@@ -34,10 +34,10 @@ def pieces(remedy, size, a):
     return [(None, lambda x: x, one)]
 
 
-def stick_map(a, K, remedy, size, servo=TABLE_1):
-    """P(a); nan where the servo does not get as far as that, or does not stick there."""
+def stick_map(a, K, remedy, size, servo=TABLE_1, leak=0.0):
+    """P(a), with a leak besides; nan where the servo does not get as far as that, or does not stick there."""
     kp, kd, ki = torque_gains(K)
-    leak = size if remedy == "leak" else 0.0
+    leak = size if remedy == "leak" else leak
     J, Fs, Fc, vs, b = (servo[name] for name in ("J", "Fs", "Fc", "vs", "b"))
     y = np.array([-a, 0.0, (kp * a - Fs) / ki])
     for end, integrand, factor in pieces(remedy, size, a):

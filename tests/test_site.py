@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from casahunt import Servo, find_orbit
+from casahunt import InputError, Servo, find_orbit
+from casahunt.servo.parts import HYSTERESIS, LEAK
 from problems import taylor
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -66,6 +67,23 @@ def test_tustins_law(capsys):
                                 position=-0.02, velocity=0.0, integral=0.0, follow="kp", tol=1e-8)  # fmt: skip
     assert found.period == pytest.approx(find_orbit(servo, "switch", gain).period, rel=1e-6)
     assert scope["orbit"].stable
+
+
+def test_a_loop_from_parts(capsys):
+    """Its dead band by an event map of its own; its own part by a stick map: a stop at the edge is on the edge again."""
+    support, optimize = pytest.importorskip("stick_map_support"), pytest.importorskip("scipy.optimize")
+    scope = run("parts.md")
+    assert scope["fold"].value == pytest.approx(0.0433457242337, rel=1e-9)
+    truth = optimize.brentq(
+        lambda size: support.stick_map(size, 0.04, "hysteresis", size, leak=0.05) - size,
+        0.999 * scope["edge"].value, 1.001 * scope["edge"].value, xtol=1e-12,
+    )  # fmt: skip
+    assert scope["edge"].value == pytest.approx(truth, rel=1e-8)
+    assert scope["filtered"].stable and "0.0433457" in capsys.readouterr().out
+    both = scope["loop"].with_parts(LEAK, leak=0.1)  # a dead band and a leak go together, two dead bands do not
+    assert scope["cycle_of"](both, "dead_band", 1e-6).period > scope["cycle"].period
+    with pytest.raises(InputError, match="dead band and hysteresis do not go together"):
+        scope["loop"].with_parts(HYSTERESIS, hysteresis=0.01).system  # noqa: B018
 
 
 def test_results_as_they_are_shown(capsys):

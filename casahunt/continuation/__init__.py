@@ -10,8 +10,8 @@ special_points.py   folds, symmetry breaking, superstable and grazing cycles: wh
 poincare_section.py another plane for a cycle that is cut by planes
 grazing_contact.py  cycles that contact an event
 locating.py         the orbit between two at which a monitor vanishes, or where a branch turns
-(collocation/fold_system.py) vanishing.py        where a phase shrinks to nothing, and where between two orbits the
-phases change bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
+vanishing.py        where a phase shrinks to nothing, and where between two orbits the phases change
+bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
 crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
 reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off

@@ -308,11 +308,11 @@ def walk_to_end(generator: Generator[Any, None, str]) -> tuple[list[Any], str]:
     Examples
     --------
     >>> from casahunt import walk
-    >>> from casahunt.continuation import run
+    >>> from casahunt.continuation import walk_to_end
     >>> from casahunt.hybrid.examples import belt
     >>> from casahunt.orbits import find_cycle
     >>> start = find_cycle(belt, "slip", x=0.0, v=0.0)
-    >>> orbits, ended = run(walk(start, vary="belt", low=0.2, high=0.21))
+    >>> orbits, ended = walk_to_end(walk(start, vary="belt", low=0.2, high=0.21))
     >>> ended
     'belt reached 0.21, the end of the range'
     """

@@ -336,7 +336,7 @@ def _followed(
     if stretches and reached.over and most_intervals(stretches, stepper.scheme, tol) <= max_intervals:
         jumped, successor = behind_it if reached.way_out is not None else (None, name)
         event = "" if reached.way_out is None else reached.way_out.event.name
-        ends = name, event, reached.time, x.copy(), reached.x * scale, jumped
+        ends = name, event, float(reached.time), x.copy(), reached.x * scale, jumped
 
         def mesh(tol: float) -> tuple[Array, Array]:
             return _meshed(*intervals_of(mode, stepper, stretches, tol), scale)
@@ -354,7 +354,7 @@ def _followed(
     jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name
     length = reached.length if by_intervals else 0.0
-    return Segment(name, event, reached.time, breaks, w, reached.x * scale, jumped, length), successor
+    return Segment(name, event, float(reached.time), breaks, w, reached.x * scale, jumped, length), successor
 
 
 def _meshed(lengths: list[float], pieces: list[Array], scale: Array) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from .closure import Closure, Section, turned, turns, with_sections
 from .recurrence import Recurrence, comes_in, loop_distance, rebased, recurrences
 from .system_orbit import SystemOrbit
 from .watching import (
-    MOST_LOOKS,
+    LOOKED_AT_MOST,
     SEARCH_TOLERANCE,
     AtRest,
     NotFound,
@@ -155,7 +155,7 @@ class Returning:
             )  # fmt: skip
         except NoEnd:
             new = motion[len(self.segments) :]
-            if self.sections or not new and (self.looks == MOST_LOOKS or self.form.modes[self.mode].flow):
+            if self.sections or not new and (self.looks == LOOKED_AT_MOST or self.form.modes[self.mode].flow):
                 raise
         last = new[-1] if new else Segment(self.mode, "", 0.0, np.array([0.0, 1.0]), self.x[None], self.x)
         if last.event:
@@ -164,7 +164,7 @@ class Returning:
                 raise self.not_met("the motion grows without bound")
             return
         moves = self.form.modes[last.mode].flow is None
-        if moves and not self.sections and self.looks < MOST_LOOKS:
+        if moves and not self.sections and self.looks < LOOKED_AT_MOST:
             self.looks += 1
             self.mode, self.x = last.mode, last.end
             return

@@ -32,7 +32,7 @@ FIRST_LOOK = 20.0
 """Times in which the field moves a state by its size, that a motion is watched at first."""
 VERY_LONG = 1e6
 """So many times as long it is watched where nothing happens."""
-MOST_LOOKS, LOOK_LONGER = 5, 4
+LOOKED_AT_MOST, LOOK_LONGER = 5, 4
 """Looks, each this much longer than the one before, until there is something to see."""
 ENOUGH_EVENTS, ENOUGH_STEPS = 4, 150
 """A motion is watched until there are so many: with ten times as many events the search of a stick-slip cycle does
@@ -117,7 +117,7 @@ def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, leas
     first, counted = max(1.0, float(np.max(np.abs(x)))), turns(system) > 0
     least = np.zeros(x.size) if least is None else least
     span, scale = _longest(system, mode, x, p, kind, least)
-    for _ in range(MOST_LOOKS):
+    for _ in range(LOOKED_AT_MOST):
         try:
             scale, seen, (times, states) = look(
                 form, mode, x, p, scale, kind, span, ENOUGH_EVENTS, most, least

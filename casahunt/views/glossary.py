@@ -20,12 +20,21 @@ GLOSSARY: dict[str, str] = {
     "corrector": "the iteration that brings the next point of a branch from a guess to the exact solution.",
     "cusp": "a point where a curve of fold gains turns back in the parameter: two folds meet there and vanish.",
     "cycle": "a motion that repeats itself period after period; a hunting cycle is one around the set point.",
+    "dead band": "a band of small errors in which the integrator stands still; the servo may rest anywhere in it.",
+    "dither": "a fast vibration on top of the torque that shakes friction loose; here by the averaged friction curve, "
+    "which holds for a vibration much faster than the servo.",
     "elasticity": "per cent of change for one per cent more of a parameter.",
+    "error dead band": "a band of small errors that the whole controller takes for none, proportional and derivative action "
+    "too, while the integrator keeps its content.",
+    "error filter": "a low pass on the error in front of the controller.",
     "event map": "where the servo sticks next: from a standstill at the distance a from the set point it breaks "
     "away, slips, and sticks at the distance P(a) on the other side; P(a) below a means that it comes nearer.",
+    "feedforward": "friction compensation: the estimated friction is added to the torque, by the direction of the motion, "
+    "so that only the rest of it is left; while the servo sticks there is no direction.",
     "fixed point": "a distance a that the event map repeats, P(a) = a: a hunting cycle of that amplitude.",
     "fold": "the point where the stable and the unstable cycle merge and vanish, at the largest gain at which the "
     "servo can hunt, the fold gain.",
+    "freeze": "the integrator is stopped once the servo has stuck for a dwell time, until something moves it.",
     "generalised Jacobian": "all linearisations of an equation with a kink, one for each mixture of its two sides.",
     "grazing": "a cycle that only just touches the border between two kinds of motion, such as a slip that nearly "
     "stops; beyond it the order of slips and sticks is another one.",
@@ -34,7 +43,11 @@ GLOSSARY: dict[str, str] = {
     "Hopf bifurcation": "where a cycle shrinks to a standstill, and ends.",
     "hunting": "a motion that never comes to rest about the set point: the servo sticks, the integral action pulls "
     "it loose, it slips past and sticks on the other side.",
+    "hysteresis": "a dead band with two edges: the integrator stops where the error falls below the inner one, half of "
+    "the size, and goes on where it rises above the outer one.",
     "IPOPT": "a solver of optimisation problems, here of the largest gain that still has a cycle.",
+    "leak": "the integrator forgets its content at this rate, so that a small error at rest winds up no more than a "
+    "bounded torque.",
     "lopsided": "of a cycle: it reaches farther to one side of the set point than to the other.",
     "LuGre": "the friction model with elastic contact: a bristle between the surfaces bends before they slip.",
     "mesh": "the small intervals that a computed motion is cut into.",
@@ -44,7 +57,11 @@ GLOSSARY: dict[str, str] = {
     "Newton": "Newton's method: the equations of the cycle solved by repeated linearisation.",
     "period doubling": "where a cycle hands over to one that repeats itself only every second period.",
     "phase sequence": "the order of slips and sticks in one period of the motion.",
+    "reset": "the integrator's content is multiplied by this factor whenever the error goes through zero.",
+    "reset at a stop": "the integrator's content is multiplied by this factor whenever the servo stops.",
     "Routh-Hurwitz": "the conditions on the coefficients of the characteristic polynomial for a stable linear loop.",
+    "shifted dead band": "a dead band beyond whose edge only the part of the error outside it is integrated, so that "
+    "nothing jumps at the edge.",
     "stable cycle": "the hunting cycle that the servo ends in.",
     "stick band": "a range of velocities so small that the motor counts as stuck in it; the exact model needs none.",
     "stick position": "where the motor stands still between two slips, as the distance from the set point.",

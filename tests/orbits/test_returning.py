@@ -16,7 +16,7 @@ from casahunt.hybrid import Event, Mode, System
 from casahunt.motion.segment import NoEnd
 from casahunt.orbits import find_cycle
 from casahunt.orbits.returning import Returning
-from casahunt.orbits.watching import MOST_LOOKS, NotFound, section_of, watch_motion
+from casahunt.orbits.watching import LOOKED_AT_MOST, NotFound, section_of, watch_motion
 from problems import rossler
 
 
@@ -219,8 +219,8 @@ def test_a_motion_is_looked_at_again_and_not_for_ever():
     """x' = 1 until the time is over, and x'' = -x for more intervals than are waited: another look, up to the last."""
     drift, swing = (lambda x, p: {"x": 1.0, "v": 0.0}), (lambda x, p: {"x": x.v, "v": -x.x})
     for field, span, why in ((drift, 1.0, NotFound), (swing, 1e6, NoEnd)):
-        search = searched(field, span, MOST_LOOKS - 1)
+        search = searched(field, span, LOOKED_AT_MOST - 1)
         search.marched(1)
-        assert search.looks == MOST_LOOKS and not search.segments
+        assert search.looks == LOOKED_AT_MOST and not search.segments
         with pytest.raises(why, match="does not meet another event" if why is NotFound else "no exit after"):
             search.marched(1)

@@ -33,6 +33,7 @@ COMMANDS = {
     "fold-curve": ("--model", "switch", "--vary", VS, "--from", 0.02, "--to", 0.0201, "--points", 2),
     "fold-map": ("--vary", "friction.static", 0.52, 0.54, "--and", VS, 0.02, 0.021, "--points", 2),
     "loop": (*GAIN, "--gain", 0.4),
+    "remedies": ("--gain", 0.04, "--only", "dead band, feedforward"),
     "equilibria": (*GAIN, "--model", "lugre"),
     "map": (*GAIN, "--from", 1e-4, "--to", 0.1, "--points", 20),
     "basin": GAIN,
@@ -93,7 +94,8 @@ def test_help_fits_and_is_explained(capsys, monkeypatch, command):
         assert f"{word}: {GLOSSARY[word]}" in " ".join(explained.split())
     usage, *sections = body.split("\n\n")
     required = next((s for s in sections if s.startswith("required:")), "")
-    needed = {"orbit", "fold-curve", "fold-map", "loop", "equilibria", "map", "basin", "simulate", "uncertainty"}
+    needed = {"orbit", "fold-curve", "fold-map", "loop", "equilibria", "map", "basin", "simulate", "uncertainty",
+              "remedies"}  # fmt: skip
     assert bool(required) == (command in needed)
     assert not required or sections.index(required) < next(i for i, s in enumerate(sections) if s[:8] == "options:")
     for option in re.findall(r"^  (--[\w-]+)", required, re.MULTILINE):
@@ -125,12 +127,12 @@ def test_a_positional_that_is_missing(capsys):
 
 
 WORDS = {"model", "branch", "status", "unit", "parameter", "quantity", "kind", "stable", "special", "outcome", "mode",
-         "from", "first", "second"}  # fmt: skip
+         "from", "first", "second", "remedy", "why"}  # fmt: skip
 PLAIN = {"half_multiplier", "half_multiplier_error", "trivial_multiplier_error", "elasticity", "error_estimate", "gain",
          "value", "first_value", "second_value", "slope", "measured", "error", "scatter", "predicted",
          "predicted_error", "ratio", "swing", "sample", "threshold", "damping_ratio", "lowest_factor",
-         "highest_factor", "slope_V_per_rad_per_unit"}  # fmt: skip
-UNIT = re.compile(r"_(rad|s|V_per_rad|per_s|deg|Nm|rad_per_s|rad_s|kg_m2|N?ms?_per_rad|Nms?_per_rad(_s)?|(re|im))$")
+         "highest_factor", "slope_V_per_rad_per_unit", "size", "size_error", "recommended", "worst_size"}  # fmt: skip
+UNIT = re.compile(r"_(rad|s|V_per_rad|per_s|deg|Nm|rad_per_s|rad_s|kg_m2|V|N?ms?_per_rad|Nms?_per_rad(_s)?|(re|im))$")
 WITH_CSV = [command for command in COMMANDS if command not in ("diagram", "glossary")]
 
 

@@ -55,6 +55,11 @@ def histogram_of() -> tuple[Any, ...]:
     return fold(), samples, worst, casahunt.compare_uncertainty(fold(), uncertainty, samples, worst)
 
 
+@cache
+def leak() -> casahunt.Cures:
+    return casahunt.remedies(SERVO, "switch", 0.04, only=["leak"])
+
+
 def folds() -> casahunt.FoldMap:
     values = np.array([0.53, 0.535]), np.array([0.1, 0.11])
     return casahunt.fold_map(SERVO, "switch", ("friction.static", "friction.viscous"), *values, fold=fold())
@@ -75,6 +80,7 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "multipliers": (1, lambda: ([branch()],)),
     "operating_point": (2, lambda: (tuning(), branch())),
     "phase_portrait": (3, lambda: ([branch().orbits[0]],)),
+    "remedy_sizes": (1, lambda: (leak(),)),
     "tasks": (3, lambda: ((0.3, tuning().verification.tasks), tuning().verification.tasks)),
     "time_traces": (3, lambda: ([branch().orbits[0]],)),
 }  # fmt: skip

@@ -22,7 +22,7 @@ from ...servo.hunting import MODELS, Model, called
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of
 from ...servo.parts.remedy import Remedy
-from ...servo.parts.table import REMEDIES
+from ...servo.parts.table import REMEDIES, remedy_name
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
@@ -33,7 +33,6 @@ RECOMMENDED = 1.1
 """What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
 MUCH_LARGER = 3.0
 """A larger size is tried too, so many times the border."""
-REMEDY_NAMES = tuple(remedy.name for remedy in REMEDIES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,9 +136,14 @@ class Cures(Result):
     best: str
 
     def _columns(self) -> Columns:
-        said = ("name", "kind", "size", "size_error", "unit", "recommended", "rest_error", "peak_torque",
-                "peak_voltage", "settling", "why")  # fmt: skip
-        return {key: [getattr(row, key) for row in self.remedies] for key in said}
+        units = {"rest_error": "rad", "peak_torque": "Nm", "peak_voltage": "V", "settling": "s"}
+        said = ("name", "kind", "size", "size_error", "unit", "recommended", "worst_size", *units, "why")
+        return {
+            {"name": "remedy"}.get(key, f"{key}_{units[key]}" if key in units else key): [
+                getattr(row, key) for row in self.remedies
+            ]
+            for key in said
+        }
 
     def _more(self) -> dict[str, Any]:
         return {"remedies": [row.to_dict() for row in self.remedies]}
@@ -193,7 +197,7 @@ def remedies(
     a_servo(servo)
     choice_of("model", model, MODELS)
     for name in only:
-        choice_of("remedy", name, REMEDY_NAMES)
+        remedy_name(name)
     error = math.inf if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     if uncertainty is not None:

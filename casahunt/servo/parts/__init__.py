@@ -15,7 +15,7 @@ lugre.py                 LuGre friction
 pid.py                   PID by times or by gains, and the integrator
 cascade.py               cascade P-PI
 filtered_derivative.py   PID by gains with a filtered derivative
-state_space.py           any linear controller, by state space or transfer function
+linear_controller.py     any linear controller, by state space or transfer function
 loads.py                 a constant torque, a spring
 torque_limit.py          a limited torque, with anti-windup
 dead_band.py             remedies: dead bands on the integrator's input, or on the error
@@ -29,3 +29,68 @@ plain.py                 remedies: gain, derivative and integral action
 table.py                 all remedies
 plain_loop.py            a servo as a loop
 """
+
+from typing import TYPE_CHECKING
+
+from ...lazy import lazily
+
+if TYPE_CHECKING:
+    from .by_direction import BY_DIRECTION
+    from .cascade import P_PI
+    from .dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS, SHIFTED_DEAD_BAND
+    from .dither import DITHERED
+    from .error_filter import ERROR_FILTER
+    from .feedforward import FEEDFORWARD
+    from .filtered_derivative import PID_WITH_FILTER
+    from .freeze import FREEZE
+    from .inertia import INERTIA
+    from .leak import LEAK
+    from .linear_controller import from_object, state_space, transfer_function
+    from .loads import LOADS
+    from .loop import Loop
+    from .lugre import LUGRE
+    from .part import Edge, Law, Part, PartMode
+    from .pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
+    from .plain_loop import loop_of
+    from .remedy import Remedy
+    from .reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
+    from .switch import SWITCH
+    from .table import REMEDIES
+    from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
+    from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
+
+__all__ = [
+    "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER",
+    "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR", "LEAK", "LOADS", "LUGRE", "PID_BY_GAINS",
+    "PID_BY_TIMES", "PID_WITH_FILTER", "P_PI", "REMEDIES", "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO",
+    "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT", "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop",
+    "Part", "PartMode", "Remedy", "from_object", "loop_of", "state_space", "transfer_function",
+]  # fmt: skip
+__getattr__ = lazily(
+    __name__,
+    {
+        "by_direction": ("BY_DIRECTION",),
+        "cascade": ("P_PI",),
+        "dead_band": ("DEAD_BAND", "ERROR_DEAD_BAND", "HYSTERESIS", "SHIFTED_DEAD_BAND"),
+        "dither": ("DITHERED",),
+        "error_filter": ("ERROR_FILTER",),
+        "feedforward": ("FEEDFORWARD",),
+        "filtered_derivative": ("PID_WITH_FILTER",),
+        "freeze": ("FREEZE",),
+        "inertia": ("INERTIA",),
+        "leak": ("LEAK",),
+        "linear_controller": ("from_object", "state_space", "transfer_function"),
+        "loads": ("LOADS",),
+        "loop": ("Loop",),
+        "lugre": ("LUGRE",),
+        "part": ("Edge", "Law", "Part", "PartMode"),
+        "pid": ("INTEGRATOR", "PID_BY_GAINS", "PID_BY_TIMES"),
+        "plain_loop": ("loop_of",),
+        "remedy": ("Remedy",),
+        "reset": ("RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO"),
+        "switch": ("SWITCH",),
+        "table": ("REMEDIES",),
+        "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
+        "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
+    },
+)

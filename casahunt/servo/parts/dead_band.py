@@ -60,13 +60,13 @@ HYSTERESIS = _two(
     lambda x, s, p: s.error**2 / (p.enter_ratio * p.hysteresis) ** 2 - 1,
     lambda x, s, p: s.error**2 / p.hysteresis**2 - 1, enter_ratio=0.5,
 )  # fmt: skip
-SHIFTED = _three(
+SHIFTED_DEAD_BAND = _three(
     "shifted dead band", "shifted_dead_band", "error",
     Law(gives={"integrand": lambda x, s, p: s.error - p.shifted_dead_band}),
     Law(gives={"integrand": lambda x, s, p: 0.0}),
     Law(gives={"integrand": lambda x, s, p: s.error + p.shifted_dead_band}),
 )  # fmt: skip
-ERROR = _three(
+ERROR_DEAD_BAND = _three(
     "error dead band", "error_dead_band", "angle",
     Law(gives={"error": lambda x, s, p: s.angle - (1 - p.remaining_gain) * p.error_dead_band,
                "error_rate": lambda x, s, p: s.rate}),
@@ -79,7 +79,8 @@ ERROR = _three(
 
 REMEDIES = (
     Remedy("dead band", "dead_band", "rad", lambda size, p: size, DEAD_BAND, scale="amplitude", last=2.0),
-    Remedy("shifted dead band", "shifted_dead_band", "rad", lambda size, p: size, SHIFTED, scale="amplitude", last=4.0),
+    Remedy("shifted dead band", "shifted_dead_band", "rad", lambda size, p: size, SHIFTED_DEAD_BAND, scale="amplitude", last=4.0),
     Remedy("hysteresis", "hysteresis", "rad", lambda size, p: size, HYSTERESIS, scale="amplitude", last=4.0),
-    Remedy("error dead band", "error_dead_band", "rad", lambda size, p: size, ERROR, scale="amplitude", last=20.0),
+    Remedy("error dead band", "error_dead_band", "rad", lambda size, p: size, ERROR_DEAD_BAND, scale="amplitude", last=20.0,
+           why_not="in the band the integral's content is all that acts, and it pushes the servo through to the other side"),
 )

@@ -44,6 +44,19 @@ class Loop:
     Raises
     ------
     InputError : parts that do not go together, an unknown parameter, or no number.
+
+    Examples
+    --------
+    The smallest dead band on the integrator's input that ends hunting.
+
+    >>> from casahunt.continuation import largest
+    >>> from casahunt.orbits import find_cycle
+    >>> from casahunt.servo.parts import DEAD_BAND, INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop
+    >>> loop = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR, DEAD_BAND), {"gain": 0.04, "dead_band": 0.01})
+    >>> start = loop.state(x1=-0.05)
+    >>> cycle = find_cycle(loop.system, loop.mode_at(**start), start=start, follow="dead_band", tol=1e-9)
+    >>> round(largest(cycle, "dead_band").value, 8)  # rad
+    0.04334572
     """
 
     parts: tuple[Part, ...]
@@ -75,7 +88,19 @@ class Loop:
         return Loop(self.parts, {**self.values, **values}, self.name)
 
     def with_parts(self, *parts: Part, **values: float) -> Loop:
-        """The loop with parts more."""
+        """The loop with parts more.
+
+        Parameters
+        ----------
+        *parts
+            those that come behind the others.
+        **values
+            parameters that differ from the parts' defaults.
+
+        Returns
+        -------
+        Loop.
+        """
         return Loop((*self.parts, *parts), {**self.values, **values}, self.name)
 
     @property
@@ -84,7 +109,12 @@ class Loop:
         return product_of(self.present, tuple(self.parameters.items()), self.name)
 
     def state(self, **start: float) -> dict[str, float]:
-        """Every state: those given, the others zero.  Raises InputError: there is no such state."""
+        """Every state: those given, the others zero.
+
+        Returns
+        -------
+        State by name; what is no state is refused.
+        """
         states = tuple(state for part in self.present for state in part.states)
         for name in start:
             choice_of("state", name, states)
@@ -105,9 +135,18 @@ class Loop:
         return wiring.value(function, sign, SimpleNamespace(**state), SimpleNamespace(**self.parameters))
 
     def signal(self, name: str, mode: str, x: Array) -> Array:
-        """A signal at the states (n, m) of one mode.
+        """A signal at states of one mode.
 
-        Raises InputError: there is no such signal.
+        Parameters
+        ----------
+        name, mode
+            the signal, such as "torque", and a mode of the loop's system.
+        x
+            (n, m) states.
+
+        Returns
+        -------
+        (m,) values; a signal that no part gives is refused.
         """
         modes = next(m for m in itertools.product(*[part.modes for part in self.present]) if mode_name(m) == mode)
         wiring, states = _wiring(self.present, modes, None), self.system.states

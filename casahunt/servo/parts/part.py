@@ -33,6 +33,13 @@ class Law:
     stiff : the field has fast decaying directions.
     smooth : the field has no kink.
     slack : how far `holds` may fall below zero without that it is another motion.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import Law
+    >>> forgets = Law({"x3": lambda x, s, p: s.error - p.leak * x.x3})  # states of its own, signals, parameters
+    >>> sorted(forgets.rates)
+    ['x3']
     """
 
     rates: Mapping[str, Function] = field(default_factory=dict)
@@ -55,6 +62,13 @@ class Edge:
     direction : +1 where it rises, -1 where it falls, 0 for either.
     to : the part's next mode, or a function (x, s, p) of numbers that returns its name.
     reset : state: its value behind; what is not named stays.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import Edge
+    >>> leaves = Edge("leaves", lambda x, s, p: s.error**2 / p.band**2 - 1, +1, to="outside")
+    >>> leaves.direction, leaves.to
+    (1, 'outside')
     """
 
     name: str
@@ -73,6 +87,12 @@ class PartMode:
     name : "" for the only mode, or the one that goes without saying.
     unsplit : name of a mode of the part that this one is a part of, as in `hybrid.Mode`.
     where : (x, s, p) of numbers -> whether a motion that starts there may be in this mode; None for anywhere.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import SWITCH
+    >>> [mode.name for mode in SWITCH.modes], [edge.name for edge in SWITCH.modes[2].ends]
+    (['slip+', 'slip-', 'stick'], ['breakaway+', 'breakaway-'])
     """
 
     name: str
@@ -83,7 +103,7 @@ class PartMode:
     where: Function | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Part:
     """A part of a loop.
 
@@ -99,6 +119,15 @@ class Part:
     follows : event of any part: the mode in which this part is behind it.
     made_by : (function, its arguments) of a part that is no global of a module, so that it can be made elsewhere.
     size : the parameter that measures the part, at whose value `absent` the loop is the one without it; "" for none.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import Part
+    >>> spring = Part("spring", parameters={"stiffness": 0.1}, gives={
+    ...     "external": lambda x, s, p: -p.stiffness * s.motor_angle,
+    ... })
+    >>> spring
+    <Part: spring>
     """
 
     name: str
@@ -112,3 +141,6 @@ class Part:
     made_by: tuple[Callable[..., Part], tuple[Any, ...]] | None = None
     size: str = ""
     absent: float = 0.0
+
+    def __repr__(self) -> str:
+        return f"<Part: {self.name}>"

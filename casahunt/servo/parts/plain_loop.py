@@ -19,7 +19,26 @@ FRICTIONS = {"switch": SWITCH, "lugre": LUGRE}
 def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
     """A servo as a loop.
 
-    gain: K > 0 [V/rad].
+    Parameters
+    ----------
+    servo, model, gain
+        the servo, "switch" or "lugre", K > 0 [V/rad].
+
+    Returns
+    -------
+    Loop of one inertia, friction, PID by gains and integrator, to which other parts can be added.
+
+    Examples
+    --------
+    >>> from casahunt import Servo
+    >>> from casahunt.continuation import largest
+    >>> from casahunt.orbits import find_cycle
+    >>> from casahunt.servo.parts import loop_of
+    >>> loop = loop_of(Servo(), "switch", 0.04)
+    >>> start = loop.state(x1=-0.05)
+    >>> cycle = find_cycle(loop.system, loop.mode_at(**start), start=start, follow="gain", tol=1e-9)
+    >>> round(largest(cycle, "gain").value, 8)  # V/rad, as find_fold has it
+    0.64733908
     """
     pid = servo.controller.pid()
     own = flatten(servo)

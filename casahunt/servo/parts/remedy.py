@@ -33,6 +33,15 @@ class Remedy:
         that the loop has, "one" for a number.
     needs : the friction models with which it goes.
     why_not : what a user is told where no size ends hunting.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import REMEDIES
+    >>> leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
+    >>> leak.size, leak.unit, leak.part
+    ('leak', '1/s', <Part: leak>)
+    >>> round(leak.rest(0.25, {"static": 0.53, "kp": 1.28, "ki": 4.02}), 4)  # rad: |kp e + ki e/leak| <= Fs
+    0.0305
     """
 
     name: str

@@ -28,5 +28,5 @@ REMEDIES = (
     Remedy("reset", "reset", "", lambda size, p: 0.0, RESET_AT_CENTRE, sense=-1, first=0.95, last=-1.0,
            needs=("lugre",)),
     Remedy("reset at a stop", "reset_at_stop", "", lambda size, p: 0.0, RESET_AT_STOP, sense=-1, first=0.95, last=-0.9,
-           needs=("switch",)),
+           needs=("switch",), why_not="the stuck integrator winds up to breakaway again, from wherever it starts"),
 )  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ...checks import choice_of
+from ...errors import InputError
 from . import dead_band, dither, error_filter, feedforward, freeze, leak, plain, reset
 from .remedy import Remedy
 
@@ -15,3 +17,16 @@ REMEDIES: tuple[Remedy, ...] = (
     *dither.REMEDIES,
     *plain.REMEDIES,
 )
+REMEDY_NAMES = tuple(dict.fromkeys(remedy.name for remedy in REMEDIES))
+NOT_IN_THE_MODEL = ("backlash", "delay", "noise", "quantisation", "sampling")
+"""What a servo has and no part of a loop is."""
+
+
+def remedy_name(name: str) -> str:
+    """The name of a remedy.  Raises InputError: it is none; says the nearest, or that the model has no such thing."""
+    if name in NOT_IN_THE_MODEL:
+        raise InputError(
+            f"{name}: is no remedy, and no part of this model of a servo; a loop with it is a system of your own "
+            "(docs/engine.md)"
+        )
+    return choice_of("remedy", name, REMEDY_NAMES)

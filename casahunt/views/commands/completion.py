@@ -16,6 +16,7 @@ from ...design.tune.demands import COSTS, NUMBERS
 from ...orbits import Options
 from ...servo.find_orbit import BRANCHES
 from ...servo.hunting import MODELS
+from ...servo.parts.table import REMEDY_NAMES
 from ...servo.servo import KEYS
 from ..glossary import GLOSSARY
 from .orbit import ROUTES
@@ -36,6 +37,7 @@ WORDS = {
     "cost": tuple(COSTS),
     "free": tuple(NUMBERS),
     "vary": NAMES,
+    "only": REMEDY_NAMES,
     "and": NAMES,
     "word": tuple(GLOSSARY),
 }

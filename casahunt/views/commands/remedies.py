@@ -10,17 +10,32 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from ...checks import choice_of, to_absolute_error
+from ...checks import to_absolute_error
 from ...design.remedies.price import TASK_STEP
-from ...design.remedies.remedies import REMEDY_NAMES, Cure, Cures, remedies
+from ...design.remedies.remedies import MUCH_LARGER, Cure, Cures, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...results import tables_of
+from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from .arguments import add_command, gain_of, how_of, model_of, positive, servo_of
-from .console import progress, say
+from .console import complain, progress, say
 from .output import give
 
 PRICE_DIGITS = 4
 """Digits of a price."""
+SURELY_KNOWN = 1e-9
+"""Relative error of a size below which no digits are shown."""
+DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
+"""Limits that may be set, what they limit, and the unit."""
+
+ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
+"""A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
+ENDED = ("rests", "decays")
+"""Verdicts of motions that hunt no more."""
+AFTERWARDS = {
+    "hunts": "hunts on", "grows": "grows without bound",
+    "undecided": "could not be followed to its end",
+}  # fmt: skip
+"""What any other motion does, by its verdict."""
 
 
 def add(commands: Any) -> None:
@@ -28,78 +43,115 @@ def add(commands: Any) -> None:
     about, names = "what stops the hunting, how large, at what price", ", ".join(REMEDY_NAMES)
     plot = "amplitudes against sizes"
     command = add_command(commands, "remedies", about, gain=True, model="", csv="the rows", plot=plot)
-    command.add_argument("--only", action="append", default=[], metavar="NAME", help=f"one of: {names}")
+    command.add_argument(
+        "--only", action="append", default=[], metavar="NAME",
+        help=f"only this remedy; repeat for more, or name several with commas between them: {names}",
+    )  # fmt: skip
     command.add_argument("--max-error", metavar="RAD", help="largest error at rest that is allowed [rad]")
-    command.add_argument("--max-torque", metavar="NM", help="largest torque on a step of 1 rad that is allowed [N m]")
+    command.add_argument(
+        "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
+    )
     command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code."""
+    """Compute and print; returns the exit code: 1 where no remedy is within the limits."""
     model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options.quiet)
-    names = [choice_of("remedy", name.strip(), REMEDY_NAMES) for text in options.only for name in text.split(",")]
+    names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
+    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
     servo = servo_of(options)
-    limits = {key: None if getattr(options, key) is None else positive(key, getattr(options, key))
-              for key in ("max_error", "max_torque")}  # fmt: skip
+    uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
     found = remedies(
-        servo, model, gain, only=names, options=how,
-        uncertainty=None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo),
-        progress=lambda row: say(stream, _line(row)), **limits,
+        servo, model, gain, only=names, options=how, uncertainty=uncertainty,
+        progress=lambda row: say(stream, _as_it_is_found(row)), **limits,
     )  # fmt: skip
-    give(options, found, _lines(found, limits), table=tables_of([found]), picture=("remedies.remedy_sizes", found))
+    lines = _lines(found, _within(limits), of_a_set=uncertainty is not None)
+    give(options, found, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
+    if limits and not found.best:
+        complain("casahunt remedies", f"no remedy ends hunting{_within(limits)}; allow more, or look at the table")
+        return 1
     return 0
 
 
-def _line(row: Cure) -> str:
-    """A row as it is found."""
-    if not math.isfinite(row.size):
-        return f"{row.name}: {row.why}"
-    return f"{row.name}: {_size(row)}"
+def _as_it_is_found(row: Cure) -> str:
+    return f"{row.name}: {_exact(row) if math.isfinite(row.size) else row.why}"
 
 
-def _size(row: Cure) -> str:
-    return f"{to_absolute_error(row.size, max(row.size_error, 1e-9 * abs(row.size)))} {row.unit}".rstrip()
+def _exact(row: Cure) -> str:
+    """The size to the digits that its error vouches for."""
+    error = max(row.size_error, SURELY_KNOWN * abs(row.size))
+    return _with(to_absolute_error(row.size, error), row.unit)
 
 
-def _lines(found: Cures, limits: dict[str, float | None]) -> Iterator[str]:
+def _with(number: str | float, unit: str) -> str:
+    """A number and its unit, if it has one."""
+    text = number if isinstance(number, str) else f"{number:.{PRICE_DIGITS}g}"
+    return f"{text} {unit}".rstrip()
+
+
+def _within(limits: dict[str, float]) -> str:
+    """The demands, as a part of a sentence."""
+    said = [f"{word} up to {limits[key]:g} {unit}" for key, (word, unit) in DEMANDS.items() if key in limits]
+    return f" with {' and '.join(said)}" if said else ""
+
+
+def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
     yield (
         f"{found.model} servo at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
-    yield f"  {_advice(found, limits)}"
-    yield "  smallest size that ends it        error at rest  torque on a step  settles in"
-    for row in found.remedies:
-        if row.ends_hunting:
-            settles = f"{row.settling:.{PRICE_DIGITS}g} s" if math.isfinite(row.settling) else "longer"
-            yield (
-                f"    {row.name:18s} {row.size:9.{PRICE_DIGITS}g} {row.unit:5s} {row.rest_error:8.{PRICE_DIGITS}g} rad "
-                f"{row.peak_torque:11.{PRICE_DIGITS}g} N m  {settles:>10s}"
-            )
-            if math.isfinite(row.worst_size):
-                yield f"      for the worst servo {row.worst_size:.{PRICE_DIGITS}g} {row.unit}"
+    yield f"  {_advice(found, within)}"
+    ending = [row for row in found.remedies if row.ends_hunting]
+    if ending:
+        yield ""
+        yield ROW.format("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles").rstrip()
+        yield ROW.format("", "", "", "", "", "rest, rad", "step, N m", "in, s").rstrip()
+        for row in ending:
+            yield from _row(row, of_a_set)
+        yield ""
     for row in found.remedies:
         if not row.ends_hunting:
-            yield f"  {row.name}  {_why(row)}"
-    yield f"  prices are those of a tenth more than that size; the step is {TASK_STEP:g} rad"
+            yield f"  {row.name:17s}  {_why_not(row)}"
+    if ending:
+        yield ""
+        yield "  ends it        the smallest size that does, or where less is more the largest"
+        yield "  choose         a tenth more of the remedy than that"
+        yield "  error at rest  the largest at which the servo may stand still, at the size that just ends it"
+        yield f"  torque         the largest on a step of {TASK_STEP:g} rad from rest, at the size to choose; settling too"
 
 
-def _why(row: Cure) -> str:
+def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
+    def short(x: float, unknown: str) -> str:
+        return f"{x:.{PRICE_DIGITS}g}" if math.isfinite(x) else unknown
+
+    yield ROW.format(
+        row.name, "from" if row.recommended > row.size else "up to", short(row.size, ""), row.unit,
+        short(row.recommended, ""), short(row.rest_error, "any"), short(row.peak_torque, "unknown"),
+        short(row.settling, "longer"),
+    ).rstrip()  # fmt: skip
+    if any(verdict not in ENDED for verdict in row.stays[len(row.stays) // 2 :]):
+        yield f"    with {MUCH_LARGER:g} times as much that is not sure: a motion {_after(row)}"
+    if of_a_set:
+        worst = f"the worst servo of the set: {_with(row.worst_size, row.unit)}"
+        yield f"    {worst if math.isfinite(row.worst_size) else 'the size for the worst servo of the set was not found'}"
+
+
+def _why_not(row: Cure) -> str:
     """Why a remedy is none."""
     if not math.isfinite(row.size):
         return {"none": "does not end it: ", "not found": "not found: "}[row.kind] + row.why
-    after = ", ".join(dict.fromkeys(row.stays))
-    return f"the cycle ends at {_size(row)}, but beyond it the motion {after}: it is no remedy"
+    return f"no remedy: its cycle ends at {_exact(row)}, but the motion beyond {_after(row)}"
 
 
-def _advice(found: Cures, limits: dict[str, float | None]) -> str:
+def _after(row: Cure) -> str:
+    """What motions do beyond the border that have not ended."""
+    return " or ".join(AFTERWARDS[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in ENDED)
+
+
+def _advice(found: Cures, within: str) -> str:
     """The sentence that names one."""
-    demands = " and ".join(
-        f"{word} {limits[key]:g} {unit}"
-        for key, word, unit in (("max_error", "an error at rest up to", "rad"), ("max_torque", "a torque up to", "N m"))
-        if limits[key] is not None
-    )
-    within = f" within {demands}" if demands else ""
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
         return f"none of these remedies ends it{within}"
-    return f"the cheapest remedy{within} is: {best.name} {best.recommended:.{PRICE_DIGITS}g} {best.unit}".rstrip()
+    costs = f"{best.rest_error:.{PRICE_DIGITS}g} rad at rest, {best.peak_torque:.{PRICE_DIGITS}g} N m on a step"
+    return f"cheapest remedy{within}: {best.name}, {_with(best.recommended, best.unit)} ({costs})"

@@ -28,7 +28,7 @@ from casahunt.servo.parts.lugre import LUGRE
 from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.reset import RESET_AT_STOP, RESET_AT_ZERO
-from casahunt.servo.parts.state_space import from_object, state_space, transfer_function
+from casahunt.servo.parts.linear_controller import from_object, state_space, transfer_function
 from casahunt.servo.parts.switch import SWITCH
 from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
 from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
