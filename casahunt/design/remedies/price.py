@@ -15,8 +15,9 @@ from typing import Literal, cast
 
 import numpy as np
 
-from ...errors import NoOrbit
-from ...motion import Motion, simulate
+from ...collocation.scheme import Kind
+from ...motion.phases import MarchFailure, Segment
+from ...motion.simulation import follow_for, look, sampled
 from ...servo.parts.loop import Loop
 
 Array = np.ndarray
@@ -34,8 +35,8 @@ OUTGROWN_BY = 2.0
 """A motion that is so many times as large as at its start and as the cycle grows."""
 STARTS_BESIDE = (1.0, 3.0)
 """Starts beside the set point, in amplitudes of the cycle."""
-MOTION_TOLERANCE = 1e-6
-"""Error of an interval: verdicts and peaks need no more."""
+MOTION_TOLERANCE = 1e-8
+"""Error of an interval, relative to the sizes of the states at first: verdicts and peaks need no more."""
 
 
 @dataclass(frozen=True)
@@ -53,41 +54,46 @@ def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, w
 
     amplitude, period: of the cycle at the border.
     """
-    state, system, verdict = loop.state(**start), loop.system, "hunts"
-    mode, began, peak = loop.mode_at(**state), 0.0, 0.0
+    form, system = loop.system.vector_form, loop.system
+    kind: Kind = "radau" if any(mode.stiff for mode in system.modes) else "gauss"
+    state = loop.state(**start)
+    mode, p, x = loop.mode_at(**state), system.values(None), system.state(state, None)
+    window, began, peak, verdict = LOOKED_PERIODS * period, 0.0, 0.0, "hunts"
     times, positions = [np.zeros(1)], [np.array([state["x1"]])]
-    largest = OUTGROWN_BY * max(abs(state["x1"]), amplitude)
-    for _ in range(MOST_LOOKS):
-        try:
-            motion = simulate(system, mode, start=state, duration=LOOKED_PERIODS * period, tol=MOTION_TOLERANCE)
-        except NoOrbit:
-            verdict = "undecided"
-            break
-        t, x = motion.sample(4)
-        peak = max(peak, _peak_torque(loop, motion, t, x))
-        times.append(began + t)
-        positions.append(x[0])
-        began += motion.duration
-        mode, state = motion.phases[-1].mode, motion.end
-        size = float(np.abs(x[0]).max())
-        if np.ptp(x[0]) <= RESTS_WITHIN * amplitude:
-            verdict = "rests"
-            break
-        if size < LEFT_BEHIND_AT * amplitude and size <= within:
-            verdict = "decays"
-            break
-        if size > largest:
-            verdict = "grows"
-            break
+    place, largest = system.states.index("x1"), OUTGROWN_BY * max(abs(state["x1"]), amplitude)
+    try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
+        scale = look(form, mode, x, p, np.where(x != 0, np.abs(x), 1.0), kind, window)[0]
+        for _ in range(MOST_LOOKS):
+            phases = follow_for(form, mode, x, p, scale, kind, window, MOTION_TOLERANCE)
+            t, states = sampled(form, phases, p, kind, 4)
+            peak = max(peak, _peak_torque(loop, phases, t, states))
+            times.append(began + t)
+            positions.append(states[place])
+            began, mode, x = began + window, phases[-1].mode, phases[-1].end
+            if (seen := _seen(states[place], amplitude, largest, within)) is not None:
+                verdict = seen
+                break
+    except MarchFailure:
+        verdict = "undecided"
     return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak)
 
 
-def _peak_torque(loop: Loop, motion: Motion, times: Array, states: Array) -> float:
+def _seen(position: Array, amplitude: float, largest: float, within: float) -> Verdict | None:
+    """What a look at the position (m,) tells; None where the motion is followed on."""
+    size = float(np.abs(position).max())
+    if np.ptp(position) <= RESTS_WITHIN * amplitude:
+        return "rests"
+    if size < LEFT_BEHIND_AT * amplitude and size <= within:
+        return "decays"
+    return "grows" if size > largest else None
+
+
+def _peak_torque(loop: Loop, phases: list[Segment], times: Array, states: Array) -> float:
     """The largest torque of the motor at the points (m,), (n, m) of a motion."""
-    ends = np.cumsum([phase.duration for phase in motion.phases])
-    phases = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
-    phases[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[phases[1:]]) & (phases[1:] < len(ends) - 1)
-    modes = np.array([phase.mode for phase in motion.phases])[phases]
+    ends = np.cumsum([phase.duration for phase in phases])
+    of = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
+    of[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[of[1:]]) & (of[1:] < len(ends) - 1)
+    modes = np.array([phase.mode for phase in phases])[of]
     torques = [loop.signal("torque", mode, states[:, modes == mode]) for mode in set(modes.tolist())]
     return max(float(np.abs(torque).max()) for torque in torques)
 
