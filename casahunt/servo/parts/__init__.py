@@ -28,6 +28,7 @@ dither.py                remedy: dither, by its averaged friction curve
 plain.py                 remedies: gain, derivative and integral action
 table.py                 all remedies
 plain_loop.py            a servo as a loop
+file.py                  a loop in a file
 """
 
 from typing import TYPE_CHECKING
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from .dither import DITHERED
     from .error_filter import ERROR_FILTER
     from .feedforward import FEEDFORWARD
+    from .file import load_loop
     from .filtered_derivative import PID_WITH_FILTER
     from .freeze import FREEZE
     from .inertia import INERTIA
@@ -64,7 +66,7 @@ __all__ = [
     "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR", "LEAK", "LOADS", "LUGRE", "PID_BY_GAINS",
     "PID_BY_TIMES", "PID_WITH_FILTER", "P_PI", "REMEDIES", "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO",
     "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT", "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop",
-    "Part", "PartMode", "Remedy", "from_object", "loop_of", "state_space", "transfer_function",
+    "Part", "PartMode", "Remedy", "from_object", "load_loop", "loop_of", "state_space", "transfer_function",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -76,6 +78,7 @@ __getattr__ = lazily(
         "error_filter": ("ERROR_FILTER",),
         "feedforward": ("FEEDFORWARD",),
         "filtered_derivative": ("PID_WITH_FILTER",),
+        "file": ("load_loop",),
         "freeze": ("FREEZE",),
         "inertia": ("INERTIA",),
         "leak": ("LEAK",),

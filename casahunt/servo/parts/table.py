@@ -24,9 +24,14 @@ NOT_IN_THE_MODEL = ("backlash", "delay", "noise", "quantisation", "sampling")
 
 def remedy_name(name: str) -> str:
     """The name of a remedy.  Raises InputError: it is none; says the nearest, or that the model has no such thing."""
-    if name in NOT_IN_THE_MODEL:
+    check_in_the_model(name)
+    return choice_of("remedy", name, REMEDY_NAMES)
+
+
+def check_in_the_model(name: str) -> None:
+    """Refuse what a servo has and no part of a loop is.  Raises InputError: it is such a thing."""
+    if name.lower() in NOT_IN_THE_MODEL:
         raise InputError(
             f"{name}: is no remedy, and no part of this model of a servo; a loop with it is a system of your own "
             "(docs/engine.md)"
         )
-    return choice_of("remedy", name, REMEDY_NAMES)

@@ -22,13 +22,13 @@ from casahunt.servo.parts.filtered_derivative import PID_WITH_FILTER
 from casahunt.servo.parts.freeze import FREEZE
 from casahunt.servo.parts.inertia import INERTIA
 from casahunt.servo.parts.leak import LEAK
+from casahunt.servo.parts.linear_controller import from_object, state_space, transfer_function
 from casahunt.servo.parts.loads import LOADS
 from casahunt.servo.parts.loop import Loop
 from casahunt.servo.parts.lugre import LUGRE
 from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.reset import RESET_AT_STOP, RESET_AT_ZERO
-from casahunt.servo.parts.linear_controller import from_object, state_space, transfer_function
 from casahunt.servo.parts.switch import SWITCH
 from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
 from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN

@@ -1,0 +1,82 @@
+"""A loop in a file: the parts by their names, and their numbers.
+
+    [loop]
+    parts = ["two masses", "Switch friction", "cascade P-PI", "integrator", "dead band"]
+
+    [values]
+    load_inertia = 0.01
+    dead_band = 0.03
+
+What [values] leaves out has the value that the part itself says.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+from ...checks import choice_of, number, quoted
+from ...errors import InputError
+from ..servo import read_toml
+from .loop import Loop
+from .part import Part
+from .table import check_in_the_model
+
+ROOM = "casahunt.servo.parts"
+
+
+def named_parts() -> dict[str, Part]:
+    """The public parts by their names."""
+    room = import_module(ROOM)
+    found = [getattr(room, name) for name in room.__all__]
+    return {part.name: part for part in reversed(found) if isinstance(part, Part)}
+
+
+def load_loop(path: str | Path) -> Loop:
+    """Read a loop from a TOML file with the tables [loop] and [values].
+
+    Parameters
+    ----------
+    path
+        the file; units are SI.
+
+    Returns
+    -------
+    Loop.
+
+    Raises
+    ------
+    InputError : missing file, broken TOML, an unknown part or parameter, or a value that is no number.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt.servo.parts import load_loop
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "loop.toml")
+    ...     parts = '["one inertia", "Switch friction", "PID by times", "integrator", "leak"]'
+    ...     _ = path.write_text(f"[loop]\\nparts = {parts}\\n[values]\\nleak = 0.1\\n")
+    ...     load_loop(path).value("leak")
+    0.1
+    """
+    what = f"loop file {str(path)!r}"
+    tree = read_toml(path, what)
+    try:
+        for table in tree:
+            choice_of("table", table, ("loop", "values"))
+        names, values = tree.get("loop", {}).get("parts"), tree.get("values", {})
+        if not isinstance(names, list) or not names:
+            raise InputError('[loop]: must say parts = ["one inertia", "Switch friction", ...]')
+        return Loop(tuple(map(_part, names)), {name: number(name, value) for name, value in values.items()})
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from None
+
+
+def _part(name: object) -> Part:
+    """The part of a name.  Raises InputError: there is none; with what there is instead."""
+    if not isinstance(name, str):
+        raise InputError(f"parts: {quoted(name)}: must be the name of a part")
+    check_in_the_model(name)
+    parts = named_parts()
+    return parts[choice_of("part", name, parts)]
