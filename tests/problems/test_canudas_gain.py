@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from casahunt.continuation import branch_off, follow
 from casahunt.continuation.curve import curve_point, secant_direction
-from casahunt.continuation.reunion import MUCH_NEARER, _minus_one_next_to, met_at, reunion
+from casahunt.continuation.reunion import MUCH_NEARER, _beside, _minus_one_next_to, met_at, reunion
 from casahunt.continuation.walk import step_along
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.adapt import finished, solve_adaptively
@@ -106,9 +106,11 @@ def assert_met_from_any_step(pair) -> None:
         if found is None:
             continue
         met.append(met_at(before, outcome[0], found, "K", options))
-        # What the far step itself leads to is that point, too, or nothing: not the other one, at which the pair began.
-        far = _minus_one_next_to(before, outcome[0], found, "K", options, MUCH_NEARER[0], float(length))
-        assert far is None or far.problem.value("K") == pytest.approx(canudas_gain.BREAKING[1], rel=1e-7)
+        # However near orbits come, they lead to that point or to none: not, as a far step may, to where the pair began.
+        for nearer in MUCH_NEARER:
+            beside = _beside(before, outcome[0], found, "K", options, nearer)
+            near = beside and _minus_one_next_to(*beside, found, "K", options, nearer, float(length))
+            assert near is None or near.problem.value("K") == pytest.approx(canudas_gain.BREAKING[1], rel=1e-7)
     assert met and [point.value for point in met] == pytest.approx([canudas_gain.BREAKING[1]] * len(met), rel=1e-7)
 
 
