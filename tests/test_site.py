@@ -70,7 +70,7 @@ def test_tustins_law(capsys):
 
 
 def test_a_loop_from_parts(capsys):
-    """Its dead band by an event map of its own; its own part by a stick map: a stop at the edge is on the edge again."""
+    """Its dead band by an event map of its own; its own part by a stick map: a stop at the edge leads to it."""
     support, optimize = pytest.importorskip("stick_map_support"), pytest.importorskip("scipy.optimize")
     scope = run("parts.md")
     assert scope["fold"].value == pytest.approx(0.0433457242337, rel=1e-9)

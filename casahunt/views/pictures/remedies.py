@@ -10,6 +10,8 @@ from .plotting import Axes, panels
 
 MOST_COLUMNS = 4
 """Panels in a row: more cannot be read."""
+HEADROOM = 1.1
+"""Of a panel above its largest amplitude, so that a level curve is seen."""
 
 
 def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
@@ -48,11 +50,13 @@ def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
     for place, row in zip(every, rows, strict=False):
         try:
             branch = row.branch()
-            place.plot(branch.values, [orbit.amplitude for orbit in branch.orbits])
+            orbits = branch.orbits
+            place.plot(branch.values, [orbit.amplitude for orbit in orbits])
         except NoOrbit:
+            orbits = ()
             place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
         place.axvline(row.size, color="C3", linestyle="--", label="hunting ends")
-        place.set_ylim(bottom=0)
+        place.set_ylim(0, HEADROOM * max((orbit.amplitude for orbit in orbits), default=1.0))
         place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
         place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
     for place in every[::columns]:
