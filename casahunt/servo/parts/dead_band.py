@@ -84,5 +84,5 @@ REMEDIES = (
     Remedy("hysteresis", "hysteresis", "rad", lambda size, p: size, HYSTERESIS, scale="amplitude", last=4.0),
     Remedy("error dead band", "error_dead_band", "rad", lambda size, p: size, ERROR_DEAD_BAND,
            scale="amplitude", last=20.0,
-           why_not="in the band the integral's content is all that acts, and pushes the servo through to the other side"),
+           why_not="inside only the integral's content acts, and it pushes the servo through to the other side"),
 )  # fmt: skip

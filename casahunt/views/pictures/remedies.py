@@ -6,12 +6,11 @@ import math
 
 from ...design.remedies.remedies import Cures
 from ...errors import InputError, NoOrbit
+from .fold_curve import HEADROOM
 from .plotting import Axes, panels
 
 MOST_COLUMNS = 4
 """Panels in a row: more cannot be read."""
-HEADROOM = 1.1
-"""Of a panel above its largest amplitude, so that a level curve is seen."""
 
 
 def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
