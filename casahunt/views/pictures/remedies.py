@@ -54,7 +54,7 @@ def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
         except NoOrbit:
             orbits = ()
             place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
-        place.axvline(row.size, color="C3", linestyle="--", label="hunting ends")
+        place.axvline(row.size, color="C3", linestyle="--", label="no cycle beyond")
         place.set_ylim(0, HEADROOM * max((orbit.amplitude for orbit in orbits), default=1.0))
         place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
         place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
