@@ -12,8 +12,8 @@ from casahunt.servo.parts import REMEDIES, Part
 ABOUT = """Parts of a loop
 ===============
 
-What ``casahunt.servo.parts`` has. How a loop is made of them says :doc:`a guide </howto/parts>`, which of the remedies to
-take :doc:`another one </howto/remedies>`; signals have the names of :doc:`the first </howto/parts>`, too.
+What ``casahunt.servo.parts`` has. How a loop is made of them says :doc:`a guide </howto/parts>`, which of the remedies
+to take :doc:`another one </howto/remedies>`.
 """
 
 

@@ -1,6 +1,7 @@
 """Public functions say what they take, return and raise: the rules of the house that numpydoc alone cannot say.
 
-Public is what stands in the `__all__` of the package, of a room of the engine or of `casahunt.servo.parts`, and the methods of such classes; of problems/ what
+Public is what stands in the `__all__` of the package, of a room of the engine or of `casahunt.servo.parts`, and the
+methods of such classes; of problems/ what
 all its files share (gallery.py).  `numpydoc lint` (pyproject.toml) checks every Parameters section that is there: its
 names, their order, their meanings.  Whether a section must be there depends on the function: one that takes several
 things has all sections, one that takes one or none may say in a sentence what it returns.  All others say in a sentence

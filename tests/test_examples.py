@@ -1,6 +1,7 @@
 """Every public name has an example in its docstring, and every example runs.
 
-Public are the names of `casahunt`, of the rooms of the engine, of `casahunt.servo.parts`, and of `casahunt.pictures`.  An example is read and
+Public are the names of `casahunt`, of the rooms of the engine, of `casahunt.servo.parts`, and of `casahunt.pictures`.
+An example is read and
 copied on its own, so each runs in a scope of its own.  Where several ask for the same result, it is computed once:
 results are frozen, and depend on nothing that was computed before (test_history.py).
 """

@@ -17,7 +17,9 @@ from pathlib import Path
 import pytest
 
 from casahunt import InputError, Servo, find_orbit
+from casahunt.cli import main
 from casahunt.servo.parts import HYSTERESIS, LEAK
+from casahunt.views.commands.output import MEANINGS
 from problems import taylor
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -70,7 +72,7 @@ def test_tustins_law(capsys):
 
 
 def test_a_loop_from_parts(capsys):
-    """Its dead band by an event map of its own; its own part by a stick map: a stop at the edge is on the edge again."""
+    """Its dead band by an event map of its own; its own part by a stick map: a stop at the edge leads to it."""
     support, optimize = pytest.importorskip("stick_map_support"), pytest.importorskip("scipy.optimize")
     scope = run("parts.md")
     assert scope["fold"].value == pytest.approx(0.0433457242337, rel=1e-9)
@@ -103,6 +105,34 @@ def test_many_servos(capsys):
         gain, amplitude = taylor.switch_fold(servo, float(folds.gains[i]), float(folds.amplitudes[i]))
         assert abs(folds.gains[i] / gain - 1) <= folds.gain_errors[i] + 1e-12
         assert abs(folds.amplitudes[i] / amplitude - 1) <= folds.amplitude_errors[i] + 1e-11
+
+
+@pytest.mark.slow
+def test_the_table_of_remedies_to_the_letter(capsys):
+    """As the command prints it, its numbers to three digits."""
+    ((_, shown),) = blocks((DOCS / "howto" / "remedies.md").read_text(encoding="utf-8"), "text")
+    assert main(["remedies", "--gain", "0.04", "--quiet"]) == 0
+    printed = capsys.readouterr().out.partition(MEANINGS)[0]
+    lines = [[line for line in text.splitlines() if line.strip()] for text in (shown, printed)]
+    assert len(lines[0]) == len(lines[1]) and len(lines[0]) > 20
+    for line, other in zip(*lines, strict=True):
+        assert same(line, other), (line, other)
+
+
+def test_the_rows_of_the_guide(capsys):
+    """The quick ones of the table that it shows: sizes by independent event maps, prices by the controller's gain."""
+    run("remedies.md")
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert {" ".join(words[:-4]): float(words[-4]) for words in printed} == pytest.approx(
+        {"dead band": 0.0433457242337, "leak": 0.246844841}, rel=1e-8
+    )
+    ((_, shown),) = blocks((DOCS / "howto" / "remedies.md").read_text(encoding="utf-8"), "text")
+    rows = {line[2:19].strip(): line[19:].replace("up to", "to").split() for line in shown.splitlines()}
+    for words in printed:
+        assert float(rows[" ".join(words[:-4])][1]) == pytest.approx(float(words[-4]), rel=SHOWN)
+    gain = rows["gain"]  # from size unit choose rest torque settles
+    assert float(gain[1]) == pytest.approx(0.64733908, rel=SHOWN) and float(gain[4]) == 0
+    assert float(gain[5]) == pytest.approx(2 * 16 * float(gain[3]), rel=SHOWN)
 
 
 @pytest.mark.slow

@@ -24,13 +24,13 @@ GLOSSARY: dict[str, str] = {
     "dither": "a fast vibration on top of the torque that shakes friction loose; here by the averaged friction curve, "
     "which holds for a vibration much faster than the servo.",
     "elasticity": "per cent of change for one per cent more of a parameter.",
-    "error dead band": "a band of small errors that the whole controller takes for none, proportional and derivative action "
-    "too, while the integrator keeps its content.",
+    "error dead band": "a band of small errors that the whole controller takes for none, proportional and derivative "
+    "action too, while the integrator keeps its content.",
     "error filter": "a low pass on the error in front of the controller.",
     "event map": "where the servo sticks next: from a standstill at the distance a from the set point it breaks "
     "away, slips, and sticks at the distance P(a) on the other side; P(a) below a means that it comes nearer.",
-    "feedforward": "friction compensation: the estimated friction is added to the torque, by the direction of the motion, "
-    "so that only the rest of it is left; while the servo sticks there is no direction.",
+    "feedforward": "friction compensation: the estimated friction is added to the torque, by the direction of the "
+    "motion, so that only the rest of it is left; while the servo sticks there is no direction.",
     "fixed point": "a distance a that the event map repeats, P(a) = a: a hunting cycle of that amplitude.",
     "fold": "the point where the stable and the unstable cycle merge and vanish, at the largest gain at which the "
     "servo can hunt, the fold gain.",

@@ -79,8 +79,10 @@ ERROR_DEAD_BAND = _three(
 
 REMEDIES = (
     Remedy("dead band", "dead_band", "rad", lambda size, p: size, DEAD_BAND, scale="amplitude", last=2.0),
-    Remedy("shifted dead band", "shifted_dead_band", "rad", lambda size, p: size, SHIFTED_DEAD_BAND, scale="amplitude", last=4.0),
+    Remedy("shifted dead band", "shifted_dead_band", "rad", lambda size, p: size, SHIFTED_DEAD_BAND,
+           scale="amplitude", last=4.0),
     Remedy("hysteresis", "hysteresis", "rad", lambda size, p: size, HYSTERESIS, scale="amplitude", last=4.0),
-    Remedy("error dead band", "error_dead_band", "rad", lambda size, p: size, ERROR_DEAD_BAND, scale="amplitude", last=20.0,
-           why_not="in the band the integral's content is all that acts, and it pushes the servo through to the other side"),
-)
+    Remedy("error dead band", "error_dead_band", "rad", lambda size, p: size, ERROR_DEAD_BAND,
+           scale="amplitude", last=20.0,
+           why_not="inside only the integral's content acts, and it pushes the servo through to the other side"),
+)  # fmt: skip

@@ -22,12 +22,12 @@ from .loop import Loop
 from .part import Part
 from .table import check_in_the_model
 
-PACKAGE = "casahunt.servo.parts"
+ROOM_OF_PARTS = "casahunt.servo.parts"
 
 
 def named_parts() -> dict[str, Part]:
     """The public parts by their names."""
-    room = import_module(PACKAGE)
+    room = import_module(ROOM_OF_PARTS)
     found = [getattr(room, name) for name in room.__all__]
     return {part.name: part for part in reversed(found) if isinstance(part, Part)}
 

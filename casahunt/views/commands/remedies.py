@@ -29,6 +29,10 @@ DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m"
 
 ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
+HEADINGS = (
+    ("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles"),
+    ("", "", "", "", "", "rest, rad", "step, N m", "in, s"),
+)
 ENDED = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
 AFTERWARDS = {
@@ -104,8 +108,8 @@ def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
     ending = [row for row in found.remedies if row.ends_hunting]
     if ending:
         yield ""
-        yield ROW.format("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles").rstrip()
-        yield ROW.format("", "", "", "", "", "rest, rad", "step, N m", "in, s").rstrip()
+        for words in HEADINGS:
+            yield ROW.format(*words).rstrip()
         for row in ending:
             yield from _row(row, of_a_set)
         yield ""
@@ -117,7 +121,7 @@ def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
         yield "  ends it        the smallest size that does, or where less is more the largest"
         yield "  choose         a tenth more of the remedy than that"
         yield "  error at rest  the largest at which the servo may stand still, at the size that just ends it"
-        yield f"  torque         the largest on a step of {TASK_STEP:g} rad from rest, at the size to choose; settling too"
+        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, at the size to choose; settling likewise"
 
 
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
@@ -132,8 +136,8 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     if any(verdict not in ENDED for verdict in row.stays[len(row.stays) // 2 :]):
         yield f"    with {MUCH_LARGER:g} times as much that is not sure: a motion {_after(row)}"
     if of_a_set:
-        worst = f"the worst servo of the set: {_with(row.worst_size, row.unit)}"
-        yield f"    {worst if math.isfinite(row.worst_size) else 'the size for the worst servo of the set was not found'}"
+        worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
+        yield f"    the worst servo of the set: {worst}"
 
 
 def _why_not(row: Cure) -> str:

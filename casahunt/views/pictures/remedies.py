@@ -6,6 +6,7 @@ import math
 
 from ...design.remedies.remedies import Cures
 from ...errors import InputError, NoOrbit
+from .fold_curve import HEADROOM
 from .plotting import Axes, panels
 
 MOST_COLUMNS = 4
@@ -48,11 +49,13 @@ def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
     for place, row in zip(every, rows, strict=False):
         try:
             branch = row.branch()
-            place.plot(branch.values, [orbit.amplitude for orbit in branch.orbits])
+            orbits = branch.orbits
+            place.plot(branch.values, [orbit.amplitude for orbit in orbits])
         except NoOrbit:
+            orbits = ()
             place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
-        place.axvline(row.size, color="C3", linestyle="--", label="hunting ends")
-        place.set_ylim(bottom=0)
+        place.axvline(row.size, color="C3", linestyle="--", label="no cycle beyond")
+        place.set_ylim(0, HEADROOM * max((orbit.amplitude for orbit in orbits), default=1.0))
         place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
         place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
     for place in every[::columns]:
