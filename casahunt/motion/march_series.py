@@ -47,7 +47,7 @@ least, in units of the states."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
 NO_PARABOLA = 0.25
-"""A top between two looks is looked for where parabolas through the looks leave less than this part of the way to it."""
+"""A top between two looks is looked for where the parabola through them leaves less than this part of the way to it."""
 GOLDEN, TOP_SECTIONS = 0.5 * (5**0.5 - 1), 20
 """Golden section; so many of them leave 1e-4 of the place between two looks at which an event may come to zero."""
 FIRST_TRIAL, STIFF = 32, 100.0
