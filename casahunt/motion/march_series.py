@@ -48,7 +48,7 @@ JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
 NO_PARABOLA = 0.25
 """A top between two looks is looked for where the parabola through them leaves less than this part of the way to it."""
-GOLDEN, TOP_SECTIONS = 0.5 * (5**0.5 - 1), 20
+INNER_PART, TOP_SECTIONS = 0.5 * (5**0.5 - 1), 20
 """Golden section; so many of them leave 1e-4 of the place between two looks at which an event may come to zero."""
 FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
@@ -290,18 +290,18 @@ def _passed_between(
 
 def _highest(value: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
     """(the largest value found between two places, or the first above zero; where), by golden sections."""
-    a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    a, b = high - INNER_PART * (high - low), low + INNER_PART * (high - low)
     f_a, f_b = value(a), value(b)
     for _ in range(TOP_SECTIONS):
         if max(f_a, f_b) > 0:
             break
         if f_a > f_b:
             high, b, f_b = b, a, f_a
-            a = high - GOLDEN * (high - low)
+            a = high - INNER_PART * (high - low)
             f_a = value(a)
         else:
             low, a, f_a = a, b, f_b
-            b = low + GOLDEN * (high - low)
+            b = low + INNER_PART * (high - low)
             f_b = value(b)
     return max((f_a, a), (f_b, b))
 
