@@ -16,7 +16,7 @@ from typing import Literal, cast
 import numpy as np
 
 from ...collocation.scheme import Kind
-from ...motion.phases import MarchFailure, Segment
+from ...motion import MarchFailure, Segment
 from ...motion.simulation import follow_for, look, sampled
 from ...servo.parts.loop import Loop
 

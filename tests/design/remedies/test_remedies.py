@@ -92,7 +92,7 @@ def test_the_price_of_gain_is_its_torque():
 
 
 @pytest.mark.parametrize(("how", "sentence"), [
-    ({"only": ["backlash"]}, "unknown remedy 'backlash'"), ({"max_error": -1.0}, "max_error"),
+    ({"only": ["brake"]}, "unknown remedy 'brake'"), ({"max_error": -1.0}, "max_error"),
     ({"max_torque": math.nan}, "max_torque"),
 ])  # fmt: skip
 def test_what_is_refused(how, sentence):
