@@ -22,6 +22,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +46,10 @@ MISMATCH, LEAST_MISMATCH = 1e3, 1e-9
 least, in units of the states."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
+NO_PARABOLA = 0.25
+"""A top between two looks is looked for where the parabola through them leaves less than this part of the way to it."""
+INNER_PART, TOP_SECTIONS = 0.5 * (5**0.5 - 1), 20
+"""Golden section; so many of them leave 1e-4 of the place between two looks at which an event may come to zero."""
 FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
@@ -241,11 +246,13 @@ def first_exit(
         if over and -ON_EVENT <= h[looks - 1] < 0 and h[looks - 2] < h[looks - 1]:
             h[looks - 1] = 0.0
         crossed = np.flatnonzero(inside & (h[1:looks] >= 0))
-        if not crossed.size or crossed[0] > first:
+        between = _passed_between(way_out, stepper, C, h[:looks], int(crossed[0]) if crossed.size else looks - 1)
+        if between is None and (not crossed.size or crossed[0] > first):
             continue
-        k = int(crossed[0])
-        low = (k % parts) / parts
-        s = _root(way_out, stepper, C[k // parts], low, float(h[k]), float(h[k + 1]))
+        k, f_high, high = between or (int(crossed[0]), float(h[crossed[0] + 1]), None)
+        if k > first:
+            continue
+        s = _root(way_out, stepper, C[k // parts], (k % parts) / parts, float(h[k]), f_high, high)
         if s is None:
             raise NotLocated(k // parts)
         if k < first or best is None or s < place:
@@ -253,16 +260,67 @@ def first_exit(
     return (first // parts, place, best) if best is not None else ((looks - 1) // parts, 1.0, None)
 
 
-def _root(way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f_high: float) -> float | None:
-    """The place between two looks where an event vanishes; None where it does not, as one that is no number."""
+def _passed_between(
+    way_out: Exit, stepper: Stepper, C: Array, h: Array, before: int
+) -> tuple[int, float, float] | None:
+    """Where an event is passed and passed back between looks: (look, value at a place behind it, place); or None.
 
-    def value(s: float) -> float:
-        state = series_value(C, s) * stepper.scale
-        return way_out.direction * float(way_out.event.function(state, 0.0, stepper.p))
+    h, before: the event at the looks; no more than so many of these are asked for.  A top of it whose parabola all but
+    comes to zero is looked for in the series.
+    """
+    if before < 2:
+        return None
+    left, mid, right = h[: before - 1], h[1:before], h[2 : before + 1]
+    bend = left - 2 * mid + right
+    tops = (mid < 0) & (mid >= left) & (mid >= right) & (bend < 0)
+    if not tops.any():
+        return None
+    parts = LOOKED_AT.size - 1
+    for i in np.flatnonzero(tops):
+        if mid[i] - (right[i] - left[i]) ** 2 / (8 * bend[i]) < NO_PARABOLA * mid[i]:
+            continue
+        for k in (i, i + 1):  # between this look and the next
+            value = partial(_event_at, way_out, stepper, C[k // parts])
+            low = (k % parts) / parts
+            highest, place = _highest(value, low, low + LOOKED_AT[1])
+            if highest > 0:
+                return int(k), highest, place
+    return None
+
+
+def _highest(value: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """(the largest value found between two places, or the first above zero; where), by golden sections."""
+    a, b = high - INNER_PART * (high - low), low + INNER_PART * (high - low)
+    f_a, f_b = value(a), value(b)
+    for _ in range(TOP_SECTIONS):
+        if max(f_a, f_b) > 0:
+            break
+        if f_a > f_b:
+            high, b, f_b = b, a, f_a
+            a = high - INNER_PART * (high - low)
+            f_a = value(a)
+        else:
+            low, a, f_a = a, b, f_b
+            b = low + INNER_PART * (high - low)
+            f_b = value(b)
+    return max((f_a, a), (f_b, b))
+
+
+def _event_at(way_out: Exit, stepper: Stepper, C: Array, s: float) -> float:
+    """The event of a way out at a place of a step, counted along its direction."""
+    state = series_value(C, s) * stepper.scale
+    return way_out.direction * float(way_out.event.function(state, 0.0, stepper.p))
+
+
+def _root(
+    way_out: Exit, stepper: Stepper, C: Array, low: float, f_low: float, f_high: float, high: float | None = None
+) -> float | None:
+    """The place between two looks where an event vanishes; None where it does not, as one that is no number."""
+    value = partial(_event_at, way_out, stepper, C)
 
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
-    high = low + LOOKED_AT[1]
+    high = low + LOOKED_AT[1] if high is None else high
     if f_high == 0:
         return high if abs(value(high)) <= EVENT_LIMIT else None
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high)

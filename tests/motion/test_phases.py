@@ -61,6 +61,15 @@ def test_an_event_that_leads_back_into_its_own_mode_is_passed():
     assert len(segment.w) < 60
 
 
+@pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-3, 1e-4])
+def test_an_event_that_is_passed_and_passed_back_between_two_looks_is_met(width: float) -> None:
+    """y = sin t is between -w and w from pi - asin w to pi + asin w: for less than from one look to the next."""
+    narrow = VectorEvent("end", lambda x, duration, p: 1 - (x[0] / width) ** 2)
+    segments = marched(Exit(narrow, +1, lambda x, p: "swing", mark=True), start=0.5)
+    assert segments[-1].event == "end"
+    assert 0.5 + segments[-1].duration == pytest.approx(math.pi - math.asin(width), abs=1e-9)
+
+
 def test_a_marked_event_ends_a_segment():
     segments = marched(Exit(DOWN, -1, lambda x, p: "swing", mark=True), END, start=0.5)
     assert [s.event for s in segments] == ["down", "down", "end"]

@@ -37,8 +37,8 @@ SIZE_KNOWN = 1e-6
 BRANCH_TOLERANCES = (1e-9, 1e-7)
 """Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
 the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
-MOST_CYCLES = 60
-"""Orbits after which a branch without a fold is left."""
+MOST_CYCLES = 600
+"""Orbits after which a branch is left: next to slips that all but stop half-way it is followed in small steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,11 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
     """
     unit = scales.of(remedy, loop)
     last, why = remedy.last * unit, ""
-    for factor in SMALLER_AND_LARGER:
-        first = unit * (1 - (1 - remedy.first) * factor if remedy.starts_at_one else remedy.first * factor)
+    sizes = [
+        unit * (1 - (1 - remedy.first) * factor if remedy.starts_at_one else remedy.first * factor)
+        for factor in SMALLER_AND_LARGER
+    ]
+    for first in sizes:
         mended = with_remedy(loop, remedy, first)
         state = mended.state(**start)
         try:
@@ -107,7 +110,8 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
             why = why or str(refusal)
             continue
         return _along(cycle, remedy, last, options)
-    return Border("not found", math.nan, math.nan, None, None, {}, why)
+    tried = ", ".join(f"{size:.4g}" for size in sizes)
+    return Border("not found", math.nan, math.nan, None, None, {}, f"no cycle at {remedy.size} = {tried}: {why}")
 
 
 def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
@@ -115,7 +119,7 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
     extremum, asked = (largest if remedy.sense > 0 else smallest), options
     while True:
         try:
-            fold = extremum(cycle, remedy.size, to=last, options=asked)
+            fold = extremum(cycle, remedy.size, to=last, options=asked, max_points=MOST_CYCLES)
         except NoOrbit as refusal:
             if refusal.status is not Status.TOLERANCE_NOT_REACHED or asked.tol * LOOSER_BY > LOOSEST_FOLD:
                 break
@@ -137,4 +141,5 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
             return Border("none", last, 0.0, cycle, orbit, {}, "")
         if end.kind not in ("stuck", "range"):
             break
-    return Border("not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, str(end))
+    went = f"followed from {branch.values[0]:.4g} to {branch.values[-1]:.4g} {remedy.unit}".rstrip()
+    return Border("not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, f"{went}: {end}")

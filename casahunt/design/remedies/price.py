@@ -16,7 +16,7 @@ from typing import Literal, cast
 import numpy as np
 
 from ...collocation.scheme import Kind
-from ...motion.phases import MarchFailure, Segment
+from ...motion import MarchFailure, Segment
 from ...motion.simulation import follow_for, look, sampled
 from ...servo.parts.loop import Loop
 
@@ -25,7 +25,7 @@ Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
 
 TASK_STEP, SETTLED_WITHIN = 1.0, 0.02
 """The step [rad], and the part of it within which it has settled."""
-LOOKED_PERIODS, MOST_LOOKS = 2.0, 15
+LOOKED_PERIODS, MOST_WINDOWS = 2.0, 15
 """Periods of the hunting cycle between two looks at a motion, and looks after which it is taken to hunt on."""
 LEFT_BEHIND_AT = 0.5
 """A motion whose swings are smaller than this part of those of the cycle at the border has left it, and decays."""
@@ -63,7 +63,7 @@ def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, w
     place, largest = system.states.index("x1"), OUTGROWN_BY * max(abs(state["x1"]), amplitude)
     try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
         scale = look(form, mode, x, p, np.where(x != 0, np.abs(x), 1.0), kind, window)[0]
-        for _ in range(MOST_LOOKS):
+        for _ in range(MOST_WINDOWS):
             phases = follow_for(form, mode, x, p, scale, kind, window, MOTION_TOLERANCE)
             t, states = sampled(form, phases, p, kind, 4)
             peak = max(peak, _peak_torque(loop, phases, t, states))

@@ -27,7 +27,7 @@ from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
 from .border import BORDERS, Border, Scales, border, with_remedy
-from .price import LOOKED_PERIODS, MOST_LOOKS, Verdict, task, verdicts
+from .price import LOOKED_PERIODS, MOST_WINDOWS, Verdict, task, verdicts
 
 RECOMMENDED = 1.1
 """What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
@@ -249,7 +249,7 @@ def _price(today: float, orbit: HuntingOrbit) -> Callable[[Cure], tuple[bool, fl
     """
 
     def of(row: Cure) -> tuple[bool, float]:
-        settling = row.settling if math.isfinite(row.settling) else LOOKED_PERIODS * MOST_LOOKS * orbit.period
+        settling = row.settling if math.isfinite(row.settling) else LOOKED_PERIODS * MOST_WINDOWS * orbit.period
         price = row.rest_error / orbit.amplitude + (row.peak_torque / today - 1) + settling / orbit.period
         return not row.ends_hunting, price if math.isfinite(price) else math.inf
 

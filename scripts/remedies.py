@@ -1,0 +1,131 @@
+"""The remedies of random servos against motions by scipy: does hunting end where the table says that it does?
+
+    python scripts/remedies.py [--servos N] [--seed S] [--only NAME ...] [--share LOW HIGH]
+
+Each servo is drawn as in scripts/random_servos.py and asked at a part of its fold's gain, drawn between LOW and HIGH.
+Of every remedy sizes beside its border are looked at (SIZES; more of the remedy is more): scipy's solve_ivp with events
+(scripts/peers/remedy_motion.py) follows motions from a scan of starts.
+
+    agrees       less of it than at the border hunts from some start; more, of a remedy that ends hunting, from none
+    contradicts  not so; listed, with the line that reproduces it
+    unclear      a motion whose swings neither repeat nor come to rest
+    no claim     more of a remedy of which the table says itself that motions grow or hunt on beyond its border
+    not found    the table says that it does not know
+
+Prints a line per servo and remedy and the sums; exit code 1 if anything contradicts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from casahunt import NoOrbit, Servo, find_fold, find_orbit, remedies  # noqa: E402
+from scripts.peers.remedy_motion import RemedyMotion  # noqa: E402
+from scripts.random_servos import draw  # noqa: E402
+
+SIZES = (0.9, 0.99, 1.01, 1.1, 2.0)
+LOOKED_AT = (
+    "dead band", "shifted dead band", "hysteresis", "error dead band", "leak", "freeze", "reset", "error filter",
+    "feedforward", "dither", "gain", "derivative", "integral",
+)  # fmt: skip
+LESS_IS_MORE = ("freeze", "integral")
+SHARES = (0.05, 0.9)
+"""Gains, as parts of that of the fold."""
+
+
+def truth(servo: Servo, gain: float, remedy: str, size: float, cycle: Any) -> RemedyMotion:
+    """The same servo with a remedy, by scipy."""
+    friction, pid = servo.friction, servo.controller.pid()
+    factor = gain * servo.motor_gain
+    gains = {"kp": factor * pid.kp, "kd": factor * pid.kd, "ki": factor * pid.ki}
+    if remedy == "gain":
+        gains = {name: value * size / gain for name, value in gains.items()}
+    elif remedy in ("derivative", "integral"):
+        name = "kd" if remedy == "derivative" else "ki"
+        gains[name] = factor * size
+    numbers = {
+        "J": servo.inertia, "Fs": friction.static, "Fc": friction.coulomb, "vs": friction.stribeck_velocity,
+        "b": friction.viscous,
+    }  # fmt: skip
+    return RemedyMotion(
+        numbers, (gains["kp"], gains["kd"], gains["ki"]), remedy, size, cycle.amplitude, cycle.period
+    )
+
+
+def more(remedy: str, size: float, factor: float) -> float:
+    """So much of a remedy: of a reset 1 is none."""
+    if remedy == "reset":
+        return 1 + (size - 1) * factor
+    return size / factor if remedy in LESS_IS_MORE else size * factor
+
+
+def check(servo: Servo, gain: float, only: Sequence[str], sizes: Sequence[float] = SIZES) -> list[tuple[str, ...]]:
+    """(remedy, outcome, what was seen) of every remedy and size."""
+    cycle, out = find_orbit(servo, "switch", gain), []
+    for name in only:
+        row = remedies(servo, "switch", gain, only=[name]).remedies[0]
+        if row.kind == "not found":
+            out.append((name, "not found", row.why))
+            continue
+        if row.kind == "none":
+            out.append((name, "none", row.why))
+            continue
+        for factor in sizes:
+            size = more(name, row.size, factor)
+            if factor > 1 and not row.ends_hunting:
+                out.append((name, "no claim", f"{row.kind} {row.size:.8g}: beyond it {row.stays}"))
+                continue
+            hunts, said = truth(servo, gain, name, size, cycle).hunts()
+            outcome = "unclear" if hunts is None else "agrees" if hunts == (factor < 1) else "contradicts"
+            out.append((name, outcome, f"{row.kind} {row.size!r} x {factor}: {dict(Counter(said))}"))
+    return out
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Servos, remedies, sizes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--servos", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0, help="number of the first servo")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", nargs="*", default=list(LOOKED_AT))
+    parser.add_argument("--share", nargs=2, type=float, default=SHARES)
+    asked = parser.parse_args(arguments)
+    sums: Counter[tuple[str, str]] = Counter()
+    for number in range(asked.first, asked.first + asked.servos):
+        servo = Servo().replace(**draw(asked.seed, number))
+        low, high = asked.share
+        share = float(np.exp(np.random.default_rng([asked.seed, number, 1]).uniform(np.log(low), np.log(high))))
+        for name in asked.only:
+            began = time.process_time()
+            try:
+                gain = share * find_fold(servo, "switch").gain
+                found = check(servo, gain, [name])
+            except NoOrbit as refusal:
+                found = [(name, "refused", str(refusal))]
+            for name, outcome, seen in found:
+                sums[name, outcome] += 1
+                if outcome != "agrees":
+                    print(f"servo {number}, gain {gain:.6g}: {name}: {outcome}: {seen}", flush=True)
+            print(f"servo {number} {name}: {time.process_time() - began:.1f} s", flush=True)
+    for name in asked.only:
+        print(f"{name:20}", ", ".join(f"{n} {what}" for (of, what), n in sorted(sums.items()) if of == name))
+    total = Counter[str]()
+    for (_, what), n in sums.items():
+        total[what] += n
+    print(dict(total))
+    return int(total["contradicts"] > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
