@@ -91,6 +91,11 @@ class Motion(Result):
         return float(sum(phase.duration for phase in self.phases))
 
     @property
+    def sizes(self) -> dict[str, float]:
+        """The sizes of the states that its error is relative to, by name."""
+        return dict(zip(self.system.names.states, map(float, self.scale), strict=False))
+
+    @property
     def end(self) -> dict[str, float]:
         """The states at the end, by name; in a forced system the time."""
         x, names = self.phases[-1].end, self.system.names
@@ -155,6 +160,7 @@ def simulate(
     duration: float,
     parameters: Mapping[str, float] | None = None,
     tol: float = 1e-8,
+    sizes: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
     **states: float,
 ) -> Motion:
@@ -172,6 +178,9 @@ def simulate(
         those that differ from the system's, by name.
     tol
         error of an interval, relative to the sizes of the states.
+    sizes
+        these sizes, by name; default the largest magnitudes along the motion.  A motion that goes on from another one,
+        and has nearly come to rest, is measured by the sizes that it had (`Motion.sizes`).
     start
         states at the start, by name; in a forced system t is the time, default 0.
     **states
@@ -202,7 +211,11 @@ def simulate(
     form = system.vector_form
     check_closed_forms(system, x, p)
     try:
-        scale = look(form, name, x, p, np.where(x != 0, np.abs(x), 1.0), kind, duration)[0]
+        if sizes is None:
+            scale = look(form, name, x, p, np.where(x != 0, np.abs(x), 1.0), kind, duration)[0]
+        else:
+            scale = np.ones(x.size)
+            scale[: len(system.states)] = [require(f"sizes: {n}", sizes.get(n), above=0) for n in system.states]
         coarse, fine = (follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, SECOND_RUN * tol))
     except MarchFailure as failure:
         raise NoOrbit(f"the motion of {system.name} cannot be followed: {failure}", Status.NOT_CONVERGED) from None

@@ -15,9 +15,8 @@ from typing import Literal, cast
 
 import numpy as np
 
-from ...collocation.scheme import Kind
-from ...motion import MarchFailure, Segment
-from ...motion.simulation import follow_for, look, sampled
+from ...errors import NoOrbit
+from ...motion import Motion, simulate
 from ...servo.parts.loop import Loop
 
 Array = np.ndarray
@@ -54,27 +53,25 @@ def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, w
 
     amplitude, period: of the cycle at the border.
     """
-    form, system = loop.system.vector_form, loop.system
-    kind: Kind = "radau" if any(mode.stiff for mode in system.modes) else "gauss"
-    state = loop.state(**start)
-    mode, p, x = loop.mode_at(**state), system.values(None), system.state(state, None)
+    system, state, sizes = loop.system, loop.state(**start), None
+    mode, place = loop.mode_at(**state), system.states.index("x1")
     window, began, peak, verdict = LOOKED_PERIODS * period, 0.0, 0.0, "hunts"
     times, positions = [np.zeros(1)], [np.array([state["x1"]])]
-    place, largest = system.states.index("x1"), OUTGROWN_BY * max(abs(state["x1"]), amplitude)
-    try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
-        scale = look(form, mode, x, p, np.where(x != 0, np.abs(x), 1.0), kind, window)[0]
-        for _ in range(MOST_WINDOWS):
-            phases = follow_for(form, mode, x, p, scale, kind, window, MOTION_TOLERANCE)
-            t, states = sampled(form, phases, p, kind, 4)
-            peak = max(peak, _peak_torque(loop, phases, t, states))
-            times.append(began + t)
-            positions.append(states[place])
-            began, mode, x = began + window, phases[-1].mode, phases[-1].end
-            if (seen := _seen(states[place], amplitude, largest, within)) is not None:
-                verdict = seen
-                break
-    except MarchFailure:
-        verdict = "undecided"
+    largest = OUTGROWN_BY * max(abs(state["x1"]), amplitude)
+    for _ in range(MOST_WINDOWS):
+        try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
+            motion = simulate(system, mode, start=state, duration=window, sizes=sizes, tol=MOTION_TOLERANCE)
+        except NoOrbit:
+            verdict = "undecided"
+            break
+        t, states = motion.sample(4)
+        peak = max(peak, _peak_torque(loop, motion, t, states))
+        times.append(began + t)
+        positions.append(states[place])
+        began, mode, state, sizes = began + window, motion.phases[-1].mode, motion.end, sizes or motion.sizes
+        if (seen := _seen(states[place], amplitude, largest, within)) is not None:
+            verdict = seen
+            break
     return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak)
 
 
@@ -88,8 +85,9 @@ def _seen(position: Array, amplitude: float, largest: float, within: float) -> V
     return "grows" if size > largest else None
 
 
-def _peak_torque(loop: Loop, phases: list[Segment], times: Array, states: Array) -> float:
+def _peak_torque(loop: Loop, motion: Motion, times: Array, states: Array) -> float:
     """The largest torque of the motor at the points (m,), (n, m) of a motion."""
+    phases = motion.phases
     ends = np.cumsum([phase.duration for phase in phases])
     of = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
     of[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[of[1:]]) & (of[1:] < len(ends) - 1)
