@@ -47,6 +47,7 @@ class Cure(Result):
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : a tenth more of it.
     rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
+    recommended_rest_error : the same at the recommended size [rad]: demands are held against it.
     peak_torque, peak_voltage : on a step of 1 rad, at the recommended size [N m], [V].
     settling : of that step [s]; nan where it has not settled.
     stays : what motions do at the recommended size and at three times the border: "rests", "decays", "hunts", "grows".
@@ -66,7 +67,10 @@ class Cure(Result):
     _quantities = (
         "name", "kind", "size +- size_error", "unit", "rest_error [rad]", "peak_torque [N m]", "settling [s]",
     )  # fmt: skip
-    _details = ("size_error", "recommended", "peak_voltage [V]", "stays", "moves", "worst_size", "why")
+    _details = (
+        "size_error", "recommended", "recommended_rest_error [rad]", "peak_voltage [V]", "stays", "moves", "worst_size",
+        "why",
+    )  # fmt: skip
 
     name: str
     unit: str
@@ -75,6 +79,7 @@ class Cure(Result):
     size_error: float
     recommended: float
     rest_error: float
+    recommended_rest_error: float
     peak_torque: float
     peak_voltage: float
     settling: float
@@ -212,8 +217,9 @@ def remedies(
             if progress is not None:
                 progress(rows[-1])
     rows.sort(key=_price(task(asked.loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
-    meet = (row for row in rows if row.ends_hunting and row.rest_error <= error and row.peak_torque <= torque)
-    best = next((row.name for row in meet), "")
+    ending = (row for row in rows if row.ends_hunting)
+    meet = (row.name for row in ending if row.recommended_rest_error <= error and row.peak_torque <= torque)
+    best = next(meet, "")
     return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best)
 
 
@@ -250,7 +256,7 @@ def _price(today: float, orbit: HuntingOrbit) -> Callable[[Cure], tuple[bool, fl
 
     def of(row: Cure) -> tuple[bool, float]:
         settling = row.settling if math.isfinite(row.settling) else LOOKED_PERIODS * MOST_WINDOWS * orbit.period
-        price = row.rest_error / orbit.amplitude + (row.peak_torque / today - 1) + settling / orbit.period
+        price = row.recommended_rest_error / orbit.amplitude + (row.peak_torque / today - 1) + settling / orbit.period
         return not row.ends_hunting, price if math.isfinite(price) else math.inf
 
     return of
@@ -263,7 +269,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         nan, tried = math.nan, f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
         why = f"{tried}: {remedy.why_not}".rstrip(": ") if found.kind == "none" else found.why
         return Cure(
-            remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, (), {}, nan, why, found.first
+            remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, nan, (), {}, nan, why, found.first
         )
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
     recommended, far = (_more(size, absent, factor, remedy.sense) for factor in (RECOMMENDED, MUCH_LARGER))
@@ -273,10 +279,11 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         for verdict in verdicts(with_remedy(loop, remedy, at), last.amplitude, last.period)
     )  # fmt: skip
     mended = with_remedy(loop, remedy, recommended)
-    step = task(mended, last.amplitude, last.period, remedy.rest(recommended, numbers))
+    rests = remedy.rest(recommended, numbers)
+    step = task(mended, last.amplitude, last.period, rests)
     moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters}
     return Cure(
-        remedy.name, remedy.unit, found.kind, size, found.error, recommended, remedy.rest(size, numbers),
+        remedy.name, remedy.unit, found.kind, size, found.error, recommended, remedy.rest(size, numbers), rests,
         step.peak_torque, step.peak_torque / loop.value("motor_gain"), step.settling, stays, moves,
         _worst(asked, remedy, found), found.why, found.first,
     )  # fmt: skip

@@ -22,6 +22,8 @@ from .output import give
 
 PRICE_DIGITS = 4
 """Digits of a price."""
+SETTLING_DIGITS = 2
+"""Digits of a settling time: it depends on where between two points of the motion the band is left last."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
@@ -120,8 +122,8 @@ def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
         yield ""
         yield "  ends it        the smallest size that does, or where less is more the largest"
         yield "  choose         a tenth more of the remedy than that"
-        yield "  error at rest  the largest at which the servo may stand still, at the size that just ends it"
-        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, at the size to choose; settling likewise"
+        yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
+        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size; settling likewise"
 
 
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
@@ -130,14 +132,21 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
 
     yield ROW.format(
         row.name, "from" if row.recommended > row.size else "up to", short(row.size, ""), row.unit,
-        short(row.recommended, ""), short(row.rest_error, "any"), short(row.peak_torque, "unknown"),
-        short(row.settling, "longer"),
+        short(row.recommended, ""), short(row.recommended_rest_error, "any"), short(row.peak_torque, "unknown"),
+        _settles(row.settling),
     ).rstrip()  # fmt: skip
     if any(verdict not in ENDED for verdict in row.stays[len(row.stays) // 2 :]):
         yield f"    with {MUCH_LARGER:g} times as much that is not sure: a motion {_after(row)}"
     if of_a_set:
         worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
         yield f"    the worst servo of the set: {worst}"
+
+
+def _settles(time: float) -> str:
+    """A settling time, to the digits that it is good for."""
+    if not math.isfinite(time):
+        return "longer"
+    return f"{time:.{SETTLING_DIGITS}g}" if time < 10**SETTLING_DIGITS else f"{time:.0f}"
 
 
 def _why_not(row: Cure) -> str:
@@ -157,5 +166,6 @@ def _advice(found: Cures, within: str) -> str:
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
         return f"none of these remedies ends it{within}"
-    costs = f"{best.rest_error:.{PRICE_DIGITS}g} rad at rest, {best.peak_torque:.{PRICE_DIGITS}g} N m on a step"
+    rests, torque = (f"{price:.{PRICE_DIGITS}g}" for price in (best.recommended_rest_error, best.peak_torque))
+    costs = f"{rests} rad at rest, {torque} N m on a step"
     return f"cheapest remedy{within}: {best.name}, {_with(best.recommended, best.unit)} ({costs})"
