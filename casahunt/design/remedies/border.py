@@ -34,7 +34,7 @@ LOOSER_BY, LOOSEST_FOLD = 100.0, 1e-2
 sharply or hardly at all, the size is known far better than the period."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
-BRANCH_TOLERANCES = (1e-9, 1e-7)
+BRANCH_TOLERANCES = (1e-9, 1e-10, 1e-8, 1e-7)
 """Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
 the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
 MOST_CYCLES = 600

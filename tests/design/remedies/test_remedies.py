@@ -106,13 +106,12 @@ def test_a_servo_that_does_not_hunt_needs_none():
 
 
 @pytest.mark.slow
-def test_the_verdicts_of_random_servos():
+def test_the_verdicts_are_those_of_motions_by_another_integrator():
     """Sizes beside the border hunt and do not, as motions by scipy from a scan of starts do."""
     from scripts.remedies import check
 
-    for gain in (0.04, 0.1):
-        found = check(Servo(), gain, ["dead band", "leak", "reset", "gain", "derivative"])
-        assert {outcome for _, outcome, _ in found} <= {"agrees"}, found
+    found = check(Servo(), 0.04, ["dead band", "leak", "reset"])
+    assert {outcome for _, outcome, _ in found} <= {"agrees"}, found
 
 
 def test_motions_that_come_to_rest_are_followed_with_the_sizes_that_they_had():
