@@ -35,7 +35,8 @@ def test_the_table_is_read_at_a_glance(capsys):
     assert gain.split()[5] == "0" and float(gain.split()[6]) == pytest.approx(2 * 16 * 1.1 * 0.647339, rel=1e-3)  # kp
     said = " ".join(table.split())
     assert "feedforward does not end it: hunting goes on up to 1: it makes the friction of the slipping" in said
-    assert "may stand still, with the size to choose" in said and "a tenth more of the remedy" in said and "step of 1 rad" in said
+    assert "may stand still, with the size to choose" in said
+    assert "a tenth more of the remedy" in said and "step of 1 rad" in said
     assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1
     assert err.splitlines()[0].startswith("dead band: 0.043345724") and len(err.splitlines()) == 3  # as they are found
 
