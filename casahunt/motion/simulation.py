@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import given_once, of_kind, require
+from ..checks import choice_of, given_once, of_kind, require
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, scheme
 from ..errors import NoOrbit, Status
@@ -214,12 +214,20 @@ def simulate(
         if sizes is None:
             scale = look(form, name, x, p, np.where(x != 0, np.abs(x), 1.0), kind, duration)[0]
         else:
-            scale = np.ones(x.size)
-            scale[: len(system.states)] = [require(f"sizes: {n}", sizes.get(n), above=0) for n in system.states]
+            scale = _scale_of(sizes, system)
         coarse, fine = (follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, SECOND_RUN * tol))
     except MarchFailure as failure:
         raise NoOrbit(f"the motion of {system.name} cannot be followed: {failure}", Status.NOT_CONVERGED) from None
     return Motion(system, p, tuple(fine), _difference(coarse, fine, scale), scale, kind)
+
+
+def _scale_of(sizes: Mapping[str, float], system: System) -> Array:
+    """(n,) sizes of the states, 1 for the time.  Raises InputError: a state is unknown, or has no size above zero."""
+    for name in sizes:
+        choice_of("size of the state", name, system.states)
+    scale = np.ones(len(system.names.entries))
+    scale[: len(system.states)] = [require(f"sizes: {name}", sizes.get(name), above=0.0) for name in system.states]
+    return scale
 
 
 def follow_for(

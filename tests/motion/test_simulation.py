@@ -340,3 +340,28 @@ def test_a_push_at_an_event_is_no_fall_through_it():
     energy = 2 * (1 - math.cos(0.5))
     assert len(speeds) > 5
     assert speeds == pytest.approx([math.sqrt(energy + 0.1 * (k + 1)) for k in range(len(speeds))], rel=1e-7)
+
+
+def test_a_motion_goes_on_with_the_sizes_that_it_had():
+    """In pieces it is the whole one; each piece alone would be measured by what is left of it."""
+    def decays(x, p):
+        return {"x": x.v, "v": -p.damping * x.v - x.x}
+
+    system = System("oscillator", ("x", "v"), {"damping": 0.5}, (Mode("swings", decays),))
+    whole = simulate(system, x=1.0, v=0.0, duration=60.0)
+    first = simulate(system, x=1.0, v=0.0, duration=30.0)
+    second = simulate(system, start=first.end, duration=30.0, sizes=first.sizes)
+    alone = simulate(system, start=first.end, duration=30.0)
+    assert second.sizes == first.sizes and alone.sizes["x"] < 1e-3
+    assert second.end["x"] == pytest.approx(whole.end["x"], abs=1e-8 * whole.sizes["x"])
+    pieces = [sum(len(phase.w) for phase in motion.phases) for motion in (second, alone)]
+    assert pieces[0] < pieces[1]  # nothing but what counts is resolved
+
+
+@pytest.mark.parametrize(("sizes", "sentence"), [
+    ({"x": 1.0, "v": 0.0}, "sizes: v"), ({"x": 1.0}, "sizes: v"), ({"x": 1.0, "v": 1.0, "w": 1.0}, "'w'"),
+])  # fmt: skip
+def test_sizes_that_are_none(sizes, sentence):
+    system = System("oscillator", ("x", "v"), {}, (Mode("swings", lambda x, p: {"x": x.v, "v": -x.x}),))
+    with pytest.raises(InputError, match=sentence):
+        simulate(system, x=1.0, v=0.0, duration=1.0, sizes=sizes)
