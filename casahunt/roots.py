@@ -208,7 +208,7 @@ def secant(
     """
     f0, f1 = f(x0), f(x1)
     for _ in range(rounds):
-        if f1 == f0 or math.isnan(f1):
+        if f1 == f0 or math.isnan(f0) or math.isnan(f1):
             break
         x0, x1, f0 = x1, x1 - f1 * (x1 - x0) / (f1 - f0), f1
         f1 = f(x1)

@@ -227,6 +227,19 @@ def test_secant():
     assert abs(secant(lambda x: x * x + 1, 0.0, 1.0, tolerance=1e-13)[1]) >= 1
 
 
+@pytest.mark.parametrize("fails_at", [0.0, 1.0, 2.0])
+def test_a_function_that_fails_is_asked_no_further(fails_at):
+    """Least of all at the place that is no number."""
+    asked = []
+
+    def fails(x):
+        asked.append(x)
+        return math.nan if x == fails_at else x - 2.0
+
+    _, left = secant(fails, 0.0, 1.0, tolerance=1e-12)
+    assert not abs(left) <= 1e-12 and np.isfinite(asked).all()
+
+
 def test_secant_steps_go_on_to_the_tolerance():
     """x^2: each step divides f by 2.6, the square of the golden ratio: they end in every range of that width."""
     for tolerance in 10.0 ** np.arange(-12, -2):
