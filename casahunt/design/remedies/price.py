@@ -105,7 +105,8 @@ def verdicts(
 
 @dataclass(frozen=True)
 class Task:
-    """The step: its peak torque [N m], settling time [s] (nan where it has not settled), and what became of it."""
+    """The step: its peak torque [N m], nan where it was not followed or grows; settling time [s], nan where it has not
+    settled; what became of it."""
 
     peak_torque: float
     settling: float
@@ -116,6 +117,8 @@ def task(loop: Loop, amplitude: float, period: float, rest_error: float) -> Task
     """The step of 1 rad from rest."""
     within = max(rest_error, SETTLED_WITHIN * TASK_STEP)
     ended = fate(loop, {"x1": -TASK_STEP}, amplitude, period, within)
+    if ended.verdict in ("undecided", "grows"):
+        return Task(math.nan, math.nan, ended.verdict)
     outside = np.flatnonzero(np.abs(ended.position) > within)
     last = int(outside[-1]) if outside.size else 0
     settled = float(ended.times[last]) if last < ended.times.size - 1 else math.nan

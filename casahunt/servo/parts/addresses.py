@@ -12,6 +12,7 @@ import pickle
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import lru_cache
 from importlib import import_module
 from typing import Any
 
@@ -38,7 +39,7 @@ class Address:
 
 def packed(value: Any, parts: tuple[Part, ...]) -> Any:
     """What can be sent in the place of a value: of parts, laws and functions of these parts their addresses."""
-    places = {id(thing): Address(_root(part), way) for part in parts for thing, way in _inside(part)}
+    places = _places(parts)
 
     def pack(value: Any) -> Any:
         if isinstance(value, tuple):
@@ -46,6 +47,16 @@ def packed(value: Any, parts: tuple[Part, ...]) -> Any:
         return places.get(id(value), value)
 
     return pack(value)
+
+
+@lru_cache(maxsize=64)
+def _places(parts: tuple[Part, ...]) -> dict[int, Address]:
+    """The addresses by identity; what is kept here keeps the parts, so that no other thing gets their identity."""
+    return {
+        id(thing): Address(root, way)
+        for part, root in zip(parts, map(_root, parts), strict=True)
+        for thing, way in _inside(part) if isinstance(thing, Part | Law) or callable(thing)
+    }  # fmt: skip
 
 
 def unpacked(value: Any) -> Any:
@@ -59,7 +70,7 @@ def _root(part: Part) -> tuple[Any, Any]:
     if part.made_by is not None:
         return part.made_by
     for module in list(sys.modules.values()):
-        for name, value in vars(module).items() if hasattr(module, "__dict__") else ():
+        for name, value in list(vars(module).items()) if hasattr(module, "__dict__") else ():
             if value is part:
                 return module.__name__, name
     raise pickle.PicklingError(f"the part {part.name!r} cannot be sent: it must be a global of a module")

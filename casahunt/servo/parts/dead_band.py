@@ -19,7 +19,7 @@ from .remedy import Remedy
 def _two(name: str, size: str, enter: Function, leave: Function, **more: float) -> Part:
     """An integrator's input, cut inside."""
     return Part(
-        name, (), {size: 0.0, **more}, size=size,
+        name, (), {size: 0.0, **more}, ranges=dict.fromkeys(more, (0.0, 1.0)), size=size,
         modes=(
             PartMode("", Law(gives={"integrand": lambda x, s, p: s.error}), (Edge("enters", enter, -1, "inside"),),
                      where=lambda x, s, p: leave(x, s, p) > 0),
@@ -38,7 +38,7 @@ def _three(name: str, size: str, angle: str, above: Law, inside: Law, below: Law
         return getattr(s, angle) / getattr(p, size) + 1
 
     return Part(
-        name, (), {size: 0.0, **more}, size=size,
+        name, (), {size: 0.0, **more}, ranges=dict.fromkeys(more, (0.0, 1.0)), size=size,
         modes=(
             PartMode("above", above, (Edge("enters from above", upper, -1, "inside"),),
                      where=lambda x, s, p: upper(x, s, p) > 0),

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 
+from ...checks import SMALLEST
 from .part import Edge, Law, Part, PartMode
 from .remedy import Remedy
 
 _AWAY = ("breakaway+", "breakaway-")
 
 FREEZE = Part(
-    "freeze", ("clock",), {"dwell": math.inf}, even=("clock",), size="dwell", absent=math.inf,
+    "freeze", ("clock",), {"dwell": math.inf}, even=("clock",), ranges={"dwell": (SMALLEST, math.inf)},
+    size="dwell", absent=math.inf,
     upon={name: {"clock": lambda x, s, p: 0.0} for name in _AWAY},
     follows=dict.fromkeys(_AWAY, ""),
     modes=(

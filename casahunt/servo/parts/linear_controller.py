@@ -49,6 +49,8 @@ def state_space(A: Any, B: Any, C: Any, D: Any) -> Part:
         raise InputError(f"state space: A {a.shape}, B, C and D must be (n, n), (n, 1), (1, n) and (1, 1)")
     if n > MOST_STATES:
         raise InputError(f"state space: {n} states; a controller has at most {MOST_STATES}")
+    if not all(np.isfinite(matrix).all() for matrix in (a, b, c, d)):
+        raise InputError("state space: every entry of A, B, C and D must be a finite number")
     rows = tuple(tuple(map(float, row)) for row in a.reshape(n, n))
     return _state_space(rows, tuple(map(float, b)), tuple(map(float, c)), float(d[0]))
 
@@ -117,6 +119,9 @@ def from_object(controller: Any) -> Part:
     """
     if getattr(controller, "dt", None) not in (None, 0):
         raise InputError("controller: is sampled; a continuous one is needed here")
+    ways = [getattr(controller, name, 1) for name in ("ninputs", "noutputs", "inputs", "outputs")]
+    if any(isinstance(number, int) and number != 1 for number in ways):
+        raise InputError("controller: has several inputs or outputs; one of each is needed here, error and torque")
     if all(hasattr(controller, name) for name in "ABCD"):
         return state_space(controller.A, controller.B, controller.C, controller.D)
     if hasattr(controller, "num") and hasattr(controller, "den"):

@@ -8,9 +8,12 @@ motion is that without it, the integrator's content apart.
 
 from __future__ import annotations
 
+import math
+
 from .part import Part
 
 LOADS = Part(
     "loads", (), {"load_torque": 0.0, "spring": 0.0},
+    ranges={"load_torque": (-math.inf, math.inf), "spring": (-math.inf, math.inf)},
     gives={"external": lambda x, s, p: -p.load_torque - p.spring * s.motor_angle},
 )  # fmt: skip

@@ -10,6 +10,7 @@ integrator as its only motion, has a closed form, which is found from the parts.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -64,9 +65,12 @@ class Loop:
     name: str = "servo"
 
     def __post_init__(self) -> None:
-        every = [name for part in self.parts for name in part.parameters]
+        owners = {name: part for part in self.parts for name in part.parameters}
         for name, value in self.values.items():
-            number(choice_of("parameter", name, every), value)
+            low, high = owners[choice_of("parameter", name, owners)].ranges.get(name, (0.0, math.inf))
+            if not low <= number(name, value) <= high:
+                allowed = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+                raise InputError(f"{name} = {value:g}: must be {allowed} ({owners[name].name})")
 
     @property
     def present(self) -> tuple[Part, ...]:

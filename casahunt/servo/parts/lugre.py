@@ -11,22 +11,25 @@ import casadi as ca
 
 from ..friction import bristle_rate, stribeck
 from ..hunting import WEAK
-from .part import Edge, Law, Part, PartMode
+from .part import Edge, Function, Law, Part, PartMode
 
 
-def _bristle(x: Any, s: Any, p: Any) -> Any:
-    v = s.motor_rate
-    g = stribeck(v, p.static, p.coulomb, p.stribeck_velocity)
-    return bristle_rate(v, p.sign * v, x.x4, g, p.stiffness)
+def _rate(speed: Function) -> Function:
+    """z' with |v| as `speed` has it."""
+
+    def rate(x: Any, s: Any, p: Any) -> Any:
+        g = stribeck(s.motor_rate, p.static, p.coulomb, p.stribeck_velocity)
+        return bristle_rate(s.motor_rate, speed(x, s, p), x.x4, g, p.stiffness)
+
+    return rate
 
 
-def _bristle_either_way(x: Any, s: Any, p: Any) -> Any:
-    v = s.motor_rate
-    g = stribeck(v, p.static, p.coulomb, p.stribeck_velocity)
-    return bristle_rate(v, ca.fabs(v), x.x4, g, p.stiffness)
+_bristle = _rate(lambda x, s, p: p.sign * s.motor_rate)
+_bristle_either_way = _rate(lambda x, s, p: ca.fabs(s.motor_rate))
 
 
-def _force(rate: Any) -> Any:
+def _force(rate: Function) -> Function:
+    """F with this z'."""
     return lambda x, s, p: p.stiffness * x.x4 + p.damping * rate(x, s, p) + p.viscous * s.motor_rate
 
 

@@ -112,6 +112,7 @@ class Part:
     name : what it is called in sentences.
     states : names of its states.
     parameters : name: default value.
+    ranges : (lowest, highest) value of parameters that may be other than zero or more.
     gives : signal: its value in every mode.
     modes : its modes.
     even : states that keep their sign in the mirror image of a motion: a clock, the envelope of something.
@@ -135,6 +136,7 @@ class Part:
     parameters: Mapping[str, float] = field(default_factory=dict)
     gives: Mapping[str, Function] = field(default_factory=dict)
     modes: tuple[PartMode, ...] = (PartMode(""),)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     even: tuple[str, ...] = ()
     upon: Mapping[str, Mapping[str, Function]] = field(default_factory=dict)
     follows: Mapping[str, str] = field(default_factory=dict)

@@ -5,20 +5,27 @@
 
 from __future__ import annotations
 
+import math
+
 from .part import Edge, Part, PartMode
 from .remedy import Remedy
 
+_FACTOR = -math.inf, 1.0
+"""Below zero the content is turned round; above one nothing would be reset."""
+
 RESET_AT_ZERO = Part(
-    "reset", (), {"reset": 1.0}, size="reset", absent=1.0,
+    "reset", (), {"reset": 1.0}, ranges={"reset": _FACTOR}, size="reset", absent=1.0,
     modes=(PartMode("", ends=(Edge("zero error", lambda x, s, p: s.error * s.kp / p.static, 0, "",
                                    {"x3": lambda x, s, p: p.reset * x.x3}),)),),
 )  # fmt: skip
 RESET_AT_CENTRE = Part(
-    "reset", (), {"reset": 1.0}, size="reset", absent=1.0, upon={"centre": {"x3": lambda x, s, p: p.reset * x.x3}}
-)
+    "reset", (), {"reset": 1.0}, ranges={"reset": _FACTOR}, size="reset", absent=1.0,
+    upon={"centre": {"x3": lambda x, s, p: p.reset * x.x3}},
+)  # fmt: skip
 """The same where cycles are cut at zero error anyway (lugre.py): two events cannot stand at one place."""
 RESET_AT_STOP = Part(
-    "reset at a stop", (), {"reset_at_stop": 1.0}, size="reset_at_stop", absent=1.0,
+    "reset at a stop", (), {"reset_at_stop": 1.0}, ranges={"reset_at_stop": _FACTOR}, size="reset_at_stop",
+    absent=1.0,
     upon={"stop": {"x3": lambda x, s, p: p.reset_at_stop * x.x3}},
 )  # fmt: skip
 

@@ -1,6 +1,6 @@
 """A motor whose torque is limited, |m| <= limit, with anti-windup.
 
-    clamping           the integrator stands still while the torque is at its limit and the error would wind it up more
+    clamping           the integrator stands still while the torque is at its limit, whichever way the error is
     back calculation   x3' is moved by (m_demanded - m)/(ki T): the integrator unwinds with the time T
     none               it winds up
 """
@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ...checks import SMALLEST
 from .part import Edge, Function, Law, Part, PartMode
 from .wiring import UNGIVEN
 
@@ -27,7 +28,8 @@ def _limited(name: str, at_the_limit: Mapping[str, Function], **more: float) -> 
 
     free = {signal: UNGIVEN[signal] for signal in at_the_limit}
     return Part(
-        name, (), {"torque_limit": math.inf, **more}, size="torque_limit", absent=math.inf,
+        name, (), {"torque_limit": math.inf, **more}, ranges={"torque_limit": (SMALLEST, math.inf)},
+        size="torque_limit", absent=math.inf,
         modes=(
             PartMode("", Law(gives={"torque": lambda x, s, p: s.demand, **free}),
                      (Edge("upper limit", upper, +1, "at upper limit"),

@@ -75,6 +75,8 @@ def test_demands_and_the_cheapest():
     table = remedies(Servo(), "switch", 0.04, only=["dead band", "leak", "gain"])
     assert table.best and [r.name for r in table.remedies][0] == table.best
     assert remedies(Servo(), "switch", 0.04, only=["dead band", "gain"], max_error=0.01).best == "gain"
+    # 0.0433 rad just ends it, and 0.0477 would be chosen
+    assert remedies(Servo(), "switch", 0.04, only=["dead band", "gain"], max_error=0.045).best == "gain"
     assert remedies(Servo(), "switch", 0.04, only=["dead band", "gain"], max_error=0.01, max_torque=5).best == ""
 
 
@@ -112,6 +114,12 @@ def test_the_verdicts_are_those_of_motions_by_another_integrator():
 
     found = check(Servo(), 0.04, ["dead band", "leak", "reset"])
     assert {outcome for _, outcome, _ in found} <= {"agrees"}, found
+
+
+def test_a_motion_that_grows_has_no_price():
+    """What the torque was when it was left is no peak."""
+    found = row("error filter", 0.04)
+    assert "grows" in found.stays and math.isnan(found.peak_torque) and math.isnan(found.settling)
 
 
 def test_motions_that_come_to_rest_are_followed_with_the_sizes_that_they_had():

@@ -5,6 +5,7 @@ import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from casahunt.continuation import follow, special_curve
 from casahunt.orbits import find_cycle, orbit_ensemble
 from casahunt.servo.parts.by_direction import BY_DIRECTION
 from casahunt.servo.parts.cascade import P_PI
-from casahunt.servo.parts.dead_band import DEAD_BAND, HYSTERESIS
+from casahunt.servo.parts.dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS
 from casahunt.servo.parts.error_filter import ERROR_FILTER
 from casahunt.servo.parts.feedforward import FEEDFORWARD
 from casahunt.servo.parts.filtered_derivative import PID_WITH_FILTER
@@ -26,6 +27,7 @@ from casahunt.servo.parts.linear_controller import from_object, state_space, tra
 from casahunt.servo.parts.loads import LOADS
 from casahunt.servo.parts.loop import Loop
 from casahunt.servo.parts.lugre import LUGRE
+from casahunt.servo.parts.part import Part
 from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.reset import RESET_AT_STOP, RESET_AT_ZERO
@@ -124,6 +126,14 @@ def test_a_transfer_function_is_its_controller(plain):
         assert same(cycle_of(Loop((INERTIA, SWITCH, from_object(controller)))), by_gains, 1e-8)
 
 
+def test_a_controller_of_python_control():
+    control = pytest.importorskip("control")
+    num, den = [0.16, 2.0, 6.3], [1e-3, 1.0, 0.0]
+    assert from_object(control.TransferFunction(num, den)) is transfer_function(num, den)
+    with pytest.raises(InputError, match="several inputs or outputs"):
+        from_object(control.StateSpace(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))))
+
+
 def test_bristles_as_a_part():
     servo, options = Servo(), Options(tol=1e-9)
     loop = loop_of(servo, "lugre", 0.04)
@@ -177,12 +187,61 @@ def test_parts_that_do_not_go_together(parts, values, sentence):
         Loop(parts, values).system  # noqa: B018
 
 
+BACKWARDS = Part("controller of its own torque", gives={"error": lambda x, s, p: s.torque})
+TWICE = Part("second integrator", ("x3",))
+
+
+@pytest.mark.parametrize(("part", "values", "sentence"), [
+    (FREEZE, {"dwell": -1.0}, r"dwell = -1: must be at least 1e-"),
+    (FREEZE, {"dwell": 0.0}, r"dwell = 0: must be at least 1e-"),
+    (ERROR_DEAD_BAND, {"remaining_gain": 1.5}, r"remaining_gain = 1.5: must be between 0 and 1 \(error dead band\)"),
+    (DEAD_BAND, {"dead_band": -0.01}, r"dead_band = -0.01: must be at least 0 \(dead band\)"),
+    (RESET_AT_STOP, {"reset_at_stop": 1.1}, r"reset_at_stop = 1.1: must be between -inf and 1"),
+    (LEAK, {"leak": math.nan}, "leak"),
+])  # fmt: skip
+def test_values_out_of_range(part, values, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Loop((*PLAIN, part), values)
+    assert Loop((*PLAIN, LOADS), {"load_torque": -0.2}).value("load_torque") == -0.2  # what may have either sign
+
+
+@pytest.mark.parametrize(("part", "sentence"), [
+    (BACKWARDS, "the signals .*demand.* depend on each other without a state in between"),
+    (TWICE, "integrator and second integrator do not go together: both have the state x3"),
+])  # fmt: skip
+def test_parts_that_contradict_each_other(part, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Loop((*PLAIN, part)).system  # noqa: B018
+
+
+def test_closed_forms_are_those_of_modes_that_only_integrate():
+    """Found from the parts: while the plain servo sticks, and not with a leak; at a limit nothing breaks away."""
+    flows = {mode.name: mode.flow is not None for mode in Loop(PLAIN).system.modes}
+    assert flows == {"slip+": False, "slip-": False, "stick": True}
+    leaking = Loop((*PLAIN, LEAK), {"leak": 0.1}).system
+    assert not any(mode.flow for mode in leaking.modes)
+    limited = Loop((*PLAIN, TORQUE_LIMIT), {"torque_limit": 0.6}).system.mode("stick, at upper limit")
+    assert [event.name for event in limited.ends] == ["leaves upper limit"]
+
+
+def test_a_motion_begins_in_the_mode_of_its_state():
+    loop = Loop((*PLAIN, DEAD_BAND), {"dead_band": 0.01})
+    starts = {"slip+": {"x2": 0.1}, "slip-": {"x2": -0.1}, "stick": {}}
+    for band, x1 in (("", 0.02), (", inside", 0.005)):
+        for mode, start in starts.items():
+            assert loop.mode_at(**loop.state(x1=x1, **start)) == mode + band
+    assert loop.mode_at(**loop.state(x1=-1.0)) == "slip+" and loop.mode_at(**loop.state(x1=1.0)) == "slip-"
+
+
 @pytest.mark.parametrize(("make", "sentence"), [
     (lambda: transfer_function([1, 0, 0], [1, 1]), "improper"),
     (lambda: transfer_function([0], [1]), "must each have a coefficient"),
     (lambda: state_space(np.eye(2), [1], [1], [0]), "state space"),
     (lambda: state_space(np.eye(9), np.ones(9), np.ones(9), [0]), "at most 8"),
     (lambda: from_object(3.0), "neither num and den"),
+    (lambda: transfer_function([1.0, math.nan], [1.0, 0.0]), "finite number"),
+    (lambda: from_object(SimpleNamespace(num=[1.0], den=[1.0, 1.0], dt=0.01)), "is sampled"),
+    (lambda: from_object(SimpleNamespace(num=[[[1.0], [2.0]]], den=[[[1.0], [1.0]]], ninputs=2)), "several"),
 ])  # fmt: skip
 def test_controllers_that_are_none(make, sentence):
     with pytest.raises(InputError, match=sentence):
