@@ -6,7 +6,8 @@ below minus its slack all along its phase; it is evaluated at the nodes and stag
 interpolated densely between them.
 Inside an interval the polynomial is known to a few times the last Legendre coefficient of the condition:
 a violation beyond that is a wrong root; a value that is not clear of zero by as much asks for a shorter
-interval.  Without that an interval can step over a whole ring-down and see nothing of it.
+interval.  Without that an interval can step over a whole ring-down and see nothing of it.  A condition with a kink is
+no polynomial at all: to be violated it must be so at the states of the polynomial, too.
 
 Nor may an event of the mode be passed inside the phase: its scalar, counted along the direction of the way out, goes
 from below zero to above only at the end.  That needs no condition, and keeps a system without one from roots that go
@@ -208,7 +209,7 @@ def _looked_at(told: Conditions, k: int) -> Array:
     """(..., m, n) states of a phase at which its ways out are looked at."""
     if told.t.counts[k]:
         return told.w[..., told.t.phase_intervals(k), :, :].reshape(*told.lead, -1, told.t.n)
-    return told.along_closed(k, bends=True)
+    return told.along_closed(k)
 
 
 class _WaysOut:
@@ -306,7 +307,23 @@ def _inside(told: Conditions) -> _Inside:
         if mode.admissible is not None:
             values[..., members, :] = told.condition(mode, states.reshape(*lead, -1, t.n)).reshape(states.shape[:-1])
             slack[members], conditioned[members] = mode.slack, True
-    return replace(found, **_conditioned(t, values, slack, conditioned, found)) if conditioned.any() else found
+    if not conditioned.any():
+        return found
+    found = replace(found, **_conditioned(t, values, slack, conditioned, found))
+    return _witnessed(told, found) if found.wrong.any() else found
+
+
+def _witnessed(told: Conditions, found: _Inside) -> _Inside:
+    """What is wrong, at the states between the points; what is so by the polynomial of the condition alone is not."""
+    t, lowest, wrong = told.t, found.lowest.copy(), found.wrong.copy()
+    for mode, members in t.modes:
+        if mode.admissible is not None and found.wrong[..., members].any():
+            states = told.between(members)
+            values = told.condition(mode, states.reshape(*told.lead, -1, t.n)).reshape(states.shape[:-1])
+            lowest[..., members] = values.min(axis=-1)
+            noise = NOISE * np.maximum(1.0, np.abs(values).max(axis=-1))
+            wrong[..., members] &= ~(lowest[..., members] + mode.slack + noise >= 0)
+    return replace(found, lowest=lowest, wrong=wrong)
 
 
 def _conditioned(t: Transcription, values: Array, slack: Array, conditioned: Array, found: _Inside) -> dict[str, Array]:

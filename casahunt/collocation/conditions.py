@@ -17,7 +17,7 @@ import numpy as np
 
 from ..compiled import kept
 from ..hybrid.system import Feature, Phase, VectorEvent, VectorMode
-from .joints import event_rate, flow_at, linear_in_time
+from .joints import event_rate, flow_at
 from .transcription import Setting, Transcription
 from .vectorised import OverArrays
 
@@ -42,6 +42,11 @@ class Conditions:
         self.t, self.p, self.lead, scale = t, setting.p, u.shape[:-1], setting.scale
         self.nodes, self.durations = t.nodes_of(u) * scale[..., None, :], t.durations_of(u)
         self.w = t.intervals_of(u).reshape(*self.lead, t.intervals, t.degree + 1, t.n) * scale[..., None, None, :]
+
+    def between(self, members: Array) -> Array:
+        """(..., M, m, n) states inside intervals, of the polynomials."""
+        to = self.t.scheme.interpolation(BETWEEN)
+        return np.asarray(to @ self.w.take(members, axis=-3))
 
     def condition(self, mode: VectorMode, x: Array) -> Array:
         """(..., m) of a mode at states (..., m, n)."""
@@ -71,11 +76,9 @@ class Conditions:
         rate_, size_ = event_rate(phase, x, float(T), self.p)
         return np.asarray(rate_), np.asarray(size_)
 
-    def along_closed(self, k: int, *, bends: bool = False) -> Array:
-        """(..., m, n) states along a phase in closed form; its ends where it is straight, unless it is to bend."""
+    def along_closed(self, k: int) -> Array:
+        """(..., m, n) states along a phase in closed form."""
         mode, start = self.t.cycle.phases[k].mode, self.t.phase_start[k]
-        if not bends and linear_in_time(mode, self.t.n, self.p.shape[-1]):
-            return self.nodes[..., start : start + 2, :]
         times = self.durations[..., k, None] * BETWEEN
         if not self.lead:
             return flow_at(mode, self.nodes[start], times, self.p)

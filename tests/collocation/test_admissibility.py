@@ -93,12 +93,31 @@ def test_the_sign_of_the_mode_is_that_of_its_condition():
 
 def test_a_closed_form_is_judged_at_its_ends():
     assert judged([POSITIVE, KEPT, POSITIVE], [FOUR, ONE, FOUR], [one, one, one]).admissible
-    for values in ((-0.5, 1.0), (1.0, -0.5)):
+    for start, slope in ((-0.5, 1.5), (1.0, -1.5)):
+        moved = replace(KEPT, flow=lambda x, T, p, slope=slope: ca.vertcat(x[0] + slope * T, x[1]))
         # The phase after it starts where it ends, at the condition of another mode.
-        found = judged([POSITIVE, KEPT, FREE], [FOUR, ONE, FOUR], [
-            one, lambda tau, v=values: v[0] + 0 * tau, lambda tau, v=values: v[1] + 0 * tau
+        found = judged([POSITIVE, moved, FREE], [FOUR, ONE, FOUR], [
+            one, lambda tau, v=start: v + 0 * tau, lambda tau, v=start + slope: v + 0 * tau
         ])  # fmt: skip
         assert found.phase == 1 and "phase 2 is no rest: its condition falls to -0.5" in found.violated
+
+
+def test_a_closed_form_that_is_straight_may_fail_half_way():
+    """|x| - 1/4 from -1 to 1, of either kind: a kink, and none."""
+    for condition in (lambda x, p, sign: abs(x[0]) - 0.25, lambda x, p, sign: x[0] ** 2 - 0.25):
+        across = replace(KEPT, admissible=condition, flow=lambda x, T, p: ca.vertcat(x[0] + 2 * T, x[1]))
+        found = judged([FREE, across, FREE], [FOUR, ONE, FOUR], [lambda tau: -one(tau), lambda tau: -one(tau), one])
+        assert found.violated == "phase 2 is no rest: its condition falls to -0.25"
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_condition_with_a_kink_is_judged_where_it_is(fails):
+    """The polynomial through its values swings below zero next to a kink; below zero it is only where it is said to."""
+    at, falls = 0.95, 1.2 if fails else 1.0
+    kinked = replace(FREE, admissible=lambda x, p, sign: ca.fmin(x[0] / at, (1 - falls * x[0]) / (1 - at)))
+    found = judged([kinked, kinked], [np.array([0, 0.5, 1.0])] * 2, [lambda tau: tau] * 2, degree=8)
+    assert bool(found.violated) == fails
+    assert fails or found.unclear.tolist() == [False, True] * 2
 
 
 @pytest.mark.parametrize(("bend", "lowest"), [(1.0, 0.25), (4.0, -0.5)])

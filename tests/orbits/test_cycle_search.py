@@ -255,3 +255,19 @@ def test_what_a_mesh_may_miss_is_named():
     with pytest.raises(NoOrbit, match="does not hold any more") as refusal:
         find_cycle(System("swing", ("x", "v"), {}, (swing(feature=lambda x, p: x.v),)), x=0.0, v=1.0)
     assert "feature" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("k", [0.5, 0.9, 0.95])
+def test_a_condition_may_have_a_kink(k):
+    """Up and down between -1 and 1 with y' = s - a y: T = 2/a log((1 + a)/(1 - a)); the condition's kink is at y = k."""
+    a = 0.3
+
+    def least(x, p):
+        return ca.fmin((1 - x.y) / (1 - k), (1 + x.y) / (1 + k))
+
+    def moves(name, sign, to):
+        end = Event(name, lambda x, p: x.y - sign, int(sign), to=to)
+        return Mode(f"{sign:+}", lambda x, p: {"y": sign - p.a * x.y}, holds=least, ends=(end,))
+
+    system = System("saw", ("y",), {"a": a}, (moves("top", 1.0, "-1.0"), moves("bottom", -1.0, "+1.0")))
+    assert_period(find_cycle(system, "+1.0", y=-0.9, tol=1e-9), 2 / a * math.log((1 + a) / (1 - a)))
