@@ -252,7 +252,10 @@ def first_exit(
         k, f_high, high = between or (int(crossed[0]), float(h[crossed[0] + 1]), None)
         if k > first:
             continue
-        s = _root(way_out, stepper, C[k // parts], (k % parts) / parts, float(h[k]), f_high, high)
+        low, f_low = (k % parts) / parts, float(h[k])
+        if k == 0 and fresh and abs(f_low) <= ON_EVENT and h[looks] < 0:  # the zero that it begins on is none to come
+            low, f_low = JUST_BEHIND, float(h[looks])
+        s = _root(way_out, stepper, C[k // parts], low, f_low, f_high, high)
         if s is None:
             raise NotLocated(k // parts)
         if k < first or best is None or s < place:
@@ -320,7 +323,7 @@ def _root(
 
     size = max(-min(f_low, 0.0), f_high, stepper.scale_of(way_out))
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * size)
-    high = low + LOOKED_AT[1] if high is None else high
+    high = LOOKED_AT[LOOKED_AT > low][0] if high is None else high
     if f_high == 0:
         return high if abs(value(high)) <= EVENT_LIMIT else None
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high)

@@ -62,17 +62,17 @@ class EventWatch:
         """
         m = LOOKED_AT.size
         found: list[tuple[int, Exit]] = []
-        looked, jump = self._look(start, stages, end, start if ahead is None else ahead)
-        for values, way_out in zip(looked, self.exits, strict=True):
+        looked, tops, highest, jump = self._look(start, stages, end, start if ahead is None else ahead)
+        for values, between, top, way_out in zip(looked, tops, highest[:, 0].tolist(), self.exits, strict=True):
             h = values[:m]
-            if not (h[0] <= ON_EVENT and (h > 0).any()):
+            if not (top > 0 and h[0] <= ON_EVENT):
                 continue
             inside = h[0] < 0
             if ahead is not None and abs(h[0]) <= ON_EVENT:
                 begins = float(values[-1]) - h[0]
                 inside = begins < 0 if begins != 0 else h[1] < 0
             if inside:
-                k = _first_beyond(h, RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1])))
+                k = _first_beyond(h, between > BARELY, RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1])))
                 found += [(k, way_out)] if k else []
         first = min((k for k, _ in found), default=0)
         hidden = self.hides(start, stages, end) if self._in_numbers else float(jump[0]) > LARGEST_JUMP
@@ -90,7 +90,8 @@ class EventWatch:
         return bool(hides(self._feature, points, self.stepper.p)[0])
 
     def _look(self, start: Array, stages: Array, end: Array, ahead: Array) -> tuple[Array, ...]:
-        """(exits, .) events at the watched times, the start and the stages, and ahead; largest jump of the feature."""
+        """(exits, .) events at the watched times, the start and the stages, and ahead; (exits, m - 2) what they come up
+        to next to watched times at which they are below zero; (exits, 1) the highest; largest jump of the feature."""
         buffers = self._along.buffers
         x, X, end_, ahead_, p, scale = buffers.inputs
         x[:], X[:], end_[:], ahead_[:], p[:], scale[:] = start, stages, end, ahead, self.stepper.p, self.stepper.scale
@@ -98,8 +99,10 @@ class EventWatch:
         return buffers.outputs
 
 
-def _first_beyond(h: Array, stray: float) -> int:
+def _first_beyond(h: Array, hidden: Array, stray: float) -> int:
     """Number of the first watched time at which an event is beyond zero, 0 for none.
+
+    hidden: (m - 2,) where it comes up to more than zero between watched times, and goes back.
 
     Between the nodes the polynomial may stray across zero by as much as it cannot resolve: then only a shorter interval
     can tell, but where the motion crosses there, from the look before to the one after.  The end of the interval is
@@ -110,6 +113,8 @@ def _first_beyond(h: Array, stray: float) -> int:
     beyond = np.flatnonzero(h[1:] > np.append(np.full(h.size - 2, stray), 0.0))
     k = int(beyond[0]) + 1 if beyond.size else 0
     doubtful = np.flatnonzero(h[: k or h.size - 1] > BARELY)
+    if hidden[: max(k - 2, 0) if k else h.size].any():
+        raise TooLong
     if doubtful.size and not (doubtful.size == 1 and 0 < doubtful[0] == k - 1 and h[k - 2] < -stray and h[k] > stray):
         raise TooLong
     return k
@@ -130,18 +135,26 @@ def _events_at(exits: tuple[Exit, ...], field: Field, n: int, parameters: int) -
 def _looks(
     exits: tuple[Exit, ...], feature: Feature | None, n: int, parameters: int, degree: int, kind: Kind
 ) -> Caller:
-    """Events along an interval, and the largest jump from one of its points to the next of a feature in symbols."""
+    """Events along an interval, what they come up to next to watched times (near_grazing.py), the highest of both, and
+    the largest jump from one of its points to the next of a feature in symbols."""
     z, p, scale = ca.SX.sym("z", n), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
     x, X, end, ahead = (ca.SX.sym(name, rows) for name, rows in zip("xXea", (n, degree * n, n, n), strict=True))
     w = ca.horzcat(x, ca.reshape(X, n, degree))
     between = ca.mtimes(w, ca.DM(scheme(degree, kind).interpolation(LOOKED_AT[:-1])).T)
     events = ca.vertcat(*[e.direction * e.event.function(scale * z, 0.0, p) for e in exits])
     along = _at_each(events, z, p, scale, ca.horzcat(between, end, w, ahead))
+    left, middle, right = (along[k : k + LOOKED_AT.size - 2, :] for k in range(3))
+    bend, tilt = left - 2 * middle + right, left - right
+    peaked = ca.logic_and(bend < 0, ca.fabs(tilt) <= -2 * bend)
+    tops = middle - ca.if_else(peaked, tilt * tilt / ca.if_else(peaked, bend, 1), 0) / 8
+    tops = ca.if_else(middle > 0, -1, tops)
+    highest = ca.vertcat(*[ca.mmax(ca.vertcat(along[: LOOKED_AT.size, k], tops[:, k])) for k in range(len(exits))])
     jump = ca.SX(0)
     if isinstance(feature, Bound):
         jump = ca.mmax(ca.fabs(ca.diff(_at_each(feature(scale * z, p), z, p, scale, ca.horzcat(w, end)))))
-    function = ca.Function("looks", [x, X, end, ahead, p, scale], [ca.densify(along), ca.densify(jump)])
-    return caller(function, [n, degree * n, n, n, parameters, n], [(len(exits), along.size1()), 1])
+    function = ca.Function("looks", [x, X, end, ahead, p, scale], [*map(ca.densify, (along, tops, highest, jump))])
+    outputs = [(len(exits), along.size1()), (len(exits), tops.size1()), (len(exits), 1), 1]
+    return caller(function, [n, degree * n, n, n, parameters, n], outputs)
 
 
 def _at_each(expression: ca.SX, z: ca.SX, p: ca.SX, scale: ca.SX, points: ca.SX) -> ca.SX:

@@ -286,9 +286,20 @@ def test_an_exit_is_located_by_few_intervals(look: int) -> None:
 def test_the_first_watched_time_beyond_zero(h: list[float], first: int | None) -> None:
     if first is None:
         with pytest.raises(TooLong):
-            _first_beyond(np.array(h, float), 0.5)
+            _first_beyond(np.array(h, float), np.zeros(3, dtype=bool), 0.5)
     else:
-        assert _first_beyond(np.array(h, float), 0.5) == first
+        assert _first_beyond(np.array(h, float), np.zeros(3, dtype=bool), 0.5) == first
+
+
+@pytest.mark.parametrize(("hidden", "doubtful"), [([0, 0, 0], False), ([1, 0, 0], True), ([0, 1, 1], False)])
+def test_what_hides_before_the_first_watched_time_beyond_zero(hidden: list[int], doubtful: bool) -> None:
+    """Of watched times 1 to 3; the event is beyond zero from the third on, which its rise before tells."""
+    asked = np.array([-3, -1, -2, 1, 2], float), np.array(hidden, dtype=bool), 0.5
+    if doubtful:
+        with pytest.raises(TooLong):
+            _first_beyond(*asked)
+    else:
+        assert _first_beyond(*asked) == 3
 
 
 def test_a_phase_has_its_intervals_when_they_are_asked_for() -> None:

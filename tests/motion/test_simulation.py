@@ -365,3 +365,21 @@ def test_sizes_that_are_none(sizes, sentence):
     system = System("oscillator", ("x", "v"), {}, (Mode("swings", lambda x, p: {"x": x.v, "v": -x.x}),))
     with pytest.raises(InputError, match=sentence):
         simulate(system, x=1.0, v=0.0, duration=1.0, sizes=sizes)
+
+
+@pytest.mark.parametrize("stiff", [False, True])
+@pytest.mark.parametrize(("top", "phase"), [(1e-5, 0.3), (1e-4, 1.1), (1e-3, 0.7), (1e-2, 1.9), (3e-5, 1.7)])
+def test_a_level_that_is_passed_for_a_moment_is_met(stiff, top, phase):
+    """x = sin(t - 2 - phase) stays above 1 - top for 2 arccos(1 - top), from pi/2 - arccos(1 - top) on."""
+
+    def swings(name, direction, to):
+        end = Event("level", lambda x, p: x.x - (1 - p.top), direction, to=to)
+        return Mode(name, lambda x, p: {"x": x.v, "v": -x.x}, stiff=stiff, ends=(end,))
+
+    system = System("swing", ("x", "v"), {"top": top}, (swings("below", +1, "above"), swings("above", -1, "below")))
+    start, above = -2 - phase, math.acos(1 - top)
+    motion = simulate(system, "below", start={"x": math.sin(start), "v": math.cos(start)}, duration=6.0, tol=1e-8)
+    below, beyond = motion.phases[0].duration, motion.phases[1].duration
+    error = 1e-8 / math.sin(above)  # of x, over its rate
+    assert below == pytest.approx(math.pi / 2 - above - start, abs=error)
+    assert beyond == pytest.approx(2 * above, abs=2 * error)

@@ -259,7 +259,7 @@ def test_what_a_mesh_may_miss_is_named():
 
 @pytest.mark.parametrize("k", [0.5, 0.9, 0.95])
 def test_a_condition_may_have_a_kink(k):
-    """Up and down between -1 and 1 with y' = s - a y: T = 2/a log((1 + a)/(1 - a)); the condition's kink is at y = k."""
+    """Between -1 and 1 with y' = s - a y, T = 2/a log((1 + a)/(1 - a)); the condition has its kink at y = k."""
     a = 0.3
 
     def least(x, p):
