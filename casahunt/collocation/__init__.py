@@ -23,6 +23,7 @@ error_estimate.py the error of what is read from a solution, by an adjoint
 batched_newton.py solutions on meshes of parts, corrected many at once
 remesh.py         the mesh that makes it as small as asked for
 conditions.py     what the phases say of solutions: conditions, features, events there
+resolution.py     how well a condition is known inside an interval
 near_grazing.py   is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?
 """

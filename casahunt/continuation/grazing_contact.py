@@ -22,8 +22,9 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from ..collocation.admissibility import RESOLUTION, check_admissible
+from ..collocation.admissibility import check_admissible
 from ..collocation.joints import event_rate
+from ..collocation.resolution import RESOLUTION
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.language import System

@@ -8,7 +8,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..collocation.admissibility import BARELY, LARGEST_JUMP, RESOLUTION, hides
+from ..collocation.admissibility import LARGEST_JUMP, hides
+from ..collocation.resolution import BARELY, RESOLUTION
 from ..collocation.scheme import Kind, scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.system import Exit, Feature, Field
@@ -72,7 +73,8 @@ class EventWatch:
                 begins = float(values[-1]) - h[0]
                 inside = begins < 0 if begins != 0 else h[1] < 0
             if inside:
-                k = _first_beyond(h, between > BARELY, RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1])))
+                stray = RESOLUTION * abs(float(self.stepper.scheme.last_mode @ values[m:-1]))
+                k = _first_beyond(h, between > BARELY, stray)
                 found += [(k, way_out)] if k else []
         first = min((k for k, _ in found), default=0)
         hidden = self.hides(start, stages, end) if self._in_numbers else float(jump[0]) > LARGEST_JUMP

@@ -10,7 +10,6 @@ import pytest
 from layout import cycle_of, laid_out, still
 
 from casahunt.collocation.admissibility import (
-    RESOLUTION,
     Admissibility,
     admissible_many,
     check_admissible,
@@ -18,6 +17,7 @@ from casahunt.collocation.admissibility import (
     judged_on_halves,
     unclear_on_halves,
 )
+from casahunt.collocation.resolution import RESOLUTION
 from casahunt.collocation.transcription import Setting, settings_of
 from casahunt.hybrid.system import Exit, VectorEvent, VectorMode
 
