@@ -23,6 +23,7 @@ UNGIVEN: dict[str, Function] = {
     "rate": lambda x, s, p: s.motor_rate,
     "error": lambda x, s, p: s.angle,
     "error_rate": lambda x, s, p: s.rate,
+    "derivative": lambda x, s, p: s.error_rate,
     "integrand": lambda x, s, p: s.error,
     "integrates": lambda x, s, p: 1.0,
     "leak_rate": lambda x, s, p: 0.0,

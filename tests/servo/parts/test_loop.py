@@ -19,7 +19,7 @@ from casahunt.servo.parts.cascade import P_PI
 from casahunt.servo.parts.dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS
 from casahunt.servo.parts.error_filter import ERROR_FILTER
 from casahunt.servo.parts.feedforward import FEEDFORWARD
-from casahunt.servo.parts.filtered_derivative import PID_WITH_FILTER
+from casahunt.servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
 from casahunt.servo.parts.freeze import FREEZE
 from casahunt.servo.parts.inertia import INERTIA
 from casahunt.servo.parts.leak import LEAK
@@ -60,6 +60,7 @@ def test_a_controller_in_each_of_its_forms(plain, controller):
 @pytest.mark.parametrize(("part", "absent"), [
     (DEAD_BAND, 0.0), (HYSTERESIS, 0.0), (LEAK, 0.0), (FREEZE, math.inf), (RESET_AT_ZERO, 1.0), (RESET_AT_STOP, 1.0),
     (ERROR_FILTER, 0.0), (FEEDFORWARD, 0.0), (TORQUE_LIMIT, math.inf), (CLAMPING, math.inf),
+    (DERIVATIVE_FILTER, 0.0), (DERIVATIVE_FILTER_BY_N, math.inf),
 ])  # fmt: skip
 def test_a_part_of_size_zero_is_none(part, absent):
     """Not even its modes are left."""
@@ -85,7 +86,7 @@ def test_limits_are_those_of_the_plain_servo(plain, parts, values, tol):
 def test_a_filter_that_grows_fast_and_a_shaft_that_grows_stiff(plain):
     """In the first order of their sizes: two of them extrapolated to none."""
     for parts, name, sizes, more in (
-        ((INERTIA, SWITCH, PID_WITH_FILTER, INTEGRATOR), "derivative_filter", (2e-5, 1e-5), {}),
+        ((*PLAIN, DERIVATIVE_FILTER), "derivative_filter", (2e-5, 1e-5), {}),
         ((*PLAIN, ERROR_FILTER), "filter_time", (2e-5, 1e-5), {}),
     ):
         coarse, fine = (cycle_of(Loop(parts, {name: size, **more})).period for size in sizes)
@@ -96,6 +97,14 @@ def test_a_filter_that_grows_fast_and_a_shaft_that_grows_stiff(plain):
         for k in (5e5, 1e6)
     ]
     assert 2 * two[1] - two[0] == pytest.approx(plain.period, rel=1e-8)
+
+
+@pytest.mark.parametrize("controller", [PID_BY_TIMES, P_PI])
+def test_a_filtered_derivative_by_time_and_by_N_of_any_form(controller):
+    """N = kd/(kp Tf), of Table 1 kd/kp = 1/(4 pi)."""
+    by_time = cycle_of(Loop((*PLAIN, DERIVATIVE_FILTER), {"derivative_filter": 0.01}))
+    parts = INERTIA, SWITCH, controller, INTEGRATOR, DERIVATIVE_FILTER_BY_N
+    assert same(cycle_of(Loop(parts, {"derivative_n": 100 / (4 * math.pi)})), by_time)
 
 
 def test_where_the_load_is_measured_the_cycle_is_another_one():
@@ -117,7 +126,7 @@ def test_friction_by_direction_has_no_symmetry():
 def test_a_transfer_function_is_its_controller(plain):
     """PID with a filtered derivative, by gains and as a polynomial, and by objects of other packages."""
     kp, ki, kd, Tf = 2.0, 2 * math.pi, 1 / (2 * math.pi), 1e-3
-    by_gains = cycle_of(Loop((INERTIA, SWITCH, PID_WITH_FILTER, INTEGRATOR), {"derivative_filter": Tf}))
+    by_gains = cycle_of(Loop((*PLAIN, DERIVATIVE_FILTER), {"derivative_filter": Tf}))
     num, den = [kd + kp * Tf, kp + ki * Tf, ki], [Tf, 1.0, 0.0]
     assert same(cycle_of(Loop((INERTIA, SWITCH, transfer_function(num, den)))), by_gains)
     signal = pytest.importorskip("scipy.signal")
@@ -142,7 +151,8 @@ def test_bristles_as_a_part():
 
 
 @pytest.mark.parametrize("parts", [
-    (*PLAIN, LEAK, DEAD_BAND), (TWO_MASSES, BY_DIRECTION, PID_WITH_FILTER, INTEGRATOR, CLAMPING, RESET_AT_STOP),
+    (*PLAIN, LEAK, DEAD_BAND),
+    (TWO_MASSES, BY_DIRECTION, PID_BY_GAINS, DERIVATIVE_FILTER, INTEGRATOR, CLAMPING, RESET_AT_STOP),
     (INERTIA, LUGRE, transfer_function([0.16, 2.0, 6.3], [1e-3, 1.0, 0.0])),
 ])  # fmt: skip
 def test_a_loop_can_be_sent_to_another_process(parts):
