@@ -21,9 +21,7 @@ def _filter(name: str, size: str, absent: float, lowest: float, time: Function) 
     )  # fmt: skip
 
 
-DERIVATIVE_FILTER = _filter(
-    "derivative filter", "derivative_filter", 0.0, 0.0, lambda x, s, p: p.derivative_filter
-)
+DERIVATIVE_FILTER = _filter("derivative filter", "derivative_filter", 0.0, 0.0, lambda x, s, p: p.derivative_filter)
 DERIVATIVE_FILTER_BY_N = _filter(
     "derivative filter by N", "derivative_n", math.inf, SMALLEST, lambda x, s, p: s.kd / (s.kp * p.derivative_n)
 )
