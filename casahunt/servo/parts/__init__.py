@@ -14,8 +14,10 @@ by_direction.py          Switch friction that differs by direction
 lugre.py                 LuGre friction
 pid.py                   PID by times or by gains, and the integrator
 cascade.py               cascade P-PI
-filtered_derivative.py   PID by gains with a filtered derivative
-linear_controller.py     any linear controller, by state space or transfer function
+filtered_derivative.py   a filter of the derivative of any PID
+linear_controller.py     any linear controller, by its state space
+linear_forms.py          any linear controller, by its transfer function or another package's object
+filters.py               filters behind a controller: lead, notch, low-pass
 loads.py                 a constant torque, a spring
 torque_limit.py          a limited torque, with anti-windup
 dead_band.py             remedies: dead bands on the integrator's input, or on the error
@@ -43,11 +45,13 @@ if TYPE_CHECKING:
     from .error_filter import ERROR_FILTER
     from .feedforward import FEEDFORWARD
     from .file import load_loop
-    from .filtered_derivative import PID_WITH_FILTER
+    from .filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
+    from .filters import series
     from .freeze import FREEZE
     from .inertia import INERTIA
     from .leak import LEAK
-    from .linear_controller import from_object, state_space, transfer_function
+    from .linear_controller import state_space
+    from .linear_forms import from_object, transfer_function
     from .loads import LOADS
     from .loop import Loop
     from .lugre import LUGRE
@@ -62,11 +66,12 @@ if TYPE_CHECKING:
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
 
 __all__ = [
-    "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER",
-    "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR", "LEAK", "LOADS", "LUGRE", "PID_BY_GAINS",
-    "PID_BY_TIMES", "PID_WITH_FILTER", "P_PI", "REMEDIES", "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO",
-    "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT", "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop",
-    "Part", "PartMode", "Remedy", "from_object", "load_loop", "loop_of", "state_space", "transfer_function",
+    "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N",
+    "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER", "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR",
+    "LEAK", "LOADS", "LUGRE", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES", "RESET_AT_CENTRE",
+    "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT", "TWO_MASSES",
+    "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop", "Part", "PartMode", "Remedy", "from_object", "load_loop",
+    "loop_of", "series", "state_space", "transfer_function",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -77,12 +82,14 @@ __getattr__ = lazily(
         "dither": ("DITHERED",),
         "error_filter": ("ERROR_FILTER",),
         "feedforward": ("FEEDFORWARD",),
-        "filtered_derivative": ("PID_WITH_FILTER",),
         "file": ("load_loop",),
+        "filtered_derivative": ("DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N"),
+        "filters": ("series",),
         "freeze": ("FREEZE",),
         "inertia": ("INERTIA",),
         "leak": ("LEAK",),
-        "linear_controller": ("from_object", "state_space", "transfer_function"),
+        "linear_controller": ("state_space",),
+        "linear_forms": ("from_object", "transfer_function"),
         "loads": ("LOADS",),
         "loop": ("Loop",),
         "lugre": ("LUGRE",),

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..controller import torque_gains_of_gains
 from .part import Part
+from .pid import pid_of
 
 
 def _gains(p: Any) -> tuple[Any, Any, Any]:
@@ -19,15 +20,10 @@ def _gains(p: Any) -> tuple[Any, Any, Any]:
     return torque_gains_of_gains(p.gain * p.motor_gain, kp, ki, p.velocity_gain)
 
 
-def _demand(x: Any, s: Any, p: Any) -> Any:
-    kp, kd, ki = _gains(p)
-    return -(kp * s.error + kd * s.error_rate + ki * s.integral)
-
-
 P_PI = Part(
     "cascade P-PI", (),
     {"motor_gain": 16.0, "position_gain": 6.283185307179586, "velocity_gain": 0.15915494309189535,
      "reset_time": 0.15915494309189535, "gain": 0.04},
-    gives={"demand": _demand, "kp": lambda x, s, p: _gains(p)[0], "ki": lambda x, s, p: _gains(p)[2]},
+    gives=pid_of(_gains),
 )  # fmt: skip
 """Kp [1/s], Kv [s], Tn [s]: at Kp = 1/tau_i, Kv = tau_d, Tn = tau_d the PID by times with tau_d = tau_i."""

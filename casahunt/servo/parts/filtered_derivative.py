@@ -1,34 +1,27 @@
-"""A PID by gains whose derivative is filtered, kd s/(1 + Tf s): its state d is the filtered error.
+"""The derivative of any PID, filtered: s/(1 + Tf s) in the place of s; its state d is the filtered error.
 
-    Tf d' = e - d,   m = -(kp e + kd d' + ki x3)
+    Tf d' = e - d,   derivative = (e - d)/Tf
+
+by the time Tf [s], absent at 0, or by N = kd/(kp Tf), absent at infinity.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
-from ..controller import torque_gains_of_gains
-from .part import Law, Part, PartMode
-
-
-def _gains(p: Any) -> tuple[Any, Any, Any]:
-    return torque_gains_of_gains(p.gain * p.motor_gain, p.kp, p.ki, p.kd)
+from ...checks import SMALLEST
+from .part import Function, Law, Part, PartMode
 
 
-def _slope(x: Any, s: Any, p: Any) -> Any:
-    return (s.error - x.lagging) / p.derivative_filter
+def _filter(name: str, size: str, absent: float, lowest: float, time: Function) -> Part:
+    slope: Function = lambda x, s, p: (s.error - x.lagging) / time(x, s, p)  # noqa: E731
+    return Part(
+        name, ("lagging",), {size: absent}, ranges={size: (lowest, math.inf)}, size=size, absent=absent,
+        gives={"derivative": slope}, modes=(PartMode("", Law({"lagging": slope})),),
+    )  # fmt: skip
 
 
-def _demand(x: Any, s: Any, p: Any) -> Any:
-    kp, kd, ki = _gains(p)
-    return -(kp * s.error + kd * _slope(x, s, p) + ki * s.integral)
-
-
-PID_WITH_FILTER = Part(
-    "PID with a filtered derivative", ("lagging",),
-    {"motor_gain": 16.0, "kp": 2.0, "ki": 6.283185307179586, "kd": 0.15915494309189535, "derivative_filter": 0.01,
-     "gain": 0.04},
-    gives={"demand": _demand, "kp": lambda x, s, p: _gains(p)[0], "ki": lambda x, s, p: _gains(p)[2]},
-    modes=(PartMode("", Law({"lagging": _slope})),),
-)  # fmt: skip
-"""Tf [s]; with N instead, Tf = kd/(N kp)."""
+DERIVATIVE_FILTER = _filter("derivative filter", "derivative_filter", 0.0, 0.0, lambda x, s, p: p.derivative_filter)
+DERIVATIVE_FILTER_BY_N = _filter(
+    "derivative filter by N", "derivative_n", math.inf, SMALLEST, lambda x, s, p: s.kd / (s.kp * p.derivative_n)
+)

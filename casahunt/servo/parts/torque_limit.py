@@ -1,7 +1,7 @@
 """A motor whose torque is limited, |m| <= limit, with anti-windup.
 
     clamping           the integrator stands still while the torque is at its limit, whichever way the error is
-    back calculation   x3' is moved by (m_demanded - m)/(ki T): the integrator unwinds with the time T
+    back calculation   x3' is moved by (m_commanded - m)/(ki T): the integrator unwinds with the time T
     none               it winds up
 """
 
@@ -18,10 +18,10 @@ from .wiring import UNGIVEN
 
 def _limited(name: str, at_the_limit: Mapping[str, Function], **more: float) -> Part:
     def upper(x: Any, s: Any, p: Any) -> Any:
-        return s.demand / p.torque_limit - 1
+        return s.command / p.torque_limit - 1
 
     def lower(x: Any, s: Any, p: Any) -> Any:
-        return s.demand / p.torque_limit + 1
+        return s.command / p.torque_limit + 1
 
     def limit(sign: float) -> Function:
         return lambda x, s, p: sign * p.torque_limit
@@ -31,12 +31,12 @@ def _limited(name: str, at_the_limit: Mapping[str, Function], **more: float) -> 
         name, (), {"torque_limit": math.inf, **more}, ranges={"torque_limit": (SMALLEST, math.inf)},
         size="torque_limit", absent=math.inf,
         modes=(
-            PartMode("", Law(gives={"torque": lambda x, s, p: s.demand, **free}),
+            PartMode("", Law(gives={"torque": lambda x, s, p: s.command, **free}),
                      (Edge("upper limit", upper, +1, "at upper limit"),
                       Edge("lower limit", lower, -1, "at lower limit")),
-                     where=lambda x, s, p: abs(s.demand) <= p.torque_limit),
+                     where=lambda x, s, p: abs(s.command) <= p.torque_limit),
             PartMode("at upper limit", Law(gives={"torque": limit(+1.0), **at_the_limit}),
-                     (Edge("leaves upper limit", upper, -1, ""),), where=lambda x, s, p: s.demand > 0),
+                     (Edge("leaves upper limit", upper, -1, ""),), where=lambda x, s, p: s.command > 0),
             PartMode("at lower limit", Law(gives={"torque": limit(-1.0), **at_the_limit}),
                      (Edge("leaves lower limit", lower, +1, ""),)),
         ),
@@ -47,5 +47,5 @@ TORQUE_LIMIT = _limited("torque limit", {})
 CLAMPING = _limited("torque limit with clamping", {"integrates": lambda x, s, p: 0.0})
 BACK_CALCULATION = _limited(
     "torque limit with back calculation",
-    {"unwinding": lambda x, s, p: (s.demand - s.torque) / (s.ki * p.unwinding_time)}, unwinding_time=1.0,
+    {"unwinding": lambda x, s, p: (s.command - s.torque) / (s.ki * p.unwinding_time)}, unwinding_time=1.0,
 )  # fmt: skip

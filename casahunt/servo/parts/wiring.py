@@ -3,7 +3,7 @@
     signal  s.name = h(x, s; p) of the part that gives it, evaluated when first asked for
 
 Signals that no part need give have a value of their own (`UNGIVEN`): the controller's torque is that of the motor where
-nothing limits it, and what is integrated is the error.
+nothing filters or limits it, and what is integrated is the error.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ UNGIVEN: dict[str, Function] = {
     "rate": lambda x, s, p: s.motor_rate,
     "error": lambda x, s, p: s.angle,
     "error_rate": lambda x, s, p: s.rate,
+    "derivative": lambda x, s, p: s.error_rate,
     "integrand": lambda x, s, p: s.error,
     "integrates": lambda x, s, p: 1.0,
     "leak_rate": lambda x, s, p: 0.0,
     "unwinding": lambda x, s, p: 0.0,
-    "torque": lambda x, s, p: s.demand,
+    "command": lambda x, s, p: s.demand,
+    "torque": lambda x, s, p: s.command,
     "compensation": lambda x, s, p: 0.0,
     "external": lambda x, s, p: 0.0,
 }

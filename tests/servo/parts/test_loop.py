@@ -19,11 +19,13 @@ from casahunt.servo.parts.cascade import P_PI
 from casahunt.servo.parts.dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS
 from casahunt.servo.parts.error_filter import ERROR_FILTER
 from casahunt.servo.parts.feedforward import FEEDFORWARD
-from casahunt.servo.parts.filtered_derivative import PID_WITH_FILTER
+from casahunt.servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
+from casahunt.servo.parts.filters import series
 from casahunt.servo.parts.freeze import FREEZE
 from casahunt.servo.parts.inertia import INERTIA
 from casahunt.servo.parts.leak import LEAK
-from casahunt.servo.parts.linear_controller import from_object, state_space, transfer_function
+from casahunt.servo.parts.linear_controller import state_space
+from casahunt.servo.parts.linear_forms import from_object, transfer_function
 from casahunt.servo.parts.loads import LOADS
 from casahunt.servo.parts.loop import Loop
 from casahunt.servo.parts.lugre import LUGRE
@@ -60,6 +62,7 @@ def test_a_controller_in_each_of_its_forms(plain, controller):
 @pytest.mark.parametrize(("part", "absent"), [
     (DEAD_BAND, 0.0), (HYSTERESIS, 0.0), (LEAK, 0.0), (FREEZE, math.inf), (RESET_AT_ZERO, 1.0), (RESET_AT_STOP, 1.0),
     (ERROR_FILTER, 0.0), (FEEDFORWARD, 0.0), (TORQUE_LIMIT, math.inf), (CLAMPING, math.inf),
+    (DERIVATIVE_FILTER, 0.0), (DERIVATIVE_FILTER_BY_N, math.inf),
 ])  # fmt: skip
 def test_a_part_of_size_zero_is_none(part, absent):
     """Not even its modes are left."""
@@ -82,20 +85,30 @@ def test_limits_are_those_of_the_plain_servo(plain, parts, values, tol):
     assert same(cycle_of(Loop(parts, values)), plain, tol)
 
 
-def test_a_filter_that_grows_fast_and_a_shaft_that_grows_stiff(plain):
-    """In the first order of their sizes: two of them extrapolated to none."""
-    for parts, name, sizes, more in (
-        ((INERTIA, SWITCH, PID_WITH_FILTER, INTEGRATOR), "derivative_filter", (2e-5, 1e-5), {}),
-        ((*PLAIN, ERROR_FILTER), "filter_time", (2e-5, 1e-5), {}),
-    ):
-        coarse, fine = (cycle_of(Loop(parts, {name: size, **more})).period for size in sizes)
-        assert 2 * fine - coarse == pytest.approx(plain.period, rel=1e-8)
-    halves = {"inertia": 0.013, "load_inertia": 0.013, "shaft_damping": 10.0}
-    two = [
-        cycle_of(Loop((TWO_MASSES, *PLAIN[1:]), {"shaft_stiffness": k, **halves}), load_angle=-0.05).period
-        for k in (5e5, 1e6)
-    ]
-    assert 2 * two[1] - two[0] == pytest.approx(plain.period, rel=1e-8)
+HALVES = {"inertia": 0.013, "load_inertia": 0.013, "shaft_damping": 1.0}
+
+
+@pytest.mark.parametrize(("parts", "size", "values", "more"), [
+    ((*PLAIN, DERIVATIVE_FILTER), "derivative_filter", (1e-5, 5e-6, 2.5e-6), {}),
+    ((*PLAIN, ERROR_FILTER), "filter_time", (1e-5, 5e-6, 2.5e-6), {}),
+    ((*PLAIN, series("low-pass")), "low_pass", (1e5, 2e5, 4e5), {}),
+    ((TWO_MASSES, *PLAIN[1:]), "shaft_stiffness", (5e4, 1e5, 2e5, 4e5), HALVES),
+])  # fmt: skip
+def test_a_filter_that_grows_fast_and_a_shaft_that_grows_stiff(plain, parts, size, values, more):
+    """Extrapolated to none, in powers of the size or of its inverse."""
+    rigid = {"load_angle": -0.05} if more else {}
+    periods = np.array([cycle_of(Loop(parts, {size: value, **more}), **rigid).period for value in values])
+    for power in range(1, len(values)):
+        periods = (2**power * periods[1:] - periods[:-1]) / (2**power - 1)
+    assert periods[0] == pytest.approx(plain.period, rel=1e-9)
+
+
+@pytest.mark.parametrize("controller", [PID_BY_TIMES, P_PI])
+def test_a_filtered_derivative_by_time_and_by_N_of_any_form(controller):
+    """N = kd/(kp Tf), of Table 1 kd/kp = 1/(4 pi)."""
+    by_time = cycle_of(Loop((*PLAIN, DERIVATIVE_FILTER), {"derivative_filter": 0.01}))
+    parts = INERTIA, SWITCH, controller, INTEGRATOR, DERIVATIVE_FILTER_BY_N
+    assert same(cycle_of(Loop(parts, {"derivative_n": 100 / (4 * math.pi)})), by_time)
 
 
 def test_where_the_load_is_measured_the_cycle_is_another_one():
@@ -117,13 +130,28 @@ def test_friction_by_direction_has_no_symmetry():
 def test_a_transfer_function_is_its_controller(plain):
     """PID with a filtered derivative, by gains and as a polynomial, and by objects of other packages."""
     kp, ki, kd, Tf = 2.0, 2 * math.pi, 1 / (2 * math.pi), 1e-3
-    by_gains = cycle_of(Loop((INERTIA, SWITCH, PID_WITH_FILTER, INTEGRATOR), {"derivative_filter": Tf}))
+    by_gains = cycle_of(Loop((*PLAIN, DERIVATIVE_FILTER), {"derivative_filter": Tf}))
     num, den = [kd + kp * Tf, kp + ki * Tf, ki], [Tf, 1.0, 0.0]
     assert same(cycle_of(Loop((INERTIA, SWITCH, transfer_function(num, den)))), by_gains)
     signal = pytest.importorskip("scipy.signal")
     given = signal.TransferFunction(num, den)
     for controller in (given, given.to_ss()):
         assert same(cycle_of(Loop((INERTIA, SWITCH, from_object(controller)))), by_gains, 1e-8)
+
+
+def test_filters_in_series_are_the_product_of_their_polynomials(plain):
+    """In another realisation: one transfer function; and a parameter of one can be followed."""
+    kp, ki, kd, Tf, numbers = 2.0, 2 * math.pi, 1 / (2 * math.pi), 1e-2, {"notch_frequency": 60.0, "low_pass": 200.0}
+    chain = Loop((*PLAIN, DERIVATIVE_FILTER, series("lead", "notch", "low-pass", "second-order low-pass")),
+                 {"derivative_filter": Tf, "lead_zero": 40.0, **numbers})  # fmt: skip
+    num, den = np.array([kd + kp * Tf, kp + ki * Tf, ki]), np.array([Tf, 1.0, 0.0])
+    for over, under in (([1 / 40, 1], [1 / 100, 1]), ([1, 0.1 * 60, 3600], [1, 60, 3600]), ([1], [1 / 200, 1]),
+                        ([1e4], [1, 140, 1e4])):  # fmt: skip
+        num, den = np.polymul(num, over), np.polymul(den, under)
+    orbit = cycle_of(chain)
+    assert same(cycle_of(Loop((INERTIA, SWITCH, transfer_function(num, den)))), orbit, 1e-8)
+    assert not same(orbit, plain, 1e-2)
+    assert follow(orbit, "gain", to=0.05, max_points=9).values[-1] == pytest.approx(0.05)
 
 
 def test_a_controller_of_python_control():
@@ -142,8 +170,9 @@ def test_bristles_as_a_part():
 
 
 @pytest.mark.parametrize("parts", [
-    (*PLAIN, LEAK, DEAD_BAND), (TWO_MASSES, BY_DIRECTION, PID_WITH_FILTER, INTEGRATOR, CLAMPING, RESET_AT_STOP),
-    (INERTIA, LUGRE, transfer_function([0.16, 2.0, 6.3], [1e-3, 1.0, 0.0])),
+    (*PLAIN, LEAK, DEAD_BAND),
+    (TWO_MASSES, BY_DIRECTION, PID_BY_GAINS, DERIVATIVE_FILTER, INTEGRATOR, CLAMPING, RESET_AT_STOP),
+    (*PLAIN, series("lead", "low-pass")), (INERTIA, LUGRE, transfer_function([0.16, 2.0, 6.3], [1e-3, 1.0, 0.0])),
 ])  # fmt: skip
 def test_a_loop_can_be_sent_to_another_process(parts):
     """Its lambdas by where they stand: the system that comes back is equal, and shares what is compiled."""
@@ -239,6 +268,9 @@ def test_a_motion_begins_in_the_mode_of_its_state():
     (lambda: state_space(np.eye(2), [1], [1], [0]), "state space"),
     (lambda: state_space(np.eye(9), np.ones(9), np.ones(9), [0]), "at most 8"),
     (lambda: from_object(3.0), "neither num and den"),
+    (lambda: series("notch", "lowpass"), "unknown filter 'lowpass'.*low-pass"),
+    (lambda: series("notch", "lead", "notch"), "'notch' twice"),
+    (lambda: series(), "must have a filter: lead, notch"),
     (lambda: transfer_function([1.0, math.nan], [1.0, 0.0]), "finite number"),
     (lambda: from_object(SimpleNamespace(num=[1.0], den=[1.0, 1.0], dt=0.01)), "is sampled"),
     (lambda: from_object(SimpleNamespace(num=[[[1.0], [2.0]]], den=[[[1.0], [1.0]]], ninputs=2)), "several"),

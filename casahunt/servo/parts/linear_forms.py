@@ -1,0 +1,91 @@
+"""Any linear controller, by its transfer function or as an object of python-control or scipy.signal.
+
+    C(s) = numerator/denominator = C (s - A)^-1 B + D
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from .linear_controller import state_space
+from .part import Part
+
+
+def transfer_function(numerator: Any, denominator: Any) -> Part:
+    """The controller numerator(s)/denominator(s), coefficients from the highest power on: controllable canonical form.
+
+    Parameters
+    ----------
+    numerator, denominator
+        coefficients.
+
+    Returns
+    -------
+    Part, as of `state_space`.
+
+    Raises
+    ------
+    InputError : improper, or no polynomial.
+
+    Examples
+    --------
+    A PID with a filter of a millisecond on its derivative; without the filter the period is 10.28 s.
+
+    >>> from casahunt.orbits import find_cycle
+    >>> from casahunt.servo.parts import INERTIA, SWITCH, Loop, transfer_function
+    >>> kp, ki, kd, Tf = 2.0, 6.283185, 0.159155, 1e-3
+    >>> controller = transfer_function([kd + kp * Tf, kp + ki * Tf, ki], [Tf, 1.0, 0.0])
+    >>> loop = Loop((INERTIA, SWITCH, controller), {"gain": 0.04})
+    >>> start = loop.state(x1=-0.05)
+    >>> round(find_cycle(loop.system, loop.mode_at(**start), start=start, follow="gain").period, 1)
+    10.3
+    """
+    num, den = np.trim_zeros(np.asarray(numerator, float), "f"), np.trim_zeros(np.asarray(denominator, float), "f")
+    if not den.size or not num.size:
+        raise InputError("transfer function: numerator and denominator must each have a coefficient that is not zero")
+    n = den.size - 1
+    if num.size > den.size:
+        raise InputError(
+            f"transfer function: improper, {num.size - 1} zeros and {n} poles: a derivative needs a filter, such as "
+            "s/(0.01 s + 1)"
+        )
+    num = np.concatenate([np.zeros(den.size - num.size), num]) / den[0]
+    den = den / den[0]
+    A = np.vstack([-den[1:], np.eye(n)[: n - 1]]) if n else np.zeros((0, 0))
+    return state_space(A, np.eye(n)[:, :1] if n else [], num[1:] - num[0] * den[1:], [num[0]])
+
+
+def from_object(controller: Any) -> Part:
+    """The controller of a TransferFunction or StateSpace of python-control or scipy.signal.
+
+    Returns
+    -------
+    Part, as of `state_space`.
+
+    Raises
+    ------
+    InputError : it is neither, or has more than one input or output, or is sampled.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from casahunt.servo.parts import from_object
+    >>> from_object(SimpleNamespace(num=[2.0, 6.28], den=[1.0, 0.0]))  # as scipy.signal.TransferFunction has them
+    <Part: linear controller>
+    """
+    if getattr(controller, "dt", None) not in (None, 0):
+        raise InputError("controller: is sampled; a continuous one is needed here")
+    ways = [getattr(controller, name, 1) for name in ("ninputs", "noutputs", "inputs", "outputs")]
+    if any(isinstance(number, int) and number != 1 for number in ways):
+        raise InputError("controller: has several inputs or outputs; one of each is needed here, error and torque")
+    if all(hasattr(controller, name) for name in "ABCD"):
+        return state_space(controller.A, controller.B, controller.C, controller.D)
+    if hasattr(controller, "num") and hasattr(controller, "den"):
+        num, den = (getattr(controller, name) for name in ("num", "den"))
+        if np.ndim(num[0]):  # python-control: a list of lists, one for each output and input
+            num, den = num[0][0], den[0][0]
+        return transfer_function(num, den)
+    raise InputError(f"controller: {type(controller).__name__} has neither num and den nor A, B, C and D")
