@@ -27,12 +27,13 @@ from ..results import Result
 from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
 from .broken_symmetry import keeps_symmetry
 from .curve import parameter_value
+from .fold import Fold
 from .folds_ahead import folds_ahead
 from .grazing_contact import contact_of
 from .plane_curve import Evaluation, follow_curve, root_across
 from .sheet import Axis, Sheet, finer, sheet_of
 from .special_charts import ChartSetting, SpecialChart, SpecialOrbit, special_chart
-from .special_points import FOLD, GRAZING, Monitor, SpecialPoint
+from .special_points import FOLD, GRAZING, Monitor, SpecialPoint, special_point
 from .walk import walk_to_end
 
 Array = np.ndarray
@@ -115,7 +116,7 @@ class SpecialCurve(Result):
 
 
 def special_curve(
-    special: SpecialPoint[AnyOrbit],
+    special: SpecialPoint[AnyOrbit] | Fold[AnyOrbit],
     vary: str,
     other: str,
     *,
@@ -125,13 +126,15 @@ def special_curve(
     options: Options | None = None,
     points: int = SPECIAL_PLACES,
     max_points: int = 200,
+    progress: Callable[[SpecialOrbit], None] | None = None,
 ) -> SpecialCurve:
     """Follow a special point in two parameters, through the turns of its curve.
 
     Parameters
     ----------
     special
-        a fold, flip, symmetry breaking, Neimark-Sacker point or grazing that was located in `vary`; or one of your own.
+        a fold, flip, symmetry breaking, Neimark-Sacker point or grazing that was located in `vary`; what `largest` or
+        `smallest` has found; or one of your own.
     vary, other
         names of the parameter it was located in, and of the second one.
     to
@@ -146,6 +149,8 @@ def special_curve(
         about how many over the range, at least 2; more where `vary` changes by more than 40 % between two of them.
     max_points
         number of steps after which it ends.
+    progress
+        called with every point as it is found.
 
     Returns
     -------
@@ -168,6 +173,8 @@ def special_curve(
     [0.02666, 0.78]
     """
     began = time.perf_counter()
+    if isinstance(special, Fold):
+        special = special_point(FOLD, special.orbit, vary)
     orbit, options = special.orbit, options or Options(tol=max(special.orbit.error_estimate, 1e-8))
     axis, start = _axis(orbit, vary, other, to, back)
     require("points", points, at_least=2)
@@ -181,8 +188,22 @@ def special_curve(
     if isinstance(chart, str):
         sentence = f"the curve of the {special.meaning or special.kind} was not begun: {chart}"
         raise NoOrbit(sentence, Status.NOT_CONVERGED)
-    found, reason = walk_to_end(special_orbits(chart, sense=1.0, most=max_points))
+    found, reason = walk_to_end(_told(special_orbits(chart, sense=1.0, most=max_points), progress))
     return _curve(task.monitor.kind, (vary, other), found, reason, began)
+
+
+def _told(
+    points: Generator[SpecialOrbit, None, str], progress: Callable[[SpecialOrbit], None] | None
+) -> Generator[SpecialOrbit, None, str]:
+    """The points of a walk, each told of."""
+    while True:
+        try:
+            point = next(points)
+        except StopIteration as end:
+            return str(end.value or "")
+        if progress is not None:
+            progress(point)
+        yield point
 
 
 def _curve(kind: str, names: tuple[str, str], found: list[SpecialOrbit], reason: str, began: float) -> SpecialCurve:

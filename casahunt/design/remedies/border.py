@@ -16,11 +16,12 @@ from typing import Literal, cast
 
 from ...continuation import follow, largest, smallest
 from ...errors import NoOrbit, Status
-from ...orbits import SystemOrbit, find_cycle
+from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
+from ...servo.parts.verbs import loop_cycle
 
 Kind = Literal["fold", "grazing", "Hopf", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf")
@@ -101,11 +102,8 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
     ]
     for first in sizes:
         mended = with_remedy(loop, remedy, first)
-        state = mended.state(**start)
         try:
-            cycle = find_cycle(
-                mended.system, mended.mode_at(**state), start=state, follow=remedy.size, options=options
-            )
+            cycle = loop_cycle(mended, remedy.size, start=start, options=options)
         except NoOrbit as refusal:
             why = why or str(refusal)
             continue

@@ -16,8 +16,8 @@ from typing import Literal, cast
 import numpy as np
 
 from ...errors import NoOrbit
-from ...motion import Motion, simulate
 from ...servo.parts.loop import Loop
+from ...servo.parts.verbs import loop_motion
 
 Array = np.ndarray
 Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
@@ -53,29 +53,29 @@ def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, w
 
     amplitude, period: of the cycle at the border.
     """
-    system, state, sizes = loop.system, loop.state(**start), None
-    mode, place = loop.mode_at(**state), system.states.index("x1")
+    state, sizes = loop.state(**start), None
+    mode, place = loop.mode_at(**state), loop.system.states.index("x1")
     window, began, peak, verdict = LOOKED_PERIODS * period, 0.0, 0.0, "hunts"
     times, positions = [np.zeros(1)], [np.array([state["x1"]])]
     largest = OUTGROWN_BY * max(abs(state["x1"]), amplitude)
     for _ in range(MOST_WINDOWS):
         try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
-            motion = simulate(system, mode, start=state, duration=window, sizes=sizes, tol=MOTION_TOLERANCE)
+            seen = loop_motion(loop, window, start=state, mode=mode, sizes=sizes, tol=MOTION_TOLERANCE)
         except NoOrbit:
             verdict = "undecided"
             break
-        t, states = motion.sample(4)
-        peak = max(peak, _peak_torque(loop, motion, t, states))
-        times.append(began + t)
-        positions.append(states[place])
+        motion, position = seen.motion, seen.states[place]
+        peak = max(peak, float(np.abs(seen.torque).max()))
+        times.append(began + seen.times)
+        positions.append(position)
         began, mode, state, sizes = began + window, motion.phases[-1].mode, motion.end, sizes or motion.sizes
-        if (seen := _seen(states[place], amplitude, largest, within)) is not None:
-            verdict = seen
+        if (told := _told(position, amplitude, largest, within)) is not None:
+            verdict = told
             break
     return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak)
 
 
-def _seen(position: Array, amplitude: float, largest: float, within: float) -> Verdict | None:
+def _told(position: Array, amplitude: float, largest: float, within: float) -> Verdict | None:
     """What a look at the position (m,) tells; None where the motion is followed on."""
     size = float(np.abs(position).max())
     if np.ptp(position) <= RESTS_WITHIN * amplitude:
@@ -85,22 +85,11 @@ def _seen(position: Array, amplitude: float, largest: float, within: float) -> V
     return "grows" if size > largest else None
 
 
-def _peak_torque(loop: Loop, motion: Motion, times: Array, states: Array) -> float:
-    """The largest torque of the motor at the points (m,), (n, m) of a motion."""
-    phases = motion.phases
-    ends = np.cumsum([phase.duration for phase in phases])
-    of = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
-    of[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[of[1:]]) & (of[1:] < len(ends) - 1)
-    modes = np.array([phase.mode for phase in phases])[of]
-    torques = [loop.signal("torque", mode, states[:, modes == mode]) for mode in set(modes.tolist())]
-    return max(float(np.abs(torque).max()) for torque in torques)
-
-
 def verdicts(
     loop: Loop, amplitude: float, period: float, starts: Sequence[float] = STARTS_BESIDE
 ) -> tuple[Verdict, ...]:
     """What becomes of motions from rest beside the set point."""
-    return tuple(fate(loop, {"x1": -start * amplitude}, amplitude, period).verdict for start in starts)
+    return tuple(fate(loop, loop.at_rest(-start * amplitude), amplitude, period).verdict for start in starts)
 
 
 @dataclass(frozen=True)
@@ -116,7 +105,7 @@ class Task:
 def task(loop: Loop, amplitude: float, period: float, rest_error: float) -> Task:
     """The step of 1 rad from rest."""
     within = max(rest_error, SETTLED_WITHIN * TASK_STEP)
-    ended = fate(loop, {"x1": -TASK_STEP}, amplitude, period, within)
+    ended = fate(loop, loop.at_rest(-TASK_STEP), amplitude, period, within)
     if ended.verdict in ("undecided", "grows"):
         return Task(math.nan, math.nan, ended.verdict)
     outside = np.flatnonzero(np.abs(ended.position) > within)

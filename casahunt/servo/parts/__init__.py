@@ -31,6 +31,7 @@ plain.py                 remedies: gain, derivative and integral action
 table.py                 all remedies
 plain_loop.py            a servo as a loop
 file.py                  a loop in a file
+verbs.py                 cycle and motion of a loop
 """
 
 from typing import TYPE_CHECKING
@@ -64,14 +65,16 @@ if TYPE_CHECKING:
     from .table import REMEDIES
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
+    from .verbs import LoopMotion, loop_cycle, loop_motion, unstable_cycle
 
 __all__ = [
     "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N",
     "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER", "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR",
     "LEAK", "LOADS", "LUGRE", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES", "RESET_AT_CENTRE",
     "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT", "TWO_MASSES",
-    "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop", "Part", "PartMode", "Remedy", "from_object", "load_loop",
-    "loop_of", "series", "state_space", "transfer_function",
+    "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop", "LoopMotion", "Part", "PartMode", "Remedy", "from_object",
+    "load_loop", "loop_cycle", "loop_motion", "loop_of", "series", "state_space", "transfer_function",
+    "unstable_cycle",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -102,5 +105,6 @@ __getattr__ = lazily(
         "table": ("REMEDIES",),
         "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
         "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
+        "verbs": ("LoopMotion", "loop_cycle", "loop_motion", "unstable_cycle"),
     },
 )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from .part import Law, Part, PartMode
 
 INERTIA = Part(
-    "one inertia", ("x1", "x2"), {"inertia": 0.026},
+    "one inertia", ("x1", "x2"), {"inertia": 0.026}, angles=("x1",),
     gives={
         "motor_angle": lambda x, s, p: x.x1,
         "motor_rate": lambda x, s, p: x.x2,

@@ -124,6 +124,20 @@ class Loop:
             choice_of("state", name, states)
         return {state: float(start.get(state, 0.0)) for state in states}
 
+    def at_rest(self, angle: float) -> dict[str, float]:
+        """Every state where the servo stands still beside its set point and nothing has been wound up.
+
+        Parameters
+        ----------
+        angle
+            how far beside it [rad].
+
+        Returns
+        -------
+        State by name: angles are `angle`, all others zero.
+        """
+        return self.state(**{state: angle for part in self.present for state in part.angles})
+
     def mode_at(self, **start: float) -> str:
         """The mode of a motion that starts at a state: of each part the first that may be there."""
         state, chosen = self.state(**start), [part.modes[0] for part in self.present]

@@ -27,6 +27,7 @@ def _plant(name: str, load_is_seen: bool) -> Part:
     return Part(
         name, ("x1", "x2", "load_angle", "load_rate"),
         {"inertia": 0.026, "load_inertia": 0.026, "shaft_stiffness": 100.0, "shaft_damping": 0.0, "load_damping": 0.0},
+        angles=("x1", "load_angle"),
         gives={
             "motor_angle": lambda x, s, p: x.x1,
             "motor_rate": lambda x, s, p: x.x2,

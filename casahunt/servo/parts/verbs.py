@@ -1,0 +1,239 @@
+"""What is asked of a loop as of a servo: its hunting cycle, its motion, a signal along that.
+
+    cycle     motions from rest beside the set point, by 1, 1/2, 1/4, ... rad: the cycle on which the first one settles
+              else: that of a smaller gain, followed up to the gain
+
+All else the engine does with such a cycle: `largest` and `smallest` find folds in any parameter, `follow` branches,
+`special_curve` the curve of a fold in two parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...checks import choice_of
+from ...continuation import FOLD, follow
+from ...errors import InputError, NoOrbit, Status
+from ...motion import Motion, simulate
+from ...orbits import Options, SystemOrbit, find_cycle
+from .loop import Loop
+
+Array = np.ndarray
+
+FIRST_OFF, STARTS_HALVED = 1.0, 12
+"""Off the set point by so much a motion starts first [rad], and by so many times half as much: to 0.2 mrad."""
+SMALLER_GAINS = (0.5, 0.25, 0.125, 0.0625)
+"""Parts of the gain at which a cycle is looked for where no motion settles on one."""
+FAR_UP = 1e3
+"""A parameter that hunting does not end in is followed to so many times its value."""
+
+
+def loop_cycle(
+    loop: Loop,
+    vary: str = "gain",
+    *,
+    start: Mapping[str, float] | None = None,
+    options: Options | None = None,
+) -> SystemOrbit:
+    """The hunting cycle of a loop.
+
+    Parameters
+    ----------
+    loop
+        the loop.
+    vary
+        the parameter that is to be followed from there.
+    start
+        states at the start of the one motion that is to settle on it, by name, all others zero; default: motions from
+        rest, nearer and nearer to the set point, then cycles at smaller gains, followed up to the loop's.
+    options
+        tolerance and method; default a tolerance of 1e-9.
+
+    Returns
+    -------
+    Orbit, converged.
+
+    Raises
+    ------
+    InputError : no such parameter, or that of a part that is not there.
+    NoOrbit : no cycle was found, or the branch of smaller gains ends before this gain; says which.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import largest
+    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, LEAK, PID_BY_TIMES, SWITCH, Loop, loop_cycle
+    >>> loop = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR, LEAK), {"gain": 0.04, "leak": 0.1})
+    >>> cycle = loop_cycle(loop, "leak")
+    >>> round(largest(cycle, "leak").value, 6)  # 1/s
+    0.246845
+    """
+    options = options or Options(tol=1e-9)
+    check_present(loop, vary)
+    if start is not None:
+        return _settled(loop, vary, loop.state(**start), options)
+    found = _from_rest(loop, vary, options)
+    if isinstance(found, SystemOrbit):
+        return found
+    why = found
+    if "gain" in loop.parameters:
+        for part in SMALLER_GAINS:
+            lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options)
+            if isinstance(lower, SystemOrbit):
+                return _followed_up(lower, loop.value("gain"), options)
+    raise why
+
+
+def check_present(loop: Loop, name: str) -> None:
+    """Refuse a parameter of a part that is not there.  Raises InputError: there is none, or it has no size."""
+    every = {name: part for part in loop.parts for name in part.parameters}
+    part = every[choice_of("parameter", name, every)]
+    if part not in loop.present:
+        absent = f"{part.size} = {loop.value(part.size):g}"
+        raise InputError(f"{name}: with {absent} there is no {part.name}; give it another {part.size} to begin with")
+
+
+def _settled(loop: Loop, vary: str, state: dict[str, float], options: Options) -> SystemOrbit:
+    """The cycle on which one motion settles.  Raises NoOrbit."""
+    return find_cycle(loop.system, loop.mode_at(**state), start=state, follow=vary, options=options)
+
+
+def _from_rest(loop: Loop, vary: str, options: Options) -> SystemOrbit | NoOrbit:
+    """The cycle on which the first motion from rest settles; why the very first did not where none does."""
+    why = None
+    for k in range(STARTS_HALVED + 1):
+        try:
+            return _settled(loop, vary, loop.at_rest(-FIRST_OFF / 2**k), options)
+        except NoOrbit as refusal:
+            why = why or refusal
+    assert why is not None
+    return why
+
+
+def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrbit:
+    """The cycle at a gain, from one at a smaller gain.  Raises NoOrbit: its branch does not lead there."""
+    branch = follow(lower, "gain", to=gain, options=options, monitors=(FOLD,))
+    if branch.end.kind == "range" and branch.values[-1] == gain:
+        return branch.orbits[-1]
+    end = branch.special[0].meaning if branch.special else branch.ended
+    sentence = f"no motion settles on a cycle, and that of gain {branch.values[0]:.6g} does not lead there"
+    raise NoOrbit(f"gain {gain:.6g}: {sentence}: {end}", Status.NOT_FOUND)
+
+
+def unstable_cycle(cycle: SystemOrbit, vary: str = "gain", *, options: Options | None = None) -> SystemOrbit:
+    """The other cycle at the same parameters: behind the fold of the branch that goes up from here.
+
+    Parameters
+    ----------
+    cycle
+        from `loop_cycle`.
+    vary
+        the parameter in which the branch is followed.
+    options
+        tolerance and method; default those of `follow`.
+
+    Returns
+    -------
+    Orbit, converged.
+
+    Raises
+    ------
+    NoOrbit : the branch does not come back; says where it ends.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_cycle, unstable_cycle
+    >>> cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.5}))
+    >>> other = unstable_cycle(cycle)
+    >>> other.amplitude < cycle.amplitude, other.stable
+    (True, False)
+    """
+    here = cycle.problem.value(vary)
+    branch = follow(cycle, vary, to=FAR_UP * here, options=options, monitors=())
+    if branch.end.kind == "range" and len(branch.orbits) > 1 and branch.values[-1] == here:
+        return branch.orbits[-1]
+    raise NoOrbit(f"the branch of the stable cycle does not come back to {vary} = {here:.6g}: {branch.end}",
+                  Status.NOT_FOUND)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class LoopMotion:
+    """A motion of a loop at points, with the torque of its motor.
+
+    Attributes
+    ----------
+    motion : as the engine has it.
+    times, states : (m,) [s], (n, m).
+    modes : (m,) names.
+    torque : (m,) [N m].
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_motion
+    >>> step = loop_motion(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR)), 10.0)
+    >>> round(float(abs(step.torque).max()), 2)  # 2 * 16 * 0.04 V/rad * 1 rad
+    1.28
+    """
+
+    motion: Motion
+    times: Array
+    states: Array
+    modes: Array
+    torque: Array
+
+
+def loop_motion(
+    loop: Loop, duration: float, *, start: Mapping[str, float] | None = None, tol: float = 1e-8,
+    sizes: Mapping[str, float] | None = None, mode: str | None = None, per_interval: int = 4,
+) -> LoopMotion:  # fmt: skip
+    """The motion of a loop.
+
+    Parameters
+    ----------
+    loop, duration
+        the loop, and how long it is followed [s].
+    start
+        states at the start, by name, all others zero; default: at rest 1 rad before the set point, a step.
+    tol, sizes
+        as of `casahunt.motion.simulate`.
+    mode
+        in which it starts, where it goes on from another one; default that of the start.
+    per_interval
+        points in an interval.
+
+    Returns
+    -------
+    LoopMotion.
+
+    Raises
+    ------
+    InputError : a name or number is wrong.
+    NoOrbit : the motion cannot be followed, with the time and the reason.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_motion
+    >>> step = loop_motion(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR)), 100.0)
+    >>> [crossing.event for crossing in step.motion.events][:3]
+    ['stop', 'breakaway-', 'stop']
+    """
+    state = loop.at_rest(-FIRST_OFF) if start is None else loop.state(**start)
+    motion = simulate(
+        loop.system, mode or loop.mode_at(**state), start=state, duration=duration, sizes=sizes, tol=tol
+    )
+    times, states = motion.sample(per_interval)
+    modes = modes_along(motion, times)
+    torque = np.empty(times.size)
+    for mode in set(modes.tolist()):
+        torque[modes == mode] = loop.signal("torque", mode, states[:, modes == mode])
+    return LoopMotion(motion, times, states, modes, torque)
+
+
+def modes_along(motion: Motion, times: Array) -> Array:
+    """(m,) modes of a motion at its sampled times: of two equal times the second one is behind the event."""
+    ends = np.cumsum([phase.duration for phase in motion.phases])
+    of = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
+    of[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[of[1:]]) & (of[1:] < len(ends) - 1)
+    return np.array([phase.mode for phase in motion.phases])[of]
