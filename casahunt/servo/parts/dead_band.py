@@ -5,7 +5,7 @@
     hysteresis          the integrator stops where |e| falls below r delta, and goes on where |e| rises above delta
     error dead band     e -> e - (1 - r) delta sgn(e) where |e| > delta, else r e: for all parts of the controller
 
-Inside, a stuck servo rests for ever, at any |x1| <= delta; with the error dead band only where r = 0, as the remedy has it.
+Inside, a stuck servo rests for ever, at any |x1| <= delta; with the error dead band only where r = 0, as here.
 """
 
 from __future__ import annotations

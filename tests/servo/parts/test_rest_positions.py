@@ -65,7 +65,7 @@ def test_a_servo_rests_where_it_is_said_to_and_nowhere_else(name):
 
 @pytest.mark.parametrize("x1", [-1.8, -1.2, 1.5])
 def test_what_compensates_friction_by_the_sign_of_a_slip_holds_nothing(x1):
-    """Where friction ends a slip whose compensation pointed forward, the servo sticks if |torque| <= Fs, or goes back."""
+    """Where friction ends a slip that compensation helped, the servo sticks if |torque| <= Fs, or goes back."""
     remedy = ABOUT["feedforward"]
     loop = with_remedy(loop_of(Servo(), "switch", GAIN), remedy, 0.9)
     start = loop.state(x1=x1)
