@@ -30,6 +30,7 @@ LEFT_BEHIND_AT = 0.5
 """A motion whose swings are smaller than this part of those of the cycle at the border has left it, and decays."""
 RESTS_WITHIN = 1e-7
 """A motion that moves by less than this part of the amplitude from one look to the next is at rest."""
+BY_SEVERITY: tuple[Verdict, ...] = ("rests", "decays", "undecided", "hunts", "grows")
 OUTGROWN_BY = 2.0
 """A motion that is so many times as large as at its start and as the cycle grows."""
 STARTS_BESIDE = (1.0, 3.0)
@@ -85,11 +86,10 @@ def _told(position: Array, amplitude: float, largest: float, within: float) -> V
     return "grows" if size > largest else None
 
 
-def verdicts(
-    loop: Loop, amplitude: float, period: float, starts: Sequence[float] = STARTS_BESIDE
-) -> tuple[Verdict, ...]:
-    """What becomes of motions from rest beside the set point."""
-    return tuple(fate(loop, loop.at_rest(-start * amplitude), amplitude, period).verdict for start in starts)
+def verdict(loop: Loop, amplitude: float, period: float, starts: Sequence[float] = STARTS_BESIDE) -> Verdict:
+    """The worst that becomes of motions from rest beside the set point."""
+    return max((fate(loop, loop.at_rest(-start * amplitude), amplitude, period).verdict for start in starts),
+               key=BY_SEVERITY.index)  # fmt: skip
 
 
 @dataclass(frozen=True)

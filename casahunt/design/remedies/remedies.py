@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 from ...checks import choice_of, require
@@ -19,20 +20,25 @@ from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.find_orbit import find_orbit
 from ...servo.hunting import MODELS, Model, called
+from ...servo.parts.linear import linear_margins
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of
-from ...servo.parts.remedy import Remedy
+from ...servo.parts.remedy import Corners, Remedy
 from ...servo.parts.table import REMEDIES, remedy_name
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
 from .border import BORDERS, Border, Scales, border, with_remedy
-from .price import LOOKED_PERIODS, MOST_WINDOWS, Verdict, task, verdicts
+from .price import LOOKED_PERIODS, MOST_WINDOWS, Verdict, task, verdict
 
 RECOMMENDED = 1.1
 """What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
-MUCH_LARGER = 3.0
-"""A larger size is tried too, so many times the border."""
+TIMES_THE_BORDER = (RECOMMENDED, 1.5, 2.0, 3.0)
+"""So many times the border is looked at: whether a larger size keeps hunting ended."""
+ENDED = ("rests", "decays")
+"""Verdicts of motions that hunt no more."""
+MOST_CORNERS = 4
+"""Corners of an uncertain servo at which the border is computed: slopes there lead to the next one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,13 +52,22 @@ class Cure(Result):
         knows.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : a tenth more of it.
+    rests : the set of rest positions at the recommended size, or at the last one that was looked at: corners (x1 [rad],
+        torque of the motor [N m]) of a convex polygon; () where nobody knows.
     rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
     recommended_rest_error : the same at the recommended size [rad]: demands are held against it.
     peak_torque, peak_voltage : on a step of 1 rad, at the recommended size [N m], [V].
     settling : of that step [s]; nan where it has not settled.
-    stays : what motions do at the recommended size and at three times the border: "rests", "decays", "hunts", "grows".
-    moves : by how much the size moves, relatively, with a relative change of each parameter of the loop.
-    worst_size : of the worst servo of an uncertain one, in `unit`; nan where none was asked for, or found.
+    beyond, stays : sizes from the recommended one up to three times the border, and the worst that motions do there:
+        "rests", "decays", "undecided", "hunts", "grows".
+    phase_margin, lowest_factor, highest_factor : of the linear loop without dry friction at the recommended size [deg],
+        as `linear_loop` has them for the servo; nan where the remedy makes the loop nonlinear (dead bands, reset,
+        freeze), or the factors where it is unstable.
+    moves : by how much the size moves, relatively, with a relative change of each parameter of the loop, such as static
+        friction; {} where the border is no fold.
+    worst_size : the largest border found among servos of an uncertain one, at corners of its box to which the slopes of
+        the border point, from corner to corner (at each of up to four where there are no slopes), in `unit`; nan where
+        none was asked for, or found.  A servo inside of the box that is worse than those may exist.
     why : a sentence: why it cannot end hunting, or why it was not found.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.
 
@@ -68,26 +83,31 @@ class Cure(Result):
         "name", "kind", "size +- size_error", "unit", "rest_error [rad]", "peak_torque [N m]", "settling [s]",
     )  # fmt: skip
     _details = (
-        "size_error", "recommended", "recommended_rest_error [rad]", "peak_voltage [V]", "stays", "moves", "worst_size",
-        "why",
+        "size_error", "recommended", "recommended_rest_error [rad]", "rests", "peak_voltage [V]", "phase_margin [deg]",
+        "lowest_factor", "highest_factor", "beyond", "stays", "moves", "worst_size", "why",
     )  # fmt: skip
 
     name: str
     unit: str
     kind: str
-    size: float
-    size_error: float
-    recommended: float
-    rest_error: float
-    recommended_rest_error: float
-    peak_torque: float
-    peak_voltage: float
-    settling: float
-    stays: tuple[Verdict, ...]
-    moves: dict[str, float]
-    worst_size: float
-    why: str
-    first: SystemOrbit | None
+    size: float = math.nan
+    size_error: float = math.nan
+    recommended: float = math.nan
+    rests: Corners = ()
+    rest_error: float = math.nan
+    recommended_rest_error: float = math.nan
+    peak_torque: float = math.nan
+    peak_voltage: float = math.nan
+    settling: float = math.nan
+    beyond: tuple[float, ...] = ()
+    stays: tuple[Verdict, ...] = ()
+    phase_margin: float = math.nan
+    lowest_factor: float = math.nan
+    highest_factor: float = math.nan
+    moves: dict[str, float] = field(default_factory=dict)
+    worst_size: float = math.nan
+    why: str = ""
+    first: SystemOrbit | None = None
 
     def branch(self) -> Branch[SystemOrbit]:
         """The cycles from the small remedy up to the border, for pictures.
@@ -107,9 +127,13 @@ class Cure(Result):
 
     @property
     def ends_hunting(self) -> bool:
-        """A border was found, and beyond it nothing hunts."""
-        here = self.stays[: len(self.stays) // 2]
-        return self.kind in BORDERS and all(verdict in ("rests", "decays") for verdict in here)
+        """A border was found, and at the recommended size nothing hunts."""
+        return self.kind in BORDERS and self.stays[0] in ENDED
+
+    @property
+    def keeps_it_ended(self) -> bool:
+        """At no larger size that was looked at anything hunts."""
+        return self.ends_hunting and all(seen in ENDED for seen in self.stays)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,13 +165,18 @@ class Cures(Result):
     best: str
 
     def _columns(self) -> Columns:
-        units = {"rest_error": "rad", "peak_torque": "Nm", "peak_voltage": "V", "settling": "s"}
-        said = ("name", "kind", "size", "size_error", "unit", "recommended", "worst_size", *units, "why")
-        return {
+        units = {"rest_error": "rad", "peak_torque": "Nm", "peak_voltage": "V", "settling": "s", "phase_margin": "deg"}
+        said = ("name", "kind", "size", "size_error", "unit", "recommended", "worst_size", *units, "lowest_factor",
+                "highest_factor", "why")  # fmt: skip
+        columns = {
             {"name": "remedy"}.get(key, f"{key}_{units[key]}" if key in units else key): [
                 getattr(row, key) for row in self.remedies
             ]
             for key in said
+        }
+        moving = dict.fromkeys(name for row in self.remedies for name in row.moves)
+        return columns | {
+            f"moves_with_{name}": [row.moves.get(name, math.nan) for row in self.remedies] for name in moving
         }
 
     def _more(self) -> dict[str, Any]:
@@ -265,42 +294,61 @@ def _price(today: float, orbit: HuntingOrbit) -> Callable[[Cure], tuple[bool, fl
 def _row(asked: _Asked, remedy: Remedy) -> Cure:
     """One remedy, found and priced."""
     loop, found = asked.loop, border(asked.loop, remedy, asked.start, asked.scales, asked.options)
-    if found.kind in ("none", "not found"):
-        nan, tried = math.nan, f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
-        why = f"{tried}: {remedy.why_not}".rstrip(": ") if found.kind == "none" else found.why
+    numbers = _numbers(loop)
+    if found.kind == "not found":
+        return Cure(remedy.name, remedy.unit, found.kind, why=found.why, first=found.first)
+    if found.kind == "none":
+        tried = f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
         return Cure(
-            remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, nan, (), {}, nan, why, found.first
-        )
+            remedy.name, remedy.unit, found.kind, rests=remedy.rests(found.size, numbers),
+            why=f"{tried}: {remedy.why_not}".rstrip(": "), first=found.first,
+        )  # fmt: skip
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
-    recommended, far = (_more(size, absent, factor, remedy.sense) for factor in (RECOMMENDED, MUCH_LARGER))
-    last, numbers = found.orbit or asked.orbit, _numbers(loop)
-    stays = tuple(
-        verdict for at in (recommended, far)
-        for verdict in verdicts(with_remedy(loop, remedy, at), last.amplitude, last.period)
-    )  # fmt: skip
+    beyond = tuple(_more(size, absent, factor, remedy.sense) for factor in TIMES_THE_BORDER)
+    recommended, last = beyond[0], found.orbit or asked.orbit
     mended = with_remedy(loop, remedy, recommended)
     rests = remedy.rest(recommended, numbers)
     step = task(mended, last.amplitude, last.period, rests)
-    moves = {name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters}
+    linear = linear_margins(mended)
     return Cure(
-        remedy.name, remedy.unit, found.kind, size, found.error, recommended, remedy.rest(size, numbers), rests,
-        step.peak_torque, step.peak_torque / loop.value("motor_gain"), step.settling, stays, moves,
-        _worst(asked, remedy, found), found.why, found.first,
+        remedy.name, remedy.unit, found.kind, size, found.error, recommended,
+        rests=remedy.rests(recommended, numbers), rest_error=remedy.rest(size, numbers), recommended_rest_error=rests,
+        peak_torque=step.peak_torque, peak_voltage=step.peak_torque / loop.value("motor_gain"), settling=step.settling,
+        beyond=beyond,
+        stays=tuple(verdict(with_remedy(loop, remedy, at), last.amplitude, last.period) for at in beyond),
+        phase_margin=math.nan if linear is None else linear.phase_margin,
+        lowest_factor=math.nan if linear is None else linear.lowest_factor,
+        highest_factor=math.nan if linear is None else linear.highest_factor,
+        moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
+        worst_size=_worst(asked, remedy, found), why=found.why, first=found.first,
     )  # fmt: skip
 
 
 def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
-    """The size for the worst servo of a set: that of the corner of its box to which the slopes at the border point."""
-    if asked.uncertainty is None or not found.moves:
+    """The size for the worst servo of a set: from corner to corner of its box, as slopes of the border point."""
+    if asked.uncertainty is None:
         return math.nan
-    names = asked.uncertainty.parameters
-    corner = {
-        name: float(high if found.moves[name] * remedy.sense > 0 else low)
-        for name, low, high in zip(called(names), *asked.uncertainty.box(asked.orbit.servo), strict=True)
-        if name in found.moves
-    }
-    worse = border(asked.loop.replace(**corner), remedy, asked.start, asked.scales, asked.options)
-    return worse.size if worse.kind in BORDERS else math.nan
+    low, high = asked.uncertainty.box(asked.orbit.servo)
+    box = dict(zip(called(asked.uncertainty.parameters), zip(low.tolist(), high.tolist(), strict=True), strict=True))
+
+    def ahead(at: Border) -> list[tuple[float, ...]]:
+        """Corners to which slopes point, or all where there are few and no slopes."""
+        if not at.moves:
+            return list(product(*box.values())) if 2 ** len(box) <= MOST_CORNERS else []
+        return [tuple(ends[at.moves.get(name, 0.0) * remedy.sense > 0] for name, ends in box.items())]
+
+    seen: dict[tuple[float, ...], Border] = {}
+    waiting = ahead(found)
+    while waiting and len(seen) < MOST_CORNERS:
+        corner = waiting.pop()
+        if corner in seen:
+            continue
+        loop = asked.loop.replace(**dict(zip(box, corner, strict=True)))
+        seen[corner] = border(loop, remedy, asked.start, asked.scales, asked.options)
+        if seen[corner].kind in BORDERS and seen[corner].moves:
+            waiting += ahead(seen[corner])
+    sizes = [at.size for at in seen.values() if at.kind in BORDERS]
+    return max(sizes, key=lambda size: size * remedy.sense) if len(sizes) == len(seen) and sizes else math.nan
 
 
 def _more(size: float, absent: float, factor: float, sense: int) -> float:

@@ -6,6 +6,7 @@ part.py                  the words: Part, PartMode, Law, Edge
 addresses.py             where parts and their functions stand, for other processes
 wiring.py                the parts in one mode each, wired by their signals
 loop.py                  the product of parts, as a system like any user's
+linear.py                its linear loop, without dry friction
 remedy.py                what is to be known of a part to find and to price its smallest size
 inertia.py               plant: one inertia
 two_masses.py            plant: motor and load with a shaft

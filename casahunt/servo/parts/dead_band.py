@@ -5,7 +5,7 @@
     hysteresis          the integrator stops where |e| falls below r delta, and goes on where |e| rises above delta
     error dead band     e -> e - (1 - r) delta sgn(e) where |e| > delta, else r e: for all parts of the controller
 
-Inside, a stuck servo rests for ever, at any |x1| <= delta; with the error dead band only where r = 0.
+Inside, a stuck servo rests for ever, at any |x1| <= delta; with the error dead band only where r = 0, as here.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 from .part import Edge, Function, Law, Part, PartMode
-from .remedy import Remedy
+from .remedy import Remedy, anywhere_within
 
 
 def _two(name: str, size: str, enter: Function, leave: Function, **more: float) -> Part:
@@ -78,11 +78,11 @@ ERROR_DEAD_BAND = _three(
 )  # fmt: skip
 
 REMEDIES = (
-    Remedy("dead band", "dead_band", "rad", lambda size, p: size, DEAD_BAND, scale="amplitude", last=2.0),
-    Remedy("shifted dead band", "shifted_dead_band", "rad", lambda size, p: size, SHIFTED_DEAD_BAND,
+    Remedy("dead band", "dead_band", "rad", anywhere_within, DEAD_BAND, scale="amplitude", last=2.0),
+    Remedy("shifted dead band", "shifted_dead_band", "rad", anywhere_within, SHIFTED_DEAD_BAND,
            scale="amplitude", last=4.0),
-    Remedy("hysteresis", "hysteresis", "rad", lambda size, p: size, HYSTERESIS, scale="amplitude", last=4.0),
-    Remedy("error dead band", "error_dead_band", "rad", lambda size, p: size, ERROR_DEAD_BAND,
+    Remedy("hysteresis", "hysteresis", "rad", anywhere_within, HYSTERESIS, scale="amplitude", last=4.0),
+    Remedy("error dead band", "error_dead_band", "rad", anywhere_within, ERROR_DEAD_BAND,
            scale="amplitude", last=20.0,
            why_not="inside only the integral's content acts, and it pushes the servo through to the other side"),
 )  # fmt: skip

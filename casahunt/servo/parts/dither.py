@@ -36,6 +36,6 @@ DITHERED = Part(
 )  # fmt: skip
 
 REMEDIES = (
-    Remedy("dither", "dither", "rad/s", lambda size, p: 0.0, DITHERED, instead="Switch friction",
+    Remedy("dither", "dither", "rad/s", lambda size, p: ((0.0, 0.0),), DITHERED, instead="Switch friction",
            scale="stribeck_velocity", first=0.05, last=100.0, needs=("switch",)),
 )  # fmt: skip

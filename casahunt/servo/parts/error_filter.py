@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .part import Law, Part, PartMode
-from .remedy import Remedy
+from .remedy import Remedy, at_the_set_point
 
 ERROR_FILTER = Part(
     "error filter", ("filtered",), {"filter_time": 0.0}, size="filter_time",
@@ -12,6 +12,6 @@ ERROR_FILTER = Part(
 )  # fmt: skip
 
 REMEDIES = (
-    Remedy("error filter", "filter_time", "s", lambda size, p: 0.0, ERROR_FILTER, scale="period", first=1e-3, last=1.0,
+    Remedy("error filter", "filter_time", "s", at_the_set_point, ERROR_FILTER, scale="period", first=1e-3, last=1.0,
            why_not="a delayed error lets the servo overshoot more"),
 )  # fmt: skip

@@ -7,7 +7,7 @@ What is left of the friction is Fs - alpha Fc less when it slips: its drop from 
 from __future__ import annotations
 
 from .part import Part
-from .remedy import Remedy
+from .remedy import Remedy, at_the_set_point
 
 FEEDFORWARD = Part(
     "feedforward", (), {"compensated": 0.0}, size="compensated",
@@ -15,6 +15,6 @@ FEEDFORWARD = Part(
 )  # fmt: skip
 
 REMEDIES = (
-    Remedy("feedforward", "compensated", "", lambda size, p: 0.0, FEEDFORWARD, first=0.02, last=1.0,
+    Remedy("feedforward", "compensated", "", at_the_set_point, FEEDFORWARD, first=0.02, last=1.0,
            why_not="it makes the friction of the slipping servo smaller, and not that which it sticks with"),
 )  # fmt: skip

@@ -1,15 +1,19 @@
 """An integrator that is frozen while the servo sticks, once it has stuck for a dwell.
 
-    clock' = 1 while stuck; at clock = dwell the integrator stops until the servo breaks away, and then it never does
+    clock' = 1 while stuck; at clock = T the integrator stops until the servo breaks away, and then it never does
+
+At rest m = m0 - ki x1 T, m0 the torque when it stopped: friction has held it all the while where |m0| <= Fs, |m| <= Fs,
+so that |x1| <= 2 Fs/(ki T).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from ...checks import SMALLEST
 from .part import Edge, Law, Part, PartMode
-from .remedy import Remedy
+from .remedy import Corners, Remedy
 
 _AWAY = ("breakaway+", "breakaway-")
 
@@ -25,7 +29,13 @@ FREEZE = Part(
     ),
 )  # fmt: skip
 
+
+def _rests(size: float, p: Mapping[str, float]) -> Corners:
+    static, largest = p["static"], 2 * p["static"] / (p["ki"] * size)
+    return (-largest, static), (0.0, static), (largest, -static), (0.0, -static)
+
+
 REMEDIES = (
-    Remedy("freeze", "dwell", "s", lambda size, p: p["static"] / p["kp"], FREEZE, sense=-1, scale="period",
+    Remedy("freeze", "dwell", "s", _rests, FREEZE, sense=-1, scale="period",
            first=2.0, last=1e-3, needs=("switch",)),
 )  # fmt: skip

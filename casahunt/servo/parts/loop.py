@@ -141,11 +141,15 @@ class Loop:
     def mode_at(self, **start: float) -> str:
         """The mode of a motion that starts at a state: of each part the first that may be there."""
         state, chosen = self.state(**start), [part.modes[0] for part in self.present]
-        for i, part in enumerate(self.present):
-            for mode in part.modes:
-                chosen[i] = mode
-                if mode.where is None or self._asked(mode.where, tuple(chosen), i, state):
-                    break
+        for _ in self.present:  # of a part it may depend on the modes of others
+            before = tuple(chosen)
+            for i, part in enumerate(self.present):
+                for mode in part.modes:
+                    chosen[i] = mode
+                    if mode.where is None or self._asked(mode.where, tuple(chosen), i, state):
+                        break
+            if tuple(chosen) == before:
+                break
         return mode_name(tuple(chosen))
 
     def _asked(self, function: Function, modes: Modes, i: int, state: Mapping[str, float]) -> Any:

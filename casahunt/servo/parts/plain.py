@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .remedy import Remedy
+from .remedy import Remedy, at_the_set_point
 
 REMEDIES = (
-    Remedy("gain", "gain", "V/rad", lambda size, p: 0.0, scale="own", first=1.0, last=1e4),
-    Remedy("derivative", "kd", "s", lambda size, p: 0.0, scale="own", first=1.0, last=1e4),
-    Remedy("integral", "ki", "1/s", lambda size, p: 0.0, sense=-1, scale="own", first=1.0, last=1e-6),
+    Remedy("gain", "gain", "V/rad", at_the_set_point, scale="own", first=1.0, last=1e4),
+    Remedy("derivative", "kd", "s", at_the_set_point, scale="own", first=1.0, last=1e4),
+    Remedy("integral", "ki", "1/s", at_the_set_point, sense=-1, scale="own", first=1.0, last=1e-6),
 )

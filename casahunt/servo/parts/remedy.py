@@ -1,7 +1,9 @@
 """A remedy against hunting: a part of a loop, and what is to be known of it to find and to price its smallest size.
 
     size      the parameter of the part, at whose value `absent` the loop is the one without it
-    at rest   |x1| <= rest(size): the largest error at which the servo may stand still for ever
+    at rest   the set of (x1, torque m) at which the servo may stand still for ever: a convex polygon, mirrored in zero
+
+Without a remedy, stuck next to the set point the integrator winds up until the servo breaks away: x1 = 0, |m| <= Fs.
 """
 
 from __future__ import annotations
@@ -11,8 +13,20 @@ from dataclasses import dataclass
 
 from .part import Part
 
-Rest = Callable[[float, Mapping[str, float]], float]
-"""(size, numbers of the loop with kp, kd, ki in torque) -> the largest error at rest [rad]."""
+Corners = tuple[tuple[float, float], ...]
+"""Those of a convex polygon: x1 [rad], torque of the motor [N m]."""
+Rests = Callable[[float, Mapping[str, float]], Corners]
+"""(size, numbers of the loop with kp, kd, ki in torque) -> the set of rest positions."""
+
+
+def at_the_set_point(size: float, p: Mapping[str, float]) -> Corners:
+    """Rest at the set point alone, with any torque that friction holds."""
+    return (0.0, p["static"]), (0.0, -p["static"])
+
+
+def anywhere_within(size: float, p: Mapping[str, float]) -> Corners:
+    """Rest at any |x1| <= size, with any torque that friction holds."""
+    return (-size, p["static"]), (size, p["static"]), (size, -p["static"]), (-size, -p["static"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +38,7 @@ class Remedy:
     name : what it is called, such as "dead band".
     size : the parameter that is its size.
     unit : the unit of the size; "" for a number.
-    rest : the largest error at rest, by the size.
+    rests : the set of rest positions, by the size.
     part : the part that comes to the loop; None where the size is a parameter of the loop as it is.
     instead : part of the loop in whose place it comes, by name.
     sense : +1 where a larger size is more of the remedy, -1 where a smaller one is.
@@ -40,14 +54,14 @@ class Remedy:
     >>> leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
     >>> leak.size, leak.unit, leak.part
     ('leak', '1/s', <Part: leak>)
-    >>> round(leak.rest(0.25, {"static": 0.53, "kp": 1.28, "ki": 4.02}), 4)  # rad: |kp e + ki e/leak| <= Fs
+    >>> round(leak.rest(0.25, {"static": 0.53, "kp": 1.28, "ki": 4.02}), 4)  # rad: |kp x1 + ki x1/leak| <= Fs
     0.0305
     """
 
     name: str
     size: str
     unit: str
-    rest: Rest
+    rests: Rests
     part: Part | None = None
     instead: str = ""
     sense: int = 1
@@ -56,6 +70,20 @@ class Remedy:
     scale: str = "one"
     needs: tuple[str, ...] = ("switch", "lugre")
     why_not: str = ""
+
+    def rest(self, size: float, numbers: Mapping[str, float]) -> float:
+        """The largest error at which the servo may stand still.
+
+        Parameters
+        ----------
+        size, numbers
+            size of the remedy; numbers of the loop, with kp, kd and ki in torque.
+
+        Returns
+        -------
+        The largest |x1| of the set of rest positions [rad].
+        """
+        return max(abs(x1) for x1, _ in self.rests(size, numbers))
 
     @property
     def starts_at_one(self) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from .part import Edge, Part, PartMode
-from .remedy import Remedy
+from .remedy import Remedy, at_the_set_point
 
 _FACTOR = -math.inf, 1.0
 """Below zero the content is turned round; above one nothing would be reset."""
@@ -30,10 +30,10 @@ RESET_AT_STOP = Part(
 )  # fmt: skip
 
 REMEDIES = (
-    Remedy("reset", "reset", "", lambda size, p: 0.0, RESET_AT_ZERO, sense=-1, first=0.95, last=-1.0,
+    Remedy("reset", "reset", "", at_the_set_point, RESET_AT_ZERO, sense=-1, first=0.95, last=-1.0,
            needs=("switch",)),
-    Remedy("reset", "reset", "", lambda size, p: 0.0, RESET_AT_CENTRE, sense=-1, first=0.95, last=-1.0,
+    Remedy("reset", "reset", "", at_the_set_point, RESET_AT_CENTRE, sense=-1, first=0.95, last=-1.0,
            needs=("lugre",)),
-    Remedy("reset at a stop", "reset_at_stop", "", lambda size, p: 0.0, RESET_AT_STOP, sense=-1, first=0.95, last=-0.9,
+    Remedy("reset at a stop", "reset_at_stop", "", at_the_set_point, RESET_AT_STOP, sense=-1, first=0.95, last=-0.9,
            needs=("switch",), why_not="the stuck integrator winds up to breakaway again, from wherever it starts"),
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Switch friction as a part of a loop: it reads the rate v and the pull; gives friction, direction and `moving`.
 
-     slip with the sign s: F = s g(v) + sigma2 v;   stick while -Fs_back <= pull <= Fs
+     slip with the sign s: F = s g(v) + sigma2 v;   stick while -Fs_back <= pull <= Fs,   of the pull at standstill
 
 `SWITCH` has one set of numbers, Fs_back = Fs; by_direction.py one for each direction.
 """
@@ -20,6 +20,11 @@ def _rate(x: Any, s: Any, p: Any) -> Any:
     return s.motor_rate / p.stribeck_velocity
 
 
+def _at_standstill(s: Any) -> Any:
+    """The pull without what compensates friction by the sign of the slip: asked at its end, the slip still has one."""
+    return s.pull - s.compensation
+
+
 def switch_friction(
     name: str, parameters: Mapping[str, float], here: Callable[[Any, str], Any], static_back: str
 ) -> Part:
@@ -34,10 +39,10 @@ def switch_friction(
         return p.sign * g + here(p, "viscous") * s.motor_rate
 
     def forward(x: Any, s: Any, p: Any) -> Any:
-        return s.pull / p.static - 1
+        return _at_standstill(s) / p.static - 1
 
     def back(x: Any, s: Any, p: Any) -> Any:
-        return s.pull / getattr(p, static_back) + 1
+        return _at_standstill(s) / getattr(p, static_back) + 1
 
     def after_stop(x: Any, s: Any, p: Any) -> str:
         return "slip+" if forward(x, s, p) > 0 else "slip-" if back(x, s, p) < 0 else "stick"

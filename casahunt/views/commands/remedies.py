@@ -12,7 +12,7 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.price import TASK_STEP
-from ...design.remedies.remedies import MUCH_LARGER, Cure, Cures, remedies
+from ...design.remedies.remedies import ENDED, TIMES_THE_BORDER, Cure, Cures, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...results import tables_of
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
@@ -35,8 +35,6 @@ HEADINGS = (
     ("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles"),
     ("", "", "", "", "", "rest, rad", "step, N m", "in, s"),
 )
-ENDED = ("rests", "decays")
-"""Verdicts of motions that hunt no more."""
 AFTERWARDS = {
     "hunts": "hunts on", "grows": "grows without bound",
     "undecided": "could not be followed to its end",
@@ -135,8 +133,8 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
         short(row.recommended, ""), short(row.recommended_rest_error, "any"), short(row.peak_torque, "unknown"),
         _settles(row.settling),
     ).rstrip()  # fmt: skip
-    if any(verdict not in ENDED for verdict in row.stays[len(row.stays) // 2 :]):
-        yield f"    with {MUCH_LARGER:g} times as much that is not sure: a motion {_after(row)}"
+    if not row.keeps_it_ended:
+        yield f"    {_not_kept(row)}"
     if of_a_set:
         worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
         yield f"    the worst servo of the set: {worst}"
@@ -154,6 +152,12 @@ def _why_not(row: Cure) -> str:
     if not math.isfinite(row.size):
         return {"none": "does not end it: ", "not found": "not found: "}[row.kind] + row.why
     return f"no remedy: its cycle ends at {_exact(row)}, but the motion beyond {_after(row)}"
+
+
+def _not_kept(row: Cure) -> str:
+    """At which larger sizes hunting has not ended."""
+    times = [f"{factor:g}" for factor, seen in zip(TIMES_THE_BORDER, row.stays, strict=True) if seen not in ENDED]
+    return f"with {' or '.join(times)} times as much that is not sure: a motion {_after(row)}"
 
 
 def _after(row: Cure) -> str:

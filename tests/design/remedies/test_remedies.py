@@ -1,13 +1,16 @@
 """The smallest sizes that end hunting, against an independent stick map, and what the rows say."""
 
 import math
+from dataclasses import replace
+from functools import cache
 
 import pytest
 from stick_map_support import border, stick_map
 
-from casahunt import InputError, NoOrbit, Options, Servo, Uncertainty, find_fold, find_orbit, remedies
+from casahunt import InputError, NoOrbit, Options, Pid, Servo, Uncertainty, find_fold, find_orbit, margins, remedies
 
 
+@cache
 def row(name, gain, **how):
     return remedies(Servo(), "switch", gain, only=[name], **how).remedies[0]
 
@@ -84,6 +87,43 @@ def test_the_worst_servo_of_a_set_needs_more():
     found = row("dead band", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}))
     other = remedies(Servo().replace(**{"friction.static": 0.54}), "switch", 0.04, only=["dead band"]).remedies[0]
     assert found.worst_size == pytest.approx(other.size, rel=1e-8) and found.worst_size > found.size
+
+
+@pytest.mark.slow
+def test_the_worst_servo_is_that_of_all_corners():
+    """More static and less Coulomb friction, to which the slopes point; of a dwell, which has no slopes, both ends."""
+    box = {"friction.static": (0.52, 0.54), "friction.coulomb": (0.43, 0.45)}
+    found = row("dead band", 0.04, uncertainty=Uncertainty(box))
+    corners = [
+        remedies(Servo().replace(**{"friction.static": Fs, "friction.coulomb": Fc}), "switch", 0.04, only=["dead band"])
+        .remedies[0].size
+        for Fs in (0.52, 0.54) for Fc in (0.43, 0.45)
+    ]  # fmt: skip
+    assert found.worst_size == pytest.approx(max(corners), rel=1e-8)
+    found = row("freeze", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}))
+    stuck = []
+    for Fs in (0.52, 0.54):
+        orbit = find_orbit(Servo().replace(**{"friction.static": Fs}), "switch", 0.04, options=Options(tol=1e-9))
+        stuck.append(next(arc.duration for arc in orbit.arcs if arc.mode == "stick"))
+    assert found.worst_size == pytest.approx(min(stuck), rel=1e-6) and found.worst_size < found.size
+
+
+def test_rows_have_the_margins_of_their_linear_loop():
+    table = {name: row(name, 0.04) for name in ("gain", "integral", "dead band")}
+    found, truth = table["gain"], margins(Servo(), table["gain"].recommended)
+    assert found.phase_margin == pytest.approx(truth.phase_margin, rel=1e-9)
+    assert (found.lowest_factor, found.highest_factor) == (truth.lowest_factor, truth.highest_factor)
+    less = replace(Servo(), controller=Pid(kp=2.0, ki=table["integral"].recommended, kd=1 / (2 * math.pi)))
+    assert table["integral"].phase_margin == pytest.approx(margins(less, 0.04).phase_margin, rel=1e-9)
+    assert math.isnan(table["dead band"].phase_margin)
+
+
+def test_larger_sizes_are_looked_at():
+    """A dead band ends it for good; of an error filter all larger ones grow."""
+    band, lag = row("dead band", 0.04), row("error filter", 0.04)
+    assert band.keeps_it_ended and len(band.beyond) == len(band.stays) >= 4
+    assert band.beyond[0] == band.recommended and band.beyond[-1] == pytest.approx(3 * band.size)
+    assert not lag.keeps_it_ended and set(lag.stays) == {"grows"}
 
 
 def test_the_price_of_gain_is_its_torque():
