@@ -27,6 +27,7 @@ from casahunt.continuation import (
     special_points_between,
     terminations,
     vanishing,
+    walk,
 )
 from casahunt.errors import Status
 from casahunt.hybrid import Event, Mode, System
@@ -94,6 +95,25 @@ def test_a_multiplier_passes_all_values_of_a_sharp_fold_in_order(monkeypatch):
             *ends[::sense], vary="gain", monitors=monitors, options=Options(tol=1e-6)
         )
         assert [special.kind for special in found] == kinds[::sense] and not missed
+
+
+# walk.py
+
+
+@pytest.mark.parametrize(
+    "way, cycle, astray",
+    [([1, 1.1], "same", False), ([1, 1.13], "same", True), ([-1, 0], "same", True), ([-1, 0], "other", False)],
+)
+def test_a_step_keeps_to_the_tangent_at_its_end(monkeypatch, way, cycle, astray):
+    """At most acos(1/1.5), 48 degrees off it, as off that at its start; where phases change the tangents differ."""
+
+    def at(cycle):
+        row, setting = np.array([1.0, 0.0]), SimpleNamespace(scale=np.ones(1))
+        return SimpleNamespace(t=SimpleNamespace(cycle=cycle), setting=setting, row=row)
+
+    monkeypatch.setattr(walk, "secant_direction", lambda before, after, vary: np.array(way))
+    orbit = SimpleNamespace(scale=np.ones(1))
+    assert walk._astray(at("same"), at(cycle), orbit, orbit, "p") is astray
 
 
 # bifurcations.py, reunion.py
