@@ -242,6 +242,9 @@ def test_a_size_that_follows_a_power_leads_to_its_end(monkeypatch, power, sense,
     end = terminations.comes_to(orbits, "K", stuck=True)
     assert end.kind == kind and abs(end.value - 1) <= end.error <= 1e-4
     assert end.exponent == pytest.approx(sense / power, rel=1e-3)
+    for limit, distance in ((1, "|K - "), (0, "|K|"), (-1, "|K + ")):
+        moved = along(lam + limit - 1, B**sense, 1 + B, 1.0, monkeypatch)
+        assert f"its size like {distance}" in terminations.comes_to(moved, "K", stuck=True).sentence
     assert terminations.comes_to(orbits[:3], "K", stuck=True) is None  # three are no evidence
     assert terminations.comes_to(orbits[:-3], "K") is None  # SHRUNK_TO
     astray = along(lam + np.where(np.arange(8) == 6, 0.02, 0.0) * B**power, B**sense, 1 + B, 1.0, monkeypatch)
