@@ -98,6 +98,11 @@ def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path, monkeypatch):
         stream.write("new")
     assert contents(tmp_path) == {"mine.csv": b"old"}
     path.chmod(0o644)
+    with monkeypatch.context() as others:  # its owner may write it, and is somebody else
+        others.setattr(os, "access", lambda path, how: how != os.W_OK)
+        with pytest.raises(InputError, match="mine.csv': Permission denied"), files.whole_text(path) as stream:
+            stream.write("new")
+    assert contents(tmp_path) == {"mine.csv": b"old"}
     with files.whole_text(path) as stream:
         stream.write("new")
     assert contents(tmp_path) == {"mine.csv": b"new"}

@@ -60,7 +60,8 @@ def _passes(at: float, kind: str, meaning: str) -> Monitor:
     def sure(orbit: Orbit, point: CurvePoint) -> bool:
         return bool(np.all(np.abs(_nontrivial(orbit) - at) > _errors(orbit)))
 
-    return Monitor(kind, value, f"{kind} at {{name}} = {{value:.10g}}: {meaning}", sure=sure, by_multipliers=True)
+    sentence = f"{kind} at {{name}} = {{value:.10g}}: {meaning}"
+    return Monitor(kind, value, sentence, sure=sure, by_multipliers=True, multiplier=at)
 
 
 def _pairs(orbit: Orbit) -> list[tuple[complex, complex]]:

@@ -45,7 +45,7 @@ from .curve import (
 )
 from .locating import length_to, locate_special_point
 from .poincare_section import apart_by_kinks
-from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, special_point
+from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, in_order, special_point
 from .vanishing import change_of_phases
 from .walk import step_along
 
@@ -218,8 +218,7 @@ class Crossings(Generic[AnyOrbit]):
                 found = one(monitor, x, y)
                 special += found.special
                 missed += found.missed
-        way = secant_direction(before.orbit, after.orbit, self._vary)
-        special.sort(key=lambda s: float(np.dot(secant_direction(before.orbit, s.orbit, self._vary), way)))
+        special = in_order(special, before.orbit, after.orbit, self._vary, self._monitors, self._options.tol)
         return Passed(tuple(special), tuple(missed))
 
     def _looked_inside(

@@ -14,18 +14,24 @@ Some cycles get and lose weak reversals of a ring-down many times along a branch
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic
+
+import numpy as np
 
 from ..checks import to_error
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
-from .curve import CurvePoint, parameter_value
+from .curve import CurvePoint, parameter_value, secant_direction
 
 ACCEPTED_TOLERANCES = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
 order in that, within 1e-12."""
+NOT_TOLD_APART = 10.0
+"""Points whose places on a step differ by less than so many tolerances have no order by these: each is known to one, in
+states, duration and parameter."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,6 +107,7 @@ class Monitor:
     confirmed : (orbit) -> whether a located point is what it is called, and an orbit next to one may be.
     sure : (orbit, point) -> whether the value there is larger than its error, so that its sign counts.
     by_multipliers : whether the value is one of the orbit's multipliers.
+    multiplier : the value that a real multiplier passes there; NaN where it is none, or any.
 
     Examples
     --------
@@ -116,6 +123,7 @@ class Monitor:
     confirmed: Callable[[Orbit], bool] = lambda orbit: True
     sure: Callable[[Orbit, CurvePoint], bool] = lambda orbit, point: True
     by_multipliers: bool = False
+    multiplier: float = math.nan
 
 
 def _fold_value(orbit: Orbit, point: CurvePoint) -> float:
@@ -124,17 +132,17 @@ def _fold_value(orbit: Orbit, point: CurvePoint) -> float:
 
 FOLD = Monitor(
     "fold", _fold_value,
-    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; {beyond}",
+    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; {beyond}", multiplier=1.0,
 )  # fmt: skip
 SYMMETRY_BREAKING = Monitor(
     "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
     "symmetry breaking at {name} = {value:.10g}: the symmetric cycle hands its stability to a pair of lopsided ones",
-    by_multipliers=True,
+    by_multipliers=True, multiplier=-1.0,
 )  # fmt: skip
 SUPERSTABLE = Monitor(
     "superstable", lambda orbit, point: orbit.half_multiplier,
     "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
-    by_multipliers=True,
+    by_multipliers=True, multiplier=0.0,
 )  # fmt: skip
 GRAZING = Monitor(
     "grazing", lambda orbit, point: float("nan"),
@@ -181,3 +189,33 @@ def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:
     ['top at 0.13']
     """
     return Monitor(name, lambda orbit, point: float(function(orbit)), name + " at {name} = {value:.10g}")
+
+
+def in_order(
+    special: Sequence[SpecialPoint[AnyOrbit]], before: AnyOrbit, after: AnyOrbit, vary: str,
+    monitors: Sequence[Monitor], tol: float,
+) -> list[SpecialPoint[AnyOrbit]]:  # fmt: skip
+    """The special points between two orbits, located to a tolerance, in the order in which they are met.
+
+    At a sharp fold a multiplier passes -1, 0 and +1 within rounding: in this order, or the other way round.
+    """
+    if len(special) < 2:
+        return list(special)
+    way = secant_direction(before, after, vary)
+    places = [float(secant_direction(before, s.orbit, vary) @ way / np.linalg.norm(way)) for s in special]
+    grows = np.sign(after.multipliers.leading.real - before.multipliers.leading.real)
+    passes = {monitor.kind: float(grows * monitor.multiplier) for monitor in monitors}
+    order = by_place(places, [passes.get(s.kind, math.nan) for s in special], NOT_TOLD_APART * tol)
+    return [special[i] for i in order]
+
+
+def by_place(places: Sequence[float], passed: Sequence[float], apart: float) -> list[int]:
+    """Numbers of the points in order: by place; of those no farther `apart` than that by the values that are passed.
+
+    passed: of a multiplier, in the sense in which it goes; NaN where a point is met at none.
+    """
+    at, value = np.asarray(places, float), np.asarray(passed, float)
+    order = np.argsort(at, kind="stable")
+    groups = np.split(order, 1 + np.flatnonzero(np.diff(at[order]) > apart))
+    told = (g[np.argsort(value[g], kind="stable")] if np.all(np.isfinite(value[g])) else g for g in groups)
+    return [int(i) for g in told for i in g]

@@ -92,11 +92,11 @@ LEVEL = (
     "of the mode {mode!r} and is reached no more, which is where the cycle ends"
 )
 POINT = (
-    "{name} tends to {value} while the cycle shrinks to a point, its size like |{name} - {value}|^{size}, its period "
+    "{name} tends to {value} while the cycle shrinks to a point, its size like |{away}|^{size}, its period "
     "{period}: which is where it ends"
 )
 UNBOUNDED = (
-    "{name} tends to {value} while the cycle grows without bound, its size like |{name} - {value}|^{size}, its period "
+    "{name} tends to {value} while the cycle grows without bound, its size like |{away}|^{size}, its period "
     "{period}: which is where it ends"
 )
 VERTICAL = (
@@ -236,7 +236,8 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
         size = sign / law.power
         tends = f"to {four[-1].period:.6g}" if abs(of_period) < LEAST_CHANGE else f"like its power {of_period:.3g}"
         value = _shown(law.value, law.error, unit)
-        sentence = words.format(name=vary, value=value, size=f"{size:.3g}", period=tends)
+        distance = {"0": vary}.get(value, f"{vary} + {value[1:]}" if value.startswith("-") else f"{vary} - {value}")
+        sentence = words.format(name=vary, value=value, away=distance, size=f"{size:.3g}", period=tends)
         return End(kind, sentence, law.value, law.error, size, 0.0 if abs(of_period) < LEAST_CHANGE else of_period)
     return None
 

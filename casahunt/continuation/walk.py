@@ -226,9 +226,16 @@ def _step_and_tangent(
     lin, setting = solved.solution.linearisation, _setting_at(solved)
     dp = along(orbit.problem, vary, float(setting.p[orbit.problem.names.index(vary)]))
     following = replace(point_at(solved.t, solved.solution.u, setting, dp, like=like, lin=lin), moves=point.moves)
-    if ds > SHARP_STEP and cosine(point, following) < LEAST_COSINE:
+    if ds > SHARP_STEP and (cosine(point, following) < LEAST_COSINE or _astray(point, following, last, orbit, vary)):
         return "the branch turns by too much in one step"
     return orbit, following, solved
+
+
+def _astray(point: CurvePoint, following: CurvePoint, last: Orbit, orbit: Orbit, vary: str) -> bool:
+    """Whether a step is too far off the tangent at its end, too: the curve may have come there the other way round."""
+    way = in_units_of(secant_direction(last, orbit, vary), last.scale, following.setting.scale)
+    same = point.t.cycle == following.t.cycle
+    return same and bool(np.linalg.norm(way) > ASTRAY_BY * float(way @ following.row))
 
 
 def _setting_at(solved: SolvedOrbit) -> Setting:

@@ -175,7 +175,8 @@ def _phase(
         segment, successor = _followed(system, name, x, stepper, tol, *left, begins)
     except TooMany as many:
         took = spent[0] + float(many.args[0])
-        raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals", took) from None
+        hint = "" if mode.stiff else "; a mode with states that relax far faster than it lasts is to be marked as stiff"
+        raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals{hint}", took) from None
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 

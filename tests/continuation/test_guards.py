@@ -11,21 +11,30 @@ from test_branch import DUFFING
 from test_elsewhere import BRUSSELATOR
 from test_grazing_curve import DAMPED
 
+from casahunt import Servo, find_fold, find_orbit
 from casahunt.collocation.solve import Solution
 from casahunt.continuation import (
+    FOLD,
+    SUPERSTABLE,
+    SYMMETRY_BREAKING,
     bifurcations,
     branch_off,
+    crossings,
     follow,
     poincare_section,
     reunion,
+    special_points,
+    special_points_between,
     terminations,
     vanishing,
+    walk,
 )
 from casahunt.errors import Status
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle, other_start, sequences, simulated_phases
 from casahunt.orbits.orbit import unknowns_of
 from problems import belt
+from scripts.random_servos import draw
 
 OPTIONS = Options(tol=1e-8)
 
@@ -49,6 +58,62 @@ def sticking():
         start = orbit.problem.starting_at(first, *unknowns_of(orbit))
         found.append(vanishing.solved_at(orbit.problem, start, OPTIONS))
     return found
+
+
+# special_points.py, crossings.py
+
+
+@pytest.mark.parametrize(
+    "places, passed, apart, order",
+    [
+        ([0.2, 0.1], [-1.0, 1.0], 1e-6, [1, 0]),
+        ([0.2, 0.1], [-1.0, 1.0], 0.2, [0, 1]),
+        ([0.2, 0.1], [-1.0, np.nan], 0.2, [1, 0]),
+        ([0.3, 0.2, 0.1], [-1.0, 0.0, 1.0], 0.11, [0, 1, 2]),
+        ([0.9, 0.3, 0.2, 0.1], [-1.0, -1.0, 0.0, np.nan], 0.11, [3, 2, 1, 0]),
+    ],
+)
+def test_what_is_not_told_apart_comes_in_the_order_of_its_multiplier(places, passed, apart, order):
+    assert special_points.by_place(places, passed, apart) == order
+
+
+def test_a_multiplier_passes_all_values_of_a_sharp_fold_in_order(monkeypatch):
+    """It passes -1, 0 and +1 within 1e-10 of the gain: of what is located to 1e-6 nothing lies before anything else."""
+    servo = Servo().replace(**draw(2026, 2))
+    gain = 0.999 * find_fold(servo, "switch").gain
+    ends = [find_orbit(servo, "switch", gain, branch=branch, options=OPTIONS) for branch in ("stable", "unstable")]
+    located, others = crossings.locate_special_point, {"fold": SYMMETRY_BREAKING, "symmetry breaking": FOLD}
+    kinds = ["symmetry breaking", "superstable", "fold"]
+    for sense, other in ((1, {}), (-1, others)):
+
+        def swapped(before, after, monitor, other=other, **how):
+            return located(before, after, other.get(monitor.kind, monitor), **how)
+
+        monkeypatch.setattr(crossings, "locate_special_point", swapped)
+        monitors = FOLD, SYMMETRY_BREAKING, SUPERSTABLE
+        found, missed = special_points_between(
+            *ends[::sense], vary="gain", monitors=monitors, options=Options(tol=1e-6)
+        )
+        assert [special.kind for special in found] == kinds[::sense] and not missed
+
+
+# walk.py
+
+
+@pytest.mark.parametrize(
+    "way, cycle, astray",
+    [([1, 1.1], "same", False), ([1, 1.13], "same", True), ([-1, 0], "same", True), ([-1, 0], "other", False)],
+)
+def test_a_step_keeps_to_the_tangent_at_its_end(monkeypatch, way, cycle, astray):
+    """At most acos(1/1.5), 48 degrees off it, as off that at its start; where phases change the tangents differ."""
+
+    def at(cycle):
+        row, setting = np.array([1.0, 0.0]), SimpleNamespace(scale=np.ones(1))
+        return SimpleNamespace(t=SimpleNamespace(cycle=cycle), setting=setting, row=row)
+
+    monkeypatch.setattr(walk, "secant_direction", lambda before, after, vary: np.array(way))
+    orbit = SimpleNamespace(scale=np.ones(1))
+    assert walk._astray(at("same"), at(cycle), orbit, orbit, "p") is astray
 
 
 # bifurcations.py, reunion.py
@@ -177,6 +242,9 @@ def test_a_size_that_follows_a_power_leads_to_its_end(monkeypatch, power, sense,
     end = terminations.comes_to(orbits, "K", stuck=True)
     assert end.kind == kind and abs(end.value - 1) <= end.error <= 1e-4
     assert end.exponent == pytest.approx(sense / power, rel=1e-3)
+    for limit, distance in ((1, "|K - "), (0, "|K|"), (-1, "|K + ")):
+        moved = along(lam + limit - 1, B**sense, 1 + B, 1.0, monkeypatch)
+        assert f"its size like {distance}" in terminations.comes_to(moved, "K", stuck=True).sentence
     assert terminations.comes_to(orbits[:3], "K", stuck=True) is None  # three are no evidence
     assert terminations.comes_to(orbits[:-3], "K") is None  # SHRUNK_TO
     astray = along(lam + np.where(np.arange(8) == 6, 0.02, 0.0) * B**power, B**sense, 1 + B, 1.0, monkeypatch)

@@ -105,7 +105,7 @@ def test_no_interval_is_left_for_what_rounding_leaves_of_the_time() -> None:
 
 
 def test_a_mesh_that_would_be_endless_is_refused() -> None:
-    with pytest.raises(Exception, match="no exit after 1 s and 20000 intervals"):
+    with pytest.raises(Exception, match="no exit after 1 s and 20000 intervals; .* marked as stiff$"):
         marched(lambda x: (1e4 * x[1], -1e4 * x[0]), [0.0, 1.0], 1.0, 1e-10)
 
 

@@ -46,7 +46,7 @@ def test_all_branches(caption):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["duffing", "gears"])
+@pytest.mark.parametrize("name", ["duffing", "gears", "morris_lecar"])
 def test_steps_of_a_tenth_find_the_same(name, capsys):
     assert branches.main(["--only", name]) == 0
     assert " 0 failures" in capsys.readouterr().out
