@@ -34,6 +34,7 @@ dither.py                remedy: dither, by its averaged friction curve
 plain.py                 remedies: gain, derivative and integral action
 table.py                 all remedies
 plain_loop.py            a servo as a loop
+naming.py                parts by what a file calls them
 file.py                  a loop in a file
 """
 

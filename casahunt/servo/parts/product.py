@@ -52,12 +52,22 @@ def modes_of(parts: tuple[Part, ...], parameters: tuple[str, ...]) -> tuple[Mode
             twice = next(n for n in names if names.count(n) > 1)
             owners = [p.name for p in parts if twice in (p.states if kind == "state" else p.parameters)]
             raise InputError(f"{' and '.join(owners)} do not go together: both have the {kind} {twice}")
+    _check_events(parts)
     signed = next((i for i, part in enumerate(parts) if any(m.sign is not None for m in part.modes)), None)
     x = SimpleNamespace(**{name: ca.SX.sym(name) for name in states})
     p = Numbers(**{name: ca.SX.sym(name) for name in parameters})
     return tuple(
         _mode(parts, modes, signed, (x, p)) for modes in itertools.product(*[part.modes for part in parts])
     )  # fmt: skip
+
+
+def _check_events(parts: tuple[Part, ...]) -> None:
+    """Refuse a part that waits for an event that no part has."""
+    events = {edge.name for part in parts for mode in part.modes for edge in mode.ends}
+    for part in parts:
+        for name in (*part.upon, *part.follows):
+            if name not in events:
+                raise InputError(f"{part.name} does not go with these parts: none has the event {name!r} it waits for")
 
 
 def wiring_of(parts: tuple[Part, ...], modes: Modes, signed: int | None) -> Wiring:
