@@ -5,13 +5,17 @@
 part.py                  the words: Part, PartMode, Law, Edge
 addresses.py             where parts and their functions stand, for other processes
 wiring.py                the parts in one mode each, wired by their signals
-loop.py                  the product of parts, as a system like any user's
+functions.py             fields, flows, events and resets of wired parts
+product.py               the product of parts, as a system like any user's
+loop.py                  parts and their numbers, and what is asked of them by name
 linear.py                its linear loop, without dry friction
 remedy.py                what is to be known of a part to find and to price its smallest size
 inertia.py               plant: one inertia
 two_masses.py            plant: motor and load with a shaft
-switch.py                Switch friction
+switch.py                Switch friction, of the motor and of the load
 by_direction.py          Switch friction that differs by direction
+monotone_cubic.py        a table as a smooth expression
+tabulated.py             Switch friction by a table of velocity and torque
 lugre.py                 LuGre friction
 pid.py                   PID by times or by gains, and the integrator
 cascade.py               cascade P-PI
@@ -31,6 +35,7 @@ dither.py                remedy: dither, by its averaged friction curve
 plain.py                 remedies: gain, derivative and integral action
 table.py                 all remedies
 plain_loop.py            a servo as a loop
+naming.py                parts by what a file calls them
 file.py                  a loop in a file
 verbs.py                 cycle and motion of a loop
 """
@@ -62,8 +67,9 @@ if TYPE_CHECKING:
     from .plain_loop import loop_of
     from .remedy import Remedy
     from .reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
-    from .switch import SWITCH
+    from .switch import LOAD_SWITCH, NO_FRICTION, SWITCH
     from .table import REMEDIES
+    from .tabulated import friction_table
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
     from .verbs import LoopMotion, loop_cycle, loop_motion, unstable_cycle
@@ -71,11 +77,11 @@ if TYPE_CHECKING:
 __all__ = [
     "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N",
     "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER", "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR",
-    "LEAK", "LOADS", "LUGRE", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES", "RESET_AT_CENTRE",
-    "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT", "TWO_MASSES",
-    "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop", "LoopMotion", "Part", "PartMode", "Remedy", "from_object",
-    "load_loop", "loop_cycle", "loop_motion", "loop_of", "series", "state_space", "transfer_function",
-    "unstable_cycle",
+    "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES",
+    "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
+    "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop", "LoopMotion", "Part", "PartMode", "Remedy",
+    "friction_table", "from_object", "load_loop", "loop_cycle", "loop_motion", "loop_of", "series", "state_space",
+    "transfer_function", "unstable_cycle",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -102,8 +108,9 @@ __getattr__ = lazily(
         "plain_loop": ("loop_of",),
         "remedy": ("Remedy",),
         "reset": ("RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO"),
-        "switch": ("SWITCH",),
+        "switch": ("LOAD_SWITCH", "NO_FRICTION", "SWITCH"),
         "table": ("REMEDIES",),
+        "tabulated": ("friction_table",),
         "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
         "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
         "verbs": ("LoopMotion", "loop_cycle", "loop_motion", "unstable_cycle"),

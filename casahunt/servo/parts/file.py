@@ -7,29 +7,23 @@
     load_inertia = 0.01
     dead_band = 0.03
 
-What [values] leaves out has the value that the part itself says.
+What [values] leaves out has the value that the part itself says.  A part that is made of lists is a table of them:
+
+    {part = "transfer function", numerator = [0.16, 2.0, 6.28], denominator = [0.001, 1.0, 0.0]}
+    {part = "state space", A = [[0.0]], B = [1.0], C = [6.28], D = 2.0}
+    {part = "series", filters = ["notch", "low-pass"]}
+    {part = "friction table", velocity = [0.0, 0.02, 0.05, 1.0], torque = [0.5, 0.47, 0.44, 0.54], static = 0.53}
 """
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 
-from ...checks import choice_of, number, quoted
+from ...checks import choice_of, number
 from ...errors import InputError
 from ..servo import read_toml
 from .loop import Loop
-from .part import Part
-from .table import check_in_the_model
-
-ROOM_OF_PARTS = "casahunt.servo.parts"
-
-
-def named_parts() -> dict[str, Part]:
-    """The public parts by their names."""
-    room = import_module(ROOM_OF_PARTS)
-    found = [getattr(room, name) for name in room.__all__]
-    return {part.name: part for part in reversed(found) if isinstance(part, Part)}
+from .naming import parts_of
 
 
 def load_loop(path: str | Path) -> Loop:
@@ -68,15 +62,6 @@ def load_loop(path: str | Path) -> Loop:
         names, values = tree.get("loop", {}).get("parts"), tree.get("values", {})
         if not isinstance(names, list) or not names:
             raise InputError('[loop]: must say parts = ["one inertia", "Switch friction", ...]')
-        return Loop(tuple(map(_part, names)), {name: number(name, value) for name, value in values.items()})
+        return Loop(parts_of(names), {name: number(name, value) for name, value in values.items()})
     except InputError as error:
         raise InputError(f"{what}: {error}") from None
-
-
-def _part(name: object) -> Part:
-    """The part of a name.  Raises InputError: there is none; with what there is instead."""
-    if not isinstance(name, str):
-        raise InputError(f"parts: {quoted(name)}: must be the name of a part")
-    check_in_the_model(name)
-    parts = named_parts()
-    return parts[choice_of("part", name, parts)]

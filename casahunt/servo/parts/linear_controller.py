@@ -15,6 +15,7 @@ from ...compiled import kept
 from ...errors import InputError
 from .part import Function, Law, Part, PartMode
 
+Array = np.ndarray
 Rows = tuple[tuple[float, ...], ...]
 MOST_STATES = 8
 """A controller with more states than that is a model of something else."""
@@ -42,17 +43,26 @@ def state_space(A: Any, B: Any, C: Any, D: Any) -> Part:
     >>> state_space([[0.0]], [[1.0]], [[6.28]], [[2.0]]).states  # PI: ki = 6.28, kp = 2
     ('c1',)
     """
-    a, b = np.atleast_2d(np.asarray(A, float)), np.asarray(B, float).reshape(-1)
-    c, d = np.asarray(C, float).reshape(-1), np.asarray(D, float).reshape(-1)
+    a, b, c, d = (floats(f"state space: {name}", value) for name, value in zip("ABCD", (A, B, C, D), strict=True))
+    a, b, c, d = np.atleast_2d(a), b.reshape(-1), c.reshape(-1), d.reshape(-1)
     n = b.size
     if a.size != n * n or c.size != n or d.size != 1:
         raise InputError(f"state space: A {a.shape}, B, C and D must be (n, n), (n, 1), (1, n) and (1, 1)")
     if n > MOST_STATES:
         raise InputError(f"state space: {n} states; a controller has at most {MOST_STATES}")
-    if not all(np.isfinite(matrix).all() for matrix in (a, b, c, d)):
-        raise InputError("state space: every entry of A, B, C and D must be a finite number")
     rows = tuple(tuple(map(float, row)) for row in a.reshape(n, n))
     return _state_space(rows, tuple(map(float, b)), tuple(map(float, c)), float(d[0]))
+
+
+def floats(name: str, value: Any) -> Array:
+    """An array.  Raises InputError: an entry is no finite number."""
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if not np.isfinite(array).all():
+        raise InputError(f"{name}: every entry must be a finite number")
+    return array
 
 
 def _again(*matrices: Any) -> Part:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from .linear_controller import state_space
+from .linear_controller import floats, state_space
 from .part import Part
 
 
@@ -43,7 +43,10 @@ def transfer_function(numerator: Any, denominator: Any) -> Part:
     >>> round(find_cycle(loop.system, loop.mode_at(**start), start=start, follow="gain").period, 1)
     10.3
     """
-    num, den = np.trim_zeros(np.asarray(numerator, float), "f"), np.trim_zeros(np.asarray(denominator, float), "f")
+    num, den = (
+        np.trim_zeros(np.atleast_1d(floats(f"transfer function: {name}", value)), "f")
+        for name, value in (("numerator", numerator), ("denominator", denominator))
+    )
     if not den.size or not num.size:
         raise InputError("transfer function: numerator and denominator must each have a coefficient that is not zero")
     n = den.size - 1

@@ -2,7 +2,8 @@
 
      slip with the sign s: F = s g(v) + sigma2 v;   stick while -Fs_back <= pull <= Fs,   of the pull at standstill
 
-`SWITCH` has one set of numbers, Fs_back = Fs; by_direction.py one for each direction.
+`SWITCH` has one set of numbers, Fs_back = Fs; by_direction.py one for each direction, tabulated.py a curve F(v).  On
+the load of two masses it is another part, whose signals and parameters begin with load_: modes are then products.
 """
 
 from __future__ import annotations
@@ -13,62 +14,84 @@ from typing import Any
 import casadi as ca
 
 from ..friction import stribeck
-from .part import Edge, Law, Part, PartMode
+from .part import Edge, Function, Law, Part, PartMode
 
-
-def _rate(x: Any, s: Any, p: Any) -> Any:
-    return s.motor_rate / p.stribeck_velocity
-
-
-def _at_standstill(s: Any) -> Any:
-    """The pull without what compensates friction by the sign of the slip: asked at its end, the slip still has one."""
-    return s.pull - s.compensation
+Torque = Callable[[Any, Any], Any]
+"""(v, p) -> F of a slip with the sign p.sign."""
 
 
 def switch_friction(
-    name: str, parameters: Mapping[str, float], here: Callable[[Any, str], Any], static_back: str
-) -> Part:
+    name: str, parameters: Mapping[str, float], torque: Torque, *, back: str = "static",
+    scale: Callable[[Any], Any] = lambda p: p.stribeck_velocity, at: str = "", **more: Any,
+) -> Part:  # fmt: skip
     """The part of these numbers.
 
-    here: (p, name) -> a number in the direction of the slip, p.sign; static_back: the name of the static friction on
-    the way back.
+    back: the name of the static friction on the way back; scale: a rate at which friction changes [rad/s]; at: what the
+    names of signals, modes and events begin with, and those of the parameters that are not given by name.
     """
+    rate, pull = (at or "motor_") + "rate", at + "pull"
+    called = at.replace("_", " ")
 
-    def slip(x: Any, s: Any, p: Any) -> Any:
-        g = stribeck(s.motor_rate, here(p, "static"), here(p, "coulomb"), p.stribeck_velocity)
-        return p.sign * g + here(p, "viscous") * s.motor_rate
+    def relative(x: Any, s: Any, p: Any) -> Any:
+        return getattr(s, rate) / scale(p)
+
+    def standing(s: Any) -> Any:  # asked at the end of a slip, what compensates friction by its sign still does
+        return getattr(s, pull) - (0 if at else s.compensation)
 
     def forward(x: Any, s: Any, p: Any) -> Any:
-        return _at_standstill(s) / p.static - 1
+        return standing(s) / getattr(p, at + "static") - 1
 
-    def back(x: Any, s: Any, p: Any) -> Any:
-        return _at_standstill(s) / getattr(p, static_back) + 1
+    def backward(x: Any, s: Any, p: Any) -> Any:
+        return standing(s) / getattr(p, at + back) + 1
 
     def after_stop(x: Any, s: Any, p: Any) -> str:
-        return "slip+" if forward(x, s, p) > 0 else "slip-" if back(x, s, p) < 0 else "stick"
+        state = "slip+" if forward(x, s, p) > 0 else "slip-" if backward(x, s, p) < 0 else "stick"
+        return called + state
+
+    def starts(sign: float, beyond: Function) -> Function:
+        return lambda x, s, p: sign * getattr(s, rate) > 0 or getattr(s, rate) == 0 and sign * beyond(x, s, p) > 0
 
     slips = Law(
-        gives={"friction": slip, "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: p.sign},
-        holds=lambda x, s, p: p.sign * _rate(x, s, p),
-        feature=lambda x, s, p: ca.exp(-(_rate(x, s, p) ** 2)),
-    )
+        gives={at + "friction": lambda x, s, p: torque(getattr(s, rate), p), at + "moving": lambda x, s, p: 1.0,
+               at + "direction": lambda x, s, p: p.sign},
+        holds=lambda x, s, p: p.sign * relative(x, s, p),
+        feature=lambda x, s, p: ca.exp(-(relative(x, s, p) ** 2)),
+    )  # fmt: skip
     sticks = Law(
-        gives={"friction": lambda x, s, p: s.pull, "moving": lambda x, s, p: 0.0, "direction": lambda x, s, p: 0.0},
-        holds=lambda x, s, p: -forward(x, s, p) * back(x, s, p),
-    )
+        gives={at + "friction": lambda x, s, p: getattr(s, pull), at + "moving": lambda x, s, p: 0.0,
+               at + "direction": lambda x, s, p: 0.0},
+        holds=lambda x, s, p: -forward(x, s, p) * backward(x, s, p),
+    )  # fmt: skip
+    plus, minus = f"{called}slip+", f"{called}slip-"
     return Part(
-        name, (), parameters,
+        name, (), parameters, **more,
         modes=(
-            PartMode("slip+", slips, (Edge("stop", _rate, -1, after_stop),), +1,
-                     where=lambda x, s, p: s.motor_rate > 0 or s.motor_rate == 0 and forward(x, s, p) > 0),
-            PartMode("slip-", slips, (Edge("stop", _rate, +1, after_stop),), -1,
-                     where=lambda x, s, p: s.motor_rate < 0 or s.motor_rate == 0 and back(x, s, p) < 0),
-            PartMode("stick", sticks, (Edge("breakaway+", forward, +1, "slip+"),
-                                       Edge("breakaway-", back, -1, "slip-"))),
+            PartMode(plus, slips, (Edge(f"{called}stop", relative, -1, after_stop),), +1, where=starts(+1, forward)),
+            PartMode(minus, slips, (Edge(f"{called}stop", relative, +1, after_stop),), -1, where=starts(-1, backward)),
+            PartMode(f"{called}stick", sticks, (Edge(f"{called}breakaway+", forward, +1, plus),
+                                                Edge(f"{called}breakaway-", backward, -1, minus))),
         ),
     )  # fmt: skip
 
 
-SWITCH = switch_friction(
-    "Switch friction", {"static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1}, getattr, "static"
+def _stribeck(at: str) -> dict[str, Any]:
+    """The Stribeck curve of the parameters whose names begin so."""
+
+    def torque(v: Any, p: Any) -> Any:
+        static, coulomb, velocity, viscous = (getattr(p, at + name) for name in TABLE_1)
+        return p.sign * stribeck(v, static, coulomb, velocity) + viscous * v
+
+    return {
+        "parameters": {at + name: value for name, value in TABLE_1.items()},
+        "torque": torque, "at": at, "scale": lambda p: getattr(p, at + "stribeck_velocity"),
+    }  # fmt: skip
+
+
+TABLE_1 = {"static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1}
+SWITCH = switch_friction("Switch friction", **_stribeck(""))
+LOAD_SWITCH = switch_friction("Switch friction of the load", **_stribeck("load_"))
+NO_FRICTION = Part(
+    "no friction",
+    gives={"friction": lambda x, s, p: 0.0, "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: 0.0},
 )
+"""Of a motor without any: it is the load that has it."""

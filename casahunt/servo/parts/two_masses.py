@@ -1,10 +1,11 @@
 """Two masses with a shaft: the motor, and a load that turns it.
 
-    J x2' = moving (pull - F),   x1' = moving x2            the motor
-    JL w' = shaft - dL w,        phi' = w                   the load
+    J x2' = moving (pull - F),                  x1' = moving x2                        the motor
+    JL w' = load_moving (load_pull - F_load),   phi' = load_moving w                   the load
     shaft = k (x1 - phi) + d (x2 - w);   pull = torque + compensation + external - shaft
+    load_pull = shaft - dL w + load_external
 
-The controller sees the motor, or the load.
+The controller sees the motor, or the load.  Both can have friction: that of the load is a part of its own.
 """
 
 from __future__ import annotations
@@ -32,13 +33,16 @@ def _plant(name: str, load_is_seen: bool) -> Part:
             "motor_angle": lambda x, s, p: x.x1,
             "motor_rate": lambda x, s, p: x.x2,
             "pull": lambda x, s, p: s.torque + s.compensation + s.external - _shaft(x, s, p),
+            "load_angle": lambda x, s, p: x.load_angle,
+            "load_rate": lambda x, s, p: x.load_rate,
+            "load_pull": lambda x, s, p: _shaft(x, s, p) - p.load_damping * x.load_rate + s.load_external,
             **seen,
         },
         modes=(PartMode("", Law({
             "x1": _motor_rate,
             "x2": lambda x, s, p: s.moving * (s.pull - s.friction) / p.inertia,
-            "load_angle": lambda x, s, p: x.load_rate,
-            "load_rate": lambda x, s, p: (_shaft(x, s, p) - p.load_damping * x.load_rate) / p.load_inertia,
+            "load_angle": lambda x, s, p: s.load_moving * x.load_rate,
+            "load_rate": lambda x, s, p: s.load_moving * (s.load_pull - s.load_friction) / p.load_inertia,
         })),),
     )  # fmt: skip
 

@@ -8,10 +8,8 @@ nothing filters or limits it, and what is integrated is the error.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
-
-import casadi as ca
 
 from ...compiled import kept
 from ...errors import InputError
@@ -32,11 +30,21 @@ UNGIVEN: dict[str, Function] = {
     "torque": lambda x, s, p: s.command,
     "compensation": lambda x, s, p: 0.0,
     "external": lambda x, s, p: 0.0,
+    "load_external": lambda x, s, p: 0.0,
+    "load_friction": lambda x, s, p: 0.0,
+    "load_moving": lambda x, s, p: 1.0,
 }
 """What a signal is where no part gives it; angles are measured from the set point."""
 
 Active = tuple[tuple[Part, Law, float | None], ...]
 """Each part with the law of its mode, and the sign of that mode where the loop's mode does not carry it."""
+
+
+class Numbers(SimpleNamespace):
+    """The parameters of a loop by name, numbers or symbols."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise InputError(f"no part of the loop has the parameter {name!r}")
 
 
 class SignedParameters:
@@ -121,88 +129,3 @@ def wired(active: Active) -> Wiring:
 
 def _wired_again(active: Any) -> Wiring:
     return wired(unpacked(active))
-
-
-class Compared:
-    """What is compared by its class and `key`, so that equal loops share what is compiled."""
-
-    key: tuple[Any, ...]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Compared) and type(self) is type(other) and self.key == other.key
-
-    def __hash__(self) -> int:
-        return hash((type(self), self.key))
-
-    def __reduce__(self) -> Any:
-        wiring: Wiring = self.key[0]
-        return _made_again, (type(self), wiring, packed(self.key[1:], wiring.parts))
-
-
-def _made_again(kind: Callable[..., Compared], wiring: Wiring, others: Any) -> Compared:
-    return kind(wiring, *unpacked(others))
-
-
-class FieldOf(Compared):
-    """(x, p) -> the derivative of every state."""
-
-    def __init__(self, wiring: Wiring) -> None:
-        self.key = (wiring,)
-
-    def __call__(self, x: Any, p: Any) -> dict[str, Any]:
-        wiring: Wiring = self.key[0]
-        return wiring.field(x, p)
-
-
-class ScalarOf(Compared):
-    """(x, p) -> a scalar of one part: an event, a condition, a feature."""
-
-    def __init__(self, wiring: Wiring, function: Function, sign: float | None) -> None:
-        self.key = wiring, function, sign
-
-    def __call__(self, x: Any, p: Any) -> Any:
-        wiring, function, sign = self.key
-        return wiring.value(function, sign, x, p)
-
-
-class ResetOf(Compared):
-    """(x, p) -> the states that jump, by name."""
-
-    def __init__(self, wiring: Wiring, jumps: tuple[tuple[str, Function], ...], sign: float | None) -> None:
-        self.key = wiring, jumps, sign
-
-    def __call__(self, x: Any, p: Any) -> dict[str, Any]:
-        wiring, jumps, sign = self.key
-        return {state: wiring.value(function, sign, x, p) for state, function in jumps}
-
-
-class FlowOf(Compared):
-    """(x, t, p) -> the states a time t later, where the field is affine and its matrix A nilpotent, A^n = 0.
-
-    x(t) = x + sum over k of t^k/k! A^(k-1) f(x): while the servo sticks nothing moves but integrators.
-    """
-
-    def __init__(self, wiring: Wiring, states: tuple[str, ...]) -> None:
-        self.key = wiring, states
-
-    def __call__(self, x: Any, t: Any, p: Any) -> dict[str, Any]:
-        wiring, states = self.key
-        here = ca.vertcat(*[getattr(x, state) for state in states])
-        f = wiring.field(x, p)
-        rate, moved, factor = ca.vertcat(*[f[state] for state in states]), here, 1.0
-        A = ca.jacobian(rate, here)
-        for k in range(1, len(states) + 1):
-            factor = factor * t / k
-            moved, rate = moved + factor * rate, ca.mtimes(A, rate)
-        return {state: moved[i] for i, state in enumerate(states)}
-
-
-def nilpotent(rate: ca.SX, x: ca.SX) -> bool:
-    """Whether a field of symbols is affine, with a matrix of which a power vanishes: its structure says it."""
-    A = ca.jacobian(rate, x)
-    if not ca.jacobian(ca.vec(A), x).is_zero():
-        return False
-    power = A
-    for _ in range(x.numel() - 1):
-        power = ca.mtimes(power, A)
-    return bool(ca.sparsify(power).nnz() == 0)

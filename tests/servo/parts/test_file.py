@@ -3,8 +3,24 @@
 import pytest
 
 from casahunt import InputError
-from casahunt.servo.parts import DEAD_BAND, INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, load_loop
-from casahunt.servo.parts.file import named_parts
+from casahunt.servo import parts as room
+from casahunt.servo.parts import (
+    DEAD_BAND,
+    INERTIA,
+    INTEGRATOR,
+    PID_BY_TIMES,
+    RESET_AT_CENTRE,
+    RESET_AT_ZERO,
+    SWITCH,
+    Loop,
+    Part,
+    friction_table,
+    load_loop,
+    series,
+    state_space,
+    transfer_function,
+)
+from casahunt.servo.parts.naming import named_parts
 
 PARTS = '["one inertia", "Switch friction", "PID by times", "integrator", "dead band"]'
 
@@ -17,12 +33,32 @@ def test_a_loop_is_that_of_its_parts(tmp_path):
     assert loop.system == Loop(parts, {"gain": 0.1, "dead_band": 0.01}, loop.name).system
 
 
-def test_every_part_has_a_name_of_its_own_but_for_the_reset():
-    """There is one for each friction model, where events may not stand."""
-    from casahunt.servo import parts as room
+def loaded(tmp_path, parts):
+    path = tmp_path / "loop.toml"
+    path.write_text(f"[loop]\nparts = [{parts}]\n")
+    return load_loop(path)
 
-    every = [getattr(room, name) for name in room.__all__ if type(getattr(room, name)).__name__ == "Part"]
-    assert len(every) == len(named_parts()) + 1
+
+def test_every_part_has_a_name_of_its_own_but_for_the_reset(tmp_path):
+    """There is one for each friction model, where events may not stand: the file's is that which fits."""
+    assert [name for name, parts in named_parts().items() if len(parts) > 1] == ["reset"]
+    assert {part.name for part in vars(room).values() if isinstance(part, Part)} <= set(named_parts())
+    for friction, reset in (("Switch friction", RESET_AT_ZERO), ("LuGre friction", RESET_AT_CENTRE)):
+        for names in (["reset", friction], [friction, "reset"]):
+            others = '"one inertia", "PID by gains", "integrator"'
+            assert reset in loaded(tmp_path, f'{others}, "{names[0]}", "{names[1]}"').parts
+
+
+def test_parts_that_are_made_of_lists(tmp_path):
+    """The same objects as from Python."""
+    loop = loaded(tmp_path, '''"one inertia",
+        {part = "friction table", velocity = [0.0, 0.02, 1.0], torque = [0.5, 0.4, 0.5], static = 0.53},
+        {part = "transfer function", numerator = [0.16, 2.0, 6.28], denominator = [0.001, 1.0, 0.0]},
+        {part = "series", filters = ["notch", "low-pass"]}''')
+    made = friction_table([0, 0.02, 1.0], [0.5, 0.4, 0.5], 0.53), transfer_function([0.16, 2.0, 6.28], [1e-3, 1.0, 0.0])
+    assert loop.parts == (INERTIA, *made, series("notch", "low-pass"))
+    pi = loaded(tmp_path, '"one inertia", "Switch friction", {part="state space", A=[[0.0]], B=[1.0], C=[6.28], D=2.0}')
+    assert pi.parts[-1] is state_space([[0]], [1], [6.28], 2)
 
 
 @pytest.mark.parametrize(("text", "sentence"), [
@@ -32,6 +68,15 @@ def test_every_part_has_a_name_of_its_own_but_for_the_reset():
     (f"[loop]\nparts = {PARTS}\n[value]\ngain = 1", r"unknown table 'value'.*values"),
     (f"[loop]\nparts = {PARTS}\n[values]\ndead_bnd = 1", r"unknown parameter 'dead_bnd'.*dead_band"),
     (f"[loop]\nparts = {PARTS}\n[values]\ngain = 'high'", r"gain = 'high'"),
+    ('[loop]\nparts = ["transfer function"]', r"must say numerator: .part = .transfer function., numerator = "),
+    ('[loop]\nparts = [{part="transfer function", numerator=[1]}]', r"must say denominator"),
+    ('[loop]\nparts = [{part="transfer function", numerator=[1], denominatr=[1]}]', r"'denominatr'.*denominator"),
+    ('[loop]\nparts = [{part="transfer function", numerator=["a"], denominator=[1]}]', r"numerator: every entry"),
+    ('[loop]\nparts = [{part="series", filters=3}]', r"series: must be made of lists: filters"),
+    ('[loop]\nparts = [{part="series", filters=["comb"]}]', r"unknown filter 'comb'"),
+    ('[loop]\nparts = [{part="friction table", velocity=3, torque=[1]}]', r"friction table: must be made of lists"),
+    ('[loop]\nparts = [{part="leak", leak=0.1}]', r"leak: leak: its numbers stand in the table .values."),
+    ('[loop]\nparts = [{leak=0.1}]', r"must be the name of a part, or a table"),
     ('[loop]\nparts = ["one inertla"]', r"unknown part 'one inertla'.*one inertia"),
     ('[loop]\nparts = ["backlash"]', r"backlash: is no remedy, and no part of this model"),
 ])  # fmt: skip

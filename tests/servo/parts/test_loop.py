@@ -32,7 +32,7 @@ from casahunt.servo.parts.lugre import LUGRE
 from casahunt.servo.parts.part import Part
 from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from casahunt.servo.parts.plain_loop import loop_of
-from casahunt.servo.parts.reset import RESET_AT_STOP, RESET_AT_ZERO
+from casahunt.servo.parts.reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
 from casahunt.servo.parts.switch import SWITCH
 from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
 from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
@@ -210,6 +210,8 @@ def test_the_border_in_two_parameters_is_that_of_the_stick_map():
     ((*PLAIN, LEAK, LEAK), {"leak": 0.1}, "both give the leak_rate"),
     (PLAIN, {"backlash": 0.1}, "unknown parameter 'backlash'"),
     ((INERTIA, PID_BY_GAINS, INTEGRATOR), {}, "no part of the loop gives the signal 'moving'"),
+    ((*PLAIN, RESET_AT_CENTRE), {"reset": 0.5}, "reset does not go with these parts: none has the event 'centre'"),
+    ((INERTIA, LUGRE, *PLAIN[2:], FREEZE), {"dwell": 0.5}, "freeze does not go .* none has the event 'breakaway"),
 ])  # fmt: skip
 def test_parts_that_do_not_go_together(parts, values, sentence):
     with pytest.raises(InputError, match=sentence):
