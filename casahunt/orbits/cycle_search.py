@@ -266,9 +266,9 @@ class _CycleSearch(Returning):
         return largest < 1 - CLEARLY or largest < 1 + CLEARLY and orbit.stable
 
     def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
-        """The cycle that an orbit runs through several times; None where it is its own period.
+        """The cycle that an orbit runs through several times, or that its half with an image is; None for neither.
 
-        A motion that spirals in may come back nearer after two turns than after one.
+        A motion that spirals in may come back nearer after two turns than after one, or than its image after half.
         """
         assert self.form is not None
         near = max(SEVERAL_TIMES, 10 * orbit.error_estimate)
@@ -277,7 +277,7 @@ class _CycleSearch(Returning):
             round_it = [replace(segment, event=self.segments[-1].event) for segment in round_it]
         found = recurrences(
             self.system, self.form, round_it, self.p, self.scale, near,
-            lambda r: r.phases * r.closure.repeats < whole,
+            lambda r: r.phases * r.closure.repeats < whole or not self.settled and r.phases < len(orbit.arcs),
         )  # fmt: skip
         return self.solved(found[0], None if self.turning else round_it, sure=True) if found else None
 

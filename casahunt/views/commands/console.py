@@ -18,6 +18,7 @@ from typing import IO, Any
 from ...checks import to_absolute_error, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
+from ...orbits import Orbit
 from ...servo.problem import HuntingOrbit
 from .output import meanings, wrapped
 from .output_paths import Signs, keep_others
@@ -240,17 +241,18 @@ def folder(path: str, results: Signs) -> Iterator[Path]:
         yield out
 
 
-def progress_line(orbit: HuntingOrbit, mu: str = "") -> str:
+def progress_line(orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
     """A computed point as a line of progress: gain, amplitude, period, multiplier and iterations.
 
-    mu: text for the multiplier; default: mu, or lambda of a full cycle.
+    mu: text for the multiplier; default: mu, or lambda of a full cycle; vary: the parameter that is told, for the gain.
     """
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
-    gain = to_error(orbit.gain, max(orbit.parameter_error, 1e-8))
+    value = to_error(orbit.problem.value(vary), max(orbit.parameter_error, 1e-8))
     amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
     period = to_error(orbit.period, orbit.period_error, most=6)
+    whose = orbit.model if isinstance(orbit, HuntingOrbit) else "loop"
     return (
-        f"{orbit.model:7s} K = {gain}  amplitude = {amplitude} rad  period = {period} s  "
+        f"{whose:7s} {'K' if vary == 'gain' else vary} = {value}  amplitude = {amplitude} rad  period = {period} s  "
         f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
     )
