@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 
 import pytest
@@ -11,6 +12,7 @@ from command_line import is_picture, one_json, run
 from casahunt import Servo, find_fold
 from casahunt.servo.parts import load_loop
 from casahunt.views.commands.arguments import LOOP_COMMANDS
+from casahunt.views.commands.diagram import PICTURES
 
 PLAIN = ["one inertia", "Switch friction", "PID by times", "integrator"]
 FOLD, BAND, LEAK = 0.647339084, 0.0433457242337, 0.246844841
@@ -106,6 +108,29 @@ def test_the_lines_of_a_fold(capsys, loop_file, tmp_path):
     assert float(rows["gain"]["fold_dead_band"]) == pytest.approx(BAND, rel=1e-6)
 
 
+def test_the_diagram_of_a_loop(capsys, loop_file, tmp_path):
+    """Up, round the fold and back, where the cycle is the unstable one; what is written is whole."""
+    out_folder, path = tmp_path / "drawn", loop_file("leak", leak=0.2)
+    words = "--vary", "leak", "--out", out_folder, "--tol", "1e-7"
+    code, out, err = run(capsys, "diagram", path, *words)
+    assert code == 0 and re.match(r"loop: \d+ points along leak; leak reached 0\.2, the end of the range\n", out)
+    assert "fold at leak = 0.24684" in out and f"written to {out_folder}" in " ".join(out.split())
+    rows = list(csv.DictReader((out_folder / "loop.csv").read_text().splitlines()))
+    values = [float(row["leak"]) for row in rows]
+    assert values[0] == values[-1] == 0.2 and max(values) == pytest.approx(LEAK, rel=1e-2)
+    seen = [row["stable"] for row in rows]
+    assert seen[0] == "True" and "False" in seen and seen[-1] != "True"  # where it is not to be trusted, it is left out
+    assert len([line for line in err.splitlines() if line.startswith("loop    leak = ")]) == len(rows) - 1
+    written = json.loads((out_folder / "loop.json").read_text())
+    (fold,) = written["special"]
+    assert fold["kind"] == "fold" and len(written["table"]["leak"]) == len(rows)
+    pictures = [name for name in PICTURES if is_picture(out_folder / name)]
+    assert sorted(path.name for path in out_folder.iterdir()) == sorted([*pictures, "loop.csv", "loop.json"])
+    code, out, _ = run(capsys, "diagram", path, *words, "--to", 0.19, "--from", 0.21, "--json", "--quiet")  # over it
+    (branch,) = one_json(out)["branches"]
+    assert code == 0 and branch["ended"] == "leak reached 0.19, the end of the range" and branch["special"] == []
+
+
 REFUSED = [
     (("orbit", "--gain", 1, "--model", "switch"), "model: must be left out, the friction of a loop is one of"),
     (("orbit", "--gain", 1, "--full"), "full: must be left out"),
@@ -115,6 +140,10 @@ REFUSED = [
     (("orbit", "--gain", 1, "--set", "dead_band"), "must have the form name=value"),
     (("orbit", "--gain", 1, "--set", "dead_band=-1"), "dead_band = -1: must be at least 0 (dead band)"),
     (("fold", "--vary", "dead_bnd"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
+    (("diagram", "--natural"), "natural: must be left out, they go with the diagram of a servo"),
+    (("diagram", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another"),
+    (("diagram", "--to", "0.04"), "gain is 0.04 at the start: it cannot go to 0.04"),
+    (("diagram", "--to", "high"), "to = 'high': must be a finite number"),
     (("fold", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another dead_band"),
 ]
 
@@ -122,7 +151,8 @@ REFUSED = [
 @pytest.mark.parametrize(("words", "says"), REFUSED)
 def test_what_is_refused(capsys, loop_file, tmp_path, words, says):
     path = loop_file("dead band")
-    code, out, err = run(capsys, words[0], path, *words[1:], "--quiet", "--csv", tmp_path / "o.csv")
+    written = "--out" if words[0] == "diagram" else "--csv"
+    code, out, err = run(capsys, words[0], path, *words[1:], "--quiet", written, tmp_path / "o.csv")
     assert (code, out) == (2, "") and says in err and err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [path]
 
@@ -134,6 +164,11 @@ def test_what_is_refused(capsys, loop_file, tmp_path, words, says):
 def test_commands_that_take_none_say_which_do(capsys, loop_file, words, says):
     code, out, err = run(capsys, words[0], loop_file(), *words[1:])
     assert (code, out) == (2, "") and says in err and all(name in err for name in LOOP_COMMANDS)
+
+
+def test_where_the_branch_of_a_servo_ends_is_not_asked(capsys, tmp_path):
+    code, out, err = run(capsys, "diagram", "--to", 0.1, "--out", tmp_path / "none")
+    assert (code, out) == (2, "") and "to: must be left out, a servo's diagram goes round its fold and back" in err
 
 
 def test_a_servo_is_followed_in_its_gain_alone(capsys):

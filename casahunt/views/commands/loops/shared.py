@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ....checks import choice_of
-from ....continuation import Fold, largest, smallest
-from ....errors import NoOrbit, Status
+from ....checks import choice_of, to_and_back
+from ....continuation import Branch, Fold, follow, largest, smallest
+from ....errors import InputError, NoOrbit, Status
 from ....orbits import Options, SystemOrbit
-from ....servo.units import PARAMETER_UNITS
 
 if TYPE_CHECKING:
     from ....servo.parts import Loop
@@ -60,9 +60,24 @@ def border_of(loop: Loop, vary: str, options: Options) -> tuple[Fold[SystemOrbit
 
 
 def with_unit(number: str, name: str) -> str:
-    """A parameter of a loop with its unit, where that is known: of the servo's own parameters and of remedies."""
-    from ....servo.parts import REMEDIES
+    """A parameter of a loop with its unit, where that is known."""
+    from ....servo.parts.table import unit_of
 
-    units = {key.rpartition(".")[2]: unit for key, unit in PARAMETER_UNITS.items()}
-    units |= {remedy.size: remedy.unit for remedy in REMEDIES}
-    return f"{number} {units.get(name, '')}".rstrip()
+    return f"{number} {unit_of(name)}".rstrip()
+
+
+def branch_of(
+    loop: Loop, vary: str, start: float | None, to: float | None, options: Options,
+    progress: Callable[[SystemOrbit], None],
+) -> Branch[SystemOrbit]:  # fmt: skip
+    """The branch of a loop in one of its parameters: from its own value or `start`, to `to` or far up."""
+    from ....servo.parts.verbs import FAR_UP, check_present, loop_cycle
+
+    if start is not None:
+        loop = loop.replace(**{vary: start})
+    check_present(loop, vary)
+    here = loop.value(vary)
+    if to is None and here <= 0:
+        raise InputError(f"to: must be given, {vary} = {here:g} at the start cannot be multiplied")
+    to, _ = to_and_back(vary, here, FAR_UP * here if to is None else to, None)
+    return follow(loop_cycle(loop, vary, options=options), vary, to=to, options=options, progress=progress)
