@@ -23,7 +23,7 @@ from ..collocation.admissibility import MOVES_BELOW
 from ..collocation.interval import field_at
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import scheme
-from ..errors import NoOrbit, Status
+from ..errors import ComesToRest, NoOrbit, Status
 from ..hybrid.language import Function, System
 from ..motion.closed_forms import check_closed_forms
 from ..motion.march_intervals import VANISHED
@@ -153,7 +153,7 @@ class _CycleSearch(Returning):
             refusals = [] if isinstance(why, AtRest) else self.refusals
             tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(refusals))
             sentence = f"no cycle of {self.system.name} was found: {why} (followed for {why.followed:.6g}){tried}"
-            raise NoOrbit(sentence, Status.NOT_FOUND) from None
+            raise (ComesToRest if isinstance(why, AtRest) else NoOrbit)(sentence, Status.NOT_FOUND) from None
 
     def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, accept."""

@@ -131,6 +131,68 @@ def test_the_diagram_of_a_loop(capsys, loop_file, tmp_path):
     assert code == 0 and branch["ended"] == "leak reached 0.19, the end of the range" and branch["special"] == []
 
 
+def test_the_step_of_the_plain_servo_as_a_loop(capsys, loop_file):
+    words = "--gain", 0.04, "--time", 40, "--tol", "1e-9", "--json", "--quiet"
+    plain = one_json(run(capsys, "simulate", *words)[1])
+    code, out, err = run(capsys, "simulate", loop_file(), *words)
+    found = one_json(out)
+    assert (code, err, found["verdict"], found["status"]) == (0, "", "hunting", "converged")
+    assert found["start"] == {"x1": -1.0, "x2": 0.0, "x3": 0.0}
+    assert found["end"]["x1"] == pytest.approx(plain["position"] - 1, abs=1e-9)
+    assert found["end"]["x3"] == pytest.approx(plain["integral"], abs=1e-9)
+    assert [name for _, name, _ in found["events"]] == [event[1] for event in plain["events"]]
+    assert [time for time, *_ in found["events"]] == pytest.approx([event[0] for event in plain["events"]], abs=1e-8)
+    cycle = one_json(run(capsys, "orbit", "--gain", 0.04, "--json", "--quiet")[1])
+    assert [found["period"], found["amplitude"]] == pytest.approx([cycle["period"], cycle["amplitude"]], rel=1e-6)
+    assert found["peak_torque"] == pytest.approx(16 * found["peak_voltage"])
+    assert found["peak_torque"] == pytest.approx(plain["peak_torque"], rel=1e-3)  # of points that differ
+
+
+def test_a_motion_that_rests_its_lines_table_and_picture(capsys, loop_file, tmp_path):
+    """Two masses: both angles step; a band that is wider than the smallest one ends hunting."""
+    path = tmp_path / "two.toml"
+    parts = ["two masses", *PLAIN[1:], "dead band"]
+    path.write_text(f"[loop]\nparts = {parts}\n[values]\nshaft_damping = 0.05\ndead_band = 0.06\n".replace("'", '"'))
+    written = "--csv", tmp_path / "s.csv", "--plot", tmp_path / "s.png"
+    words = "--gain", 0.04, "--position", 0.5, "--state", "load_rate=0.1"
+    code, out, _ = run(capsys, "simulate", path, *words, *written)
+    said = " ".join(out.split())
+    assert code == 0 and out.startswith("loop at gain 0.04 V/rad, set point 1 rad, 100 s: at rest\n")
+    assert "since 50 s nothing has moved, and no cycle was found" in said
+    assert "largest torque" in said and "breakaways" in said
+    rows = list(csv.DictReader((tmp_path / "s.csv").read_text(encoding="ascii").splitlines()))
+    first, last = ({k: v if k == "mode" else float(v) for k, v in row.items()} for row in (rows[0], rows[-1]))
+    assert [first[name] for name in ("time_s", "x1", "x2", "load_angle", "load_rate")] == [0, -0.5, 0, -0.5, 0.1]
+    assert last["time_s"] == 100 and abs(last["x1"]) < 0.06 and last["mode"].startswith("stick")
+    assert is_picture(tmp_path / "s.png")
+
+
+def test_the_border_in_two_parameters(capsys, loop_file, tmp_path):
+    """Gain against dead band, and back: at the first and the last point the stick map has the same border."""
+    border = pytest.importorskip("stick_map_support").border
+    words = "--from", 0.02, "--to", 0.03, "--points", 2, "--csv", tmp_path / "b.csv", "--plot", tmp_path / "b.png"
+    code, out, err = run(capsys, "fold-curve", loop_file("dead band"), "--vary", "dead_band", "--tol", "1e-7", *words)
+    rows = [{k: float(v) for k, v in row.items() if k != "turns"}
+            for row in csv.DictReader((tmp_path / "b.csv").read_text().splitlines())]  # fmt: skip
+    assert code == 0 and re.match(r"loop: \d+ points; dead_band = 0\.03, gain = 0\.05685", out)
+    assert [rows[0]["dead_band"], rows[-1]["dead_band"]] == [0.02, 0.03] and is_picture(tmp_path / "b.png")
+    assert err.splitlines()[0].startswith("loop    K = 0.0827375") and "gain [V/rad]: up to which" in out
+    size, K = rows[-1]["dead_band"], rows[-1]["gain"]
+    assert border(K, "dead band", size, 1.001 * size, 1.8 * size) == pytest.approx(size, rel=1e-6)
+
+
+def test_a_border_between_two_parameters_that_are_no_gain(capsys, loop_file):
+    """Leak against integral time: on the border at 1/(2 pi) s it is that of the event map."""
+    words = "--vary", "integral_time", "--fold-in", "leak", "--from", 0.2, "--to", 0.15915494309189535, "--points", 2
+    code, out, _ = run(capsys, "fold-curve", loop_file("leak", leak=0.1), *words, "--json", "--quiet")
+    found = one_json(out)
+    (curve,) = found["curves"]
+    assert (code, found["failures"], found["way"]) == (0, [], "up") and (curve["vary"], curve["other"]) == (
+        "leak", "integral_time")  # fmt: skip
+    assert curve["table"]["leak"][-1] == pytest.approx(LEAK, rel=1e-5)
+
+
+CURVE = "fold-curve", "--from", 0.5, "--to", 0.6
 REFUSED = [
     (("orbit", "--gain", 1, "--model", "switch"), "model: must be left out, the friction of a loop is one of"),
     (("orbit", "--gain", 1, "--full"), "full: must be left out"),
@@ -144,6 +206,13 @@ REFUSED = [
     (("diagram", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another"),
     (("diagram", "--to", "0.04"), "gain is 0.04 at the start: it cannot go to 0.04"),
     (("diagram", "--to", "high"), "to = 'high': must be a finite number"),
+    (("simulate", "--gain", 1, "--state", "x7=1"), "unknown state 'x7'"),
+    (("simulate", "--gain", 1, "--bristle", "1"), "unknown state 'x4'"),
+    (("simulate", "--gain", 1, "--step", "1"), "step: must be left out"),
+    ((*CURVE, "--vary", "gain"), "fold-in = gain: must be another parameter than that of --vary"),
+    ((*CURVE, "--vary", "dead_bnd"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
+    ((*CURVE, "--vary", "static", "--fold-in", "dead_band"), "dead_band: with dead_band = 0 there is no dead band"),
+    ((*CURVE, "--vary", "static", "--resume"), "resume: must be left out, they go with a servo"),
     (("fold", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another dead_band"),
 ]
 

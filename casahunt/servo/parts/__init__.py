@@ -61,15 +61,15 @@ if TYPE_CHECKING:
     from .table import REMEDIES
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
-    from .verbs import LoopMotion, loop_cycle, loop_motion, unstable_cycle
+    from .verbs import LoopMotion, fold_in, loop_cycle, loop_motion, unstable_cycle
 
 __all__ = [
     "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER",
     "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR", "LEAK", "LOADS", "LUGRE", "PID_BY_GAINS",
     "PID_BY_TIMES", "PID_WITH_FILTER", "P_PI", "REMEDIES", "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO",
     "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT", "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop",
-    "LoopMotion", "Part", "PartMode", "Remedy", "from_object", "load_loop", "loop_cycle", "loop_motion", "loop_of",
-    "state_space", "transfer_function", "unstable_cycle",
+    "LoopMotion", "Part", "PartMode", "Remedy", "fold_in", "from_object", "load_loop", "loop_cycle", "loop_motion",
+    "loop_of", "state_space", "transfer_function", "unstable_cycle",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -98,6 +98,6 @@ __getattr__ = lazily(
         "table": ("REMEDIES",),
         "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
         "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
-        "verbs": ("LoopMotion", "loop_cycle", "loop_motion", "unstable_cycle"),
+        "verbs": ("LoopMotion", "fold_in", "loop_cycle", "loop_motion", "unstable_cycle"),
     },
 )

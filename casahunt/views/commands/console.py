@@ -10,12 +10,12 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from ...checks import to_absolute_error, to_error
+from ...checks import known_decimals, to_absolute_error, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
 from ...orbits import Orbit
@@ -29,6 +29,13 @@ TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 COLLECT_EVERY = 10_000
 """New objects after which rings among them are looked for: with Python's own 700 it takes a twentieth of a diagram."""
 
+MOST_DECIMALS = 4
+"""Of a sensitivity in per cent of the gain."""
+EVENT_WORDS = {
+    "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
+    "reversal": "reversals", "centre": "times the bristle slack",
+}  # fmt: skip
+"""How many of an event are told."""
 _COMPLAINTS: list[str] = []
 """The error messages of the command under way."""
 
@@ -146,6 +153,20 @@ def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
     if abs(value.imag) <= error:
         return part(value.real)
     return f"{part(value.real)}{'' if value.imag < 0 else '+'}{part(value.imag)}j"
+
+
+def counted(names: Sequence[str]) -> str:
+    """How many events there were, and of which."""
+    listed = ", ".join(f"{names.count(name)} {EVENT_WORDS.get(name, name)}" for name in dict.fromkeys(names))
+    return f"{len(names)}{f' ({listed})' if names else ''}"
+
+
+def sensitivity_text(value: float, tol: float) -> str:
+    """Per cent of the fold gain per per cent, to the tolerance, four decimals at most.
+
+    value, tol: the elasticity, and the tolerance: it is known to that much and better.
+    """
+    return f"{value:+.{known_decimals(tol, MOST_DECIMALS)}f}"
 
 
 class Outputs:

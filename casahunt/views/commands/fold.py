@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ...checks import error_text, known_decimals, to_error
+from ...checks import error_text, to_error
 from ...continuation import Fold
 from ...design.sensitivity import Sensitivities, fold_sensitivities
 from ...orbits import Options
@@ -18,16 +18,12 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ..stability import stability_of
 from .arguments import add_command, add_solver, add_vary, how_of, loop_of, model_of, servo_of, vary_of
-from .console import progress, progress_line, say
+from .console import progress, progress_line, say, sensitivity_text
 from .loops import shared
 from .output import give
 
 if TYPE_CHECKING:
     from ...servo.parts import Loop
-
-MOST_DECIMALS = 4
-"""Of a sensitivity in per cent of the gain."""
-
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
@@ -90,11 +86,3 @@ def _lines(
     for name, value in sorted(slopes.elasticities.items(), key=lambda item: -abs(item[1])):
         yield f"    {name:26s} {sensitivity_text(value, how.tol):>9s} %"
     yield f"  {fold.wall_s:.2f} s"
-
-
-def sensitivity_text(value: float, tol: float) -> str:
-    """Per cent of the fold gain per per cent, to the tolerance, four decimals at most.
-
-    value, tol: the elasticity, and the tolerance: it is known to that much and better.
-    """
-    return f"{value:+.{known_decimals(tol, MOST_DECIMALS)}f}"

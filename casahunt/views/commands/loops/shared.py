@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ....checks import choice_of, to_and_back
-from ....continuation import Branch, Fold, follow, largest, smallest
+from ....continuation import Branch, Fold, follow
 from ....errors import InputError, NoOrbit, Status
 from ....orbits import Options, SystemOrbit
 
@@ -45,16 +45,16 @@ def border_of(loop: Loop, vary: str, options: Options) -> tuple[Fold[SystemOrbit
 
     Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
     """
-    from ....servo.parts import loop_cycle
+    from ....servo.parts import fold_in, loop_cycle
 
     cycle = loop_cycle(loop, vary, options=options)
     try:
-        return largest(cycle, vary, options=options), "up"
+        return fold_in(cycle, vary, options=options), "up"
     except NoOrbit as above:
         if above.status is not Status.NOT_FOUND:
             raise
         try:
-            return smallest(cycle, vary, options=options), "down"
+            return fold_in(cycle, vary, sense=-1, options=options), "down"
         except NoOrbit as below:
             raise NoOrbit(f"{above}; {below}", below.status) from None
 
@@ -64,6 +64,14 @@ def with_unit(number: str, name: str) -> str:
     from ....servo.parts.table import unit_of
 
     return f"{number} {unit_of(name)}".rstrip()
+
+
+def named(name: str) -> str:
+    """A parameter of a loop, with its unit in brackets where that is known."""
+    from ....servo.parts.table import unit_of
+
+    unit = unit_of(name)
+    return f"{name} [{unit}]" if unit else name
 
 
 def branch_of(
