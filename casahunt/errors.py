@@ -92,3 +92,21 @@ class NoOrbit(Exception):
     def __init__(self, message: str, status: Status | None = None) -> None:
         super().__init__(message)
         self.status = status
+
+
+class ComesToRest(NoOrbit):
+    """No cycle was found, for the motion that was followed comes to rest.
+
+    Examples
+    --------
+    >>> from casahunt.errors import ComesToRest
+    >>> from casahunt.orbits import find_cycle
+    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop
+    >>> loop = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 1.0})
+    >>> start = loop.at_rest(-1.0)
+    >>> try:
+    ...     find_cycle(loop.system, loop.mode_at(**start), start=start)
+    ... except ComesToRest as refusal:
+    ...     print(str(refusal)[:59])
+    no cycle of servo was found: the motion comes to rest (foll
+    """

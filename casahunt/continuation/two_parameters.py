@@ -173,15 +173,11 @@ def special_curve(
     [0.02666, 0.78]
     """
     began = time.perf_counter()
-    if isinstance(special, Fold):
-        special = special_point(FOLD, special.orbit, vary)
+    special = special_point(FOLD, special.orbit, vary) if isinstance(special, Fold) else special
     orbit, options = special.orbit, options or Options(tol=max(special.orbit.error_estimate, 1e-8))
     axis, start = _axis(orbit, vary, other, to, back)
     require("points", points, at_least=2)
-    if not keeps_symmetry(orbit, (vary, other), (math.inf, to)):
-        sentence = f"along {vary} and {other} the cycle of {orbit.problem.title} loses the symmetry by which half of"
-        no_curve = f"it was computed: a {special.kind} of symmetric cycles has no curve there"
-        raise NoOrbit(f"{sentence} {no_curve}", Status.NOT_FOUND)
+    _check_symmetry(special, vary, other, to)
     task, orbit = _task(special, orbit, vary, monitor, options)
     sheet = sheet_of(orbit, vary, axis, start, options=finer(options), spacing=1 / (points - 1), like=None)
     chart = _first(task, sheet)
@@ -190,6 +186,15 @@ def special_curve(
         raise NoOrbit(sentence, Status.NOT_CONVERGED)
     found, reason = walk_to_end(_told(special_orbits(chart, sense=1.0, most=max_points), progress))
     return _curve(task.monitor.kind, (vary, other), found, reason, began)
+
+
+def _check_symmetry(special: SpecialPoint[AnyOrbit], vary: str, other: str, to: float) -> None:
+    """Refuse a curve on which half a cycle is none.  Raises NoOrbit: it leads out of the symmetry."""
+    orbit = special.orbit
+    if not keeps_symmetry(orbit, (vary, other), (math.inf, to)):
+        sentence = f"along {vary} and {other} the cycle of {orbit.problem.title} loses the symmetry by which half of"
+        no_curve = f"it was computed: a {special.kind} of symmetric cycles has no curve there"
+        raise NoOrbit(f"{sentence} {no_curve}", Status.NOT_FOUND)
 
 
 def _told(

@@ -13,7 +13,9 @@ none.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+from ..continuation import Fold
 from ..export import Columns
 from ..results import Result
 from ..servo.problem import HuntingFold
@@ -26,7 +28,7 @@ NAMES = tuple(dict.fromkeys(name for name in (*PARAMETERS, *PID_PARAMETERS) if n
 
 @dataclass(frozen=True, repr=False)
 class Sensitivities(Result):
-    """Derivatives of a fold gain.
+    """Derivatives of a fold gain, or of the fold of a loop of parts in any of its parameters.
 
     Attributes
     ----------
@@ -45,16 +47,26 @@ class Sensitivities(Result):
     _quantities = ("gain = fold.gain [V/rad] ~ fold.gain_error", "elasticities")
     _details = ("derivatives",)
 
-    fold: HuntingFold
+    fold: Fold[Any]
     derivatives: dict[str, float]
     elasticities: dict[str, float]
 
     def linear(self, changes: dict[str, float]) -> float:
         """Fold gain for small absolute changes of parameters, to first order."""
-        return self.fold.gain + sum(self.derivatives[name] * change for name, change in changes.items())
+        return self.fold.value + sum(self.derivatives[name] * change for name, change in changes.items())
 
     def _columns(self) -> Columns:
         names, fold = list(self.elasticities), self.fold
+        if not isinstance(fold, HuntingFold):
+            parameter, value = fold.parameter, fold.orbit.problem.value
+            return {
+                "parameter": names,
+                "value": [value(name) for name in names],
+                f"fold_{parameter}": [fold.value] * len(names),
+                f"fold_{parameter}_error": [fold.absolute_error] * len(names),
+                "slope": [self.derivatives[name] for name in names],
+                "elasticity": [self.elasticities[name] for name in names],
+            }
         values = flatten(fold.orbit.servo)
         return {
             "model": [fold.orbit.model] * len(names),
@@ -68,13 +80,14 @@ class Sensitivities(Result):
         }
 
 
-def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
+def fold_sensitivities(fold: Fold[Any]) -> Sensitivities:
     """The derivatives of a fold gain with respect to every servo, controller and friction parameter.
 
     Parameters
     ----------
     fold
-        from `find_fold`; its multipliers are those of the optimisation problem on the mesh of its orbit.
+        from `find_fold`, or that of a loop of parts from `casahunt.continuation.largest` or `smallest`; its multipliers
+        are those of the optimisation problem on the mesh of its orbit.
 
     Returns
     -------
@@ -90,4 +103,4 @@ def fold_sensitivities(fold: HuntingFold) -> Sensitivities:
     0.6548
     """
     value, moves = fold.orbit.problem.value, fold.sensitivities
-    return Sensitivities(fold, moves, {name: value(name) * slope / fold.gain for name, slope in moves.items()})
+    return Sensitivities(fold, moves, {name: value(name) * slope / fold.value for name, slope in moves.items()})

@@ -23,7 +23,7 @@ from ..collocation.admissibility import MOVES_BELOW
 from ..collocation.interval import field_at
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import scheme
-from ..errors import NoOrbit, Status
+from ..errors import ComesToRest, NoOrbit, Status
 from ..hybrid.language import Function, System
 from ..motion.closed_forms import check_closed_forms
 from ..motion.march_intervals import VANISHED
@@ -153,7 +153,7 @@ class _CycleSearch(Returning):
             refusals = [] if isinstance(why, AtRest) else self.refusals
             tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(refusals))
             sentence = f"no cycle of {self.system.name} was found: {why} (followed for {why.followed:.6g}){tried}"
-            raise NoOrbit(sentence, Status.NOT_FOUND) from None
+            raise (ComesToRest if isinstance(why, AtRest) else NoOrbit)(sentence, Status.NOT_FOUND) from None
 
     def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, accept."""
@@ -266,9 +266,9 @@ class _CycleSearch(Returning):
         return largest < 1 - CLEARLY or largest < 1 + CLEARLY and orbit.stable
 
     def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
-        """The cycle that an orbit runs through several times; None where it is its own period.
+        """The cycle that an orbit runs through several times, or that its half with an image is; None for neither.
 
-        A motion that spirals in may come back nearer after two turns than after one.
+        A motion that spirals in may come back nearer after two turns than after one, or than its image after half.
         """
         assert self.form is not None
         near = max(SEVERAL_TIMES, 10 * orbit.error_estimate)
@@ -277,7 +277,7 @@ class _CycleSearch(Returning):
             round_it = [replace(segment, event=self.segments[-1].event) for segment in round_it]
         found = recurrences(
             self.system, self.form, round_it, self.p, self.scale, near,
-            lambda r: r.phases * r.closure.repeats < whole,
+            lambda r: r.phases * r.closure.repeats < whole or not self.settled and r.phases < len(orbit.arcs),
         )  # fmt: skip
         return self.solved(found[0], None if self.turning else round_it, sure=True) if found else None
 

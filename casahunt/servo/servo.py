@@ -233,11 +233,19 @@ def load(path: str | Path) -> Servo:
     >>> servo.friction.static, servo.friction.coulomb  # what the file leaves out is Table 1
     (0.5, 0.44)
     """
-    tree = read_toml(path, f"servo file {str(path)!r}")
+    what = f"servo file {str(path)!r}"
+    return servo_of_tables(read_toml(path, what), what)
+
+
+def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:
+    """The servo of the tables of a file.
+
+    what: the beginning of a refusal. Raises InputError: as `load`.
+    """
     try:
         return unflatten(_values(tree))
     except InputError as error:
-        raise InputError(f"servo file {str(path)!r}: {error}") from None
+        raise InputError(f"{what}: {error}") from None
 
 
 def _values(tree: Mapping[str, Any]) -> dict[str, float]:
@@ -263,15 +271,24 @@ def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
     assignments: ``section.key=value`` texts. Returns servo with these values. Raises InputError: no "=", unknown key,
     or a value that is not a number or out of range.
     """
-    changes: dict[str, Any] = {}
+    return servo.replace(**assigned(assignments, "key", KEYS, "section.key=value"))
+
+
+def assigned(assignments: Iterable[str], what: str, allowed: Iterable[str], form: str) -> dict[str, float]:
+    """{name: number} of texts name=number.
+
+    what, allowed, form: what a name is called, the names that there are, and how a text looks. Raises InputError: no
+    "=", an unknown name, or what is no number.
+    """
+    changes: dict[str, float] = {}
     for text in assignments:
         key, sign, value = text.partition("=")
         key = key.strip()
         if not sign:
-            raise InputError(f"--set {text!r}: must have the form section.key=value")
-        choice_of("key", key, KEYS)
+            raise InputError(f"--set {text!r}: must have the form {form}")
+        choice_of(what, key, allowed)
         try:
             changes[key] = float(value)
         except ValueError:
             raise InputError(f"{key} = {value!r}: must be a finite number") from None
-    return servo.replace(**changes)
+    return changes

@@ -169,11 +169,12 @@ def test_special_points_between_which_no_orbit_lies():
     """Two losses of symmetry and a fold, one change of stability among the orbits: each where the detour is short."""
 
     def at(gain, amplitude, stable=False):
-        return SimpleNamespace(gain=gain, amplitude=amplitude, stable=stable)
+        problem = SimpleNamespace(value={"gain": gain}.get)
+        return SimpleNamespace(gain=gain, amplitude=amplitude, stable=stable, problem=problem)
 
     orbits = (at(1, 10, True), at(2, 9), at(3, 8), at(4, 7), at(3.5, 5))
     places = (("symmetry breaking", at(1.5, 9.5)), ("symmetry breaking", at(4.2, 6.8)), ("fold", at(4.3, 6.4)))
     special = tuple(SimpleNamespace(kind=kind, orbit=orbit) for kind, orbit in places)
-    found, kinds = _with_special(SimpleNamespace(orbits=orbits, special=special))
+    found, kinds = _with_special(SimpleNamespace(vary="gain", orbits=orbits, special=special))
     assert [orbit.gain for orbit in found] == [1, 1.5, 2, 3, 4, 4.2, 4.3, 3.5]
     assert [kind for kind in kinds if kind] == ["symmetry breaking", "symmetry breaking", "fold"]

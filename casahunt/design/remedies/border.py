@@ -11,17 +11,18 @@ The branch begins with a small remedy, at the cycle on which a motion of the ser
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
-from ...continuation import follow, largest, smallest
-from ...errors import NoOrbit, Status
+from ...continuation import follow
+from ...errors import NoOrbit
 from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
-from ...servo.parts.verbs import loop_cycle
+from ...servo.parts.verbs import fold_in, loop_cycle
 
 Kind = Literal["fold", "grazing", "Hopf", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf")
@@ -30,9 +31,6 @@ BORDERS = ("fold", "grazing", "Hopf")
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
 end hunting already."""
-LOOSER_BY, LOOSEST_FOLD = 100.0, 1e-2
-"""A fold whose cycle is not known to a tolerance is asked for with a larger one, up to this: where the branch turns
-sharply or hardly at all, the size is known far better than the period."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
 BRANCH_TOLERANCES = (1e-9, 1e-10, 1e-8, 1e-7)
@@ -114,18 +112,10 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
 
 def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
     """The border, from a cycle on."""
-    extremum, asked = (largest if remedy.sense > 0 else smallest), options
-    while True:
-        try:
-            fold = extremum(cycle, remedy.size, to=last, options=asked, max_points=MOST_CYCLES)
-        except NoOrbit as refusal:
-            if refusal.status is not Status.TOLERANCE_NOT_REACHED or asked.tol * LOOSER_BY > LOOSEST_FOLD:
-                break
-            asked = replace(asked, tol=LOOSER_BY * asked.tol)
-            continue
-        if fold.value_error > SIZE_KNOWN:
-            break
-        return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
+    with suppress(NoOrbit):
+        fold = fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_CYCLES)
+        if fold.value_error <= SIZE_KNOWN:
+            return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
     for tol in BRANCH_TOLERANCES:
         branch = follow(cycle, remedy.size, to=last, options=replace(options, tol=tol), max_points=MOST_CYCLES)
         end, orbit = branch.end, branch.orbits[-1]

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from .tabulated import friction_table
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
-    from .verbs import LoopMotion, loop_cycle, loop_motion, unstable_cycle
+    from .verbs import LoopMotion, fold_in, loop_cycle, loop_motion, unstable_cycle
 
 __all__ = [
     "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N",
@@ -80,8 +80,8 @@ __all__ = [
     "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES",
     "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
     "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop", "LoopMotion", "Part", "PartMode", "Remedy",
-    "friction_table", "from_object", "load_loop", "loop_cycle", "loop_motion", "loop_of", "series", "state_space",
-    "transfer_function", "unstable_cycle",
+    "fold_in", "friction_table", "from_object", "load_loop", "loop_cycle", "loop_motion", "loop_of", "series",
+    "state_space", "transfer_function", "unstable_cycle",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -113,6 +113,6 @@ __getattr__ = lazily(
         "tabulated": ("friction_table",),
         "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
         "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
-        "verbs": ("LoopMotion", "loop_cycle", "loop_motion", "unstable_cycle"),
+        "verbs": ("LoopMotion", "fold_in", "loop_cycle", "loop_motion", "unstable_cycle"),
     },
 )

@@ -17,7 +17,9 @@ What [values] leaves out has the value that the part itself says.  A part that i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from ...checks import choice_of, number
 from ...errors import InputError
@@ -55,7 +57,14 @@ def load_loop(path: str | Path) -> Loop:
     0.1
     """
     what = f"loop file {str(path)!r}"
-    tree = read_toml(path, what)
+    return loop_of_tables(read_toml(path, what), what)
+
+
+def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
+    """The loop of the tables of a file.
+
+    what: the beginning of a refusal. Raises InputError: as `load_loop`.
+    """
     try:
         for table in tree:
             choice_of("table", table, ("loop", "values"))

@@ -104,6 +104,11 @@ class Loop:
         """The loop as a system."""
         return product_of(self.present, tuple(self.parameters.items()), self.name)
 
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """The states that are angles from the set point."""
+        return tuple(state for part in self.present for state in part.angles)
+
     def state(self, **start: float) -> dict[str, float]:
         """Every state: those given, the others zero.
 
@@ -128,7 +133,7 @@ class Loop:
         -------
         State by name: angles are `angle`, all others zero.
         """
-        return self.state(**{state: angle for part in self.present for state in part.angles})
+        return self.state(**dict.fromkeys(self.angles, angle))
 
     def mode_at(self, **start: float) -> str:
         """The mode of a motion that starts at a state: of each part the first that may be there."""

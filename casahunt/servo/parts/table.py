@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ...checks import choice_of
 from ...errors import InputError
+from ..units import PARAMETER_UNITS
 from . import dead_band, dither, error_filter, feedforward, freeze, leak, plain, reset
 from .remedy import Remedy
 
@@ -20,6 +21,12 @@ REMEDIES: tuple[Remedy, ...] = (
 REMEDY_NAMES = tuple(dict.fromkeys(remedy.name for remedy in REMEDIES))
 NOT_IN_THE_MODEL = ("backlash", "delay", "noise", "quantisation", "sampling")
 """What a servo has and no part of a loop is."""
+
+
+def unit_of(parameter: str) -> str:
+    """The unit of a parameter of a loop: of those that a servo has and of the sizes of remedies; "" for any other."""
+    units = {key.rpartition(".")[2]: unit for key, unit in PARAMETER_UNITS.items()}
+    return (units | {remedy.size: remedy.unit for remedy in REMEDIES}).get(parameter, "")
 
 
 def remedy_name(name: str) -> str:

@@ -3,20 +3,21 @@
     cycle     motions from rest beside the set point, by 1, 1/2, 1/4, ... rad: the cycle on which the first one settles
               else: that of a smaller gain, followed up to the gain
 
-All else the engine does with such a cycle: `largest` and `smallest` find folds in any parameter, `follow` branches,
-`special_curve` the curve of a fold in two parameters.
+All else the engine does with such a cycle: `follow` leads along its branch in any parameter, `special_curve` along its
+fold in two.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...checks import choice_of
-from ...continuation import FOLD, follow
-from ...errors import InputError, NoOrbit, Status
+from ...continuation import FOLD, Fold, follow, largest, smallest
+from ...errors import ComesToRest, InputError, NoOrbit, Status
 from ...motion import Motion, simulate
 from ...orbits import Options, SystemOrbit, find_cycle
 from .loop import Loop
@@ -27,6 +28,11 @@ FIRST_OFF, STARTS_HALVED = 1.0, 12
 """Off the set point by so much a motion starts first [rad], and by so many times half as much: to 0.2 mrad."""
 SMALLER_GAINS = (0.5, 0.25, 0.125, 0.0625)
 """Parts of the gain at which a cycle is looked for where no motion settles on one."""
+MOST_UNSETTLED = 3
+"""Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
+LOOSER_BY, LOOSEST_FOLD = 100.0, 1e-2
+"""A fold whose cycle is not known to a tolerance is asked for with a larger one, up to this: where the branch turns
+sharply or hardly at all, the value is known far better than the period."""
 FAR_UP = 1e3
 """A parameter that hunting does not end in is followed to so many times its value."""
 
@@ -77,13 +83,12 @@ def loop_cycle(
     found = _from_rest(loop, vary, options)
     if isinstance(found, SystemOrbit):
         return found
-    why = found
-    if "gain" in loop.parameters:
+    if "gain" in loop.parameters and any(isinstance(each, ComesToRest) for each in found):
         for part in SMALLER_GAINS:
             lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options)
             if isinstance(lower, SystemOrbit):
                 return _followed_up(lower, loop.value("gain"), options)
-    raise why
+    raise next((each for each in found if not isinstance(each, ComesToRest)), found[0])
 
 
 def check_present(loop: Loop, name: str) -> None:
@@ -100,16 +105,17 @@ def _settled(loop: Loop, vary: str, state: dict[str, float], options: Options) -
     return find_cycle(loop.system, loop.mode_at(**state), start=state, follow=vary, options=options)
 
 
-def _from_rest(loop: Loop, vary: str, options: Options) -> SystemOrbit | NoOrbit:
-    """The cycle on which the first motion from rest settles; why the very first did not where none does."""
-    why = None
+def _from_rest(loop: Loop, vary: str, options: Options) -> SystemOrbit | list[NoOrbit]:
+    """The cycle on which the first motion from rest settles; where none does, why not, of each."""
+    refusals: list[NoOrbit] = []
     for k in range(STARTS_HALVED + 1):
         try:
             return _settled(loop, vary, loop.at_rest(-FIRST_OFF / 2**k), options)
         except NoOrbit as refusal:
-            why = why or refusal
-    assert why is not None
-    return why
+            refusals.append(refusal)
+            if sum(not isinstance(each, ComesToRest) for each in refusals) == MOST_UNSETTLED:
+                break
+    return refusals
 
 
 def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrbit:
@@ -158,6 +164,50 @@ def unstable_cycle(cycle: SystemOrbit, vary: str = "gain", *, options: Options |
                   Status.NOT_FOUND)  # fmt: skip
 
 
+def fold_in(
+    cycle: SystemOrbit, vary: str, *, sense: int = 1, to: float | None = None, options: Options | None = None,
+    max_points: int = 200,
+) -> Fold[SystemOrbit]:  # fmt: skip
+    """Where the branch of a cycle turns back in a parameter: `largest` or `smallest`, as accurately as it can be had.
+
+    Parameters
+    ----------
+    cycle, vary
+        from `loop_cycle`, and the parameter.
+    sense
+        +1 on the way up, -1 on the way down.
+    to
+        value beyond which no fold is sought.
+    options, max_points
+        as of `casahunt.continuation.largest`; where the cycle at the fold is not known to the tolerance, as where the
+        branch turns sharply, one a hundred times as large is asked for, and again: the value is known far better.
+
+    Returns
+    -------
+    Fold.
+
+    Raises
+    ------
+    InputError, NoOrbit : as of `casahunt.continuation.largest`.
+
+    Examples
+    --------
+    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, fold_in, loop_cycle
+    >>> cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.1}), "static")
+    >>> round(fold_in(cycle, "static", sense=-1).value, 6)  # N m: with less of it there is no hunting
+    0.451446
+    """
+    extremum, options = (largest if sense > 0 else smallest), options or Options(tol=max(cycle.error_estimate, 1e-8))
+    far = sense * math.inf if to is None else to
+    while True:
+        try:
+            return extremum(cycle, vary, to=far, options=options, max_points=max_points)
+        except NoOrbit as refusal:
+            if refusal.status is not Status.TOLERANCE_NOT_REACHED or options.tol * LOOSER_BY > LOOSEST_FOLD:
+                raise
+        options = replace(options, tol=LOOSER_BY * options.tol)
+
+
 @dataclass(frozen=True, eq=False)
 class LoopMotion:
     """A motion of a loop at points, with the torque of its motor.
@@ -167,7 +217,7 @@ class LoopMotion:
     motion : as the engine has it.
     times, states : (m,) [s], (n, m).
     modes : (m,) names.
-    torque : (m,) [N m].
+    torque, moving : (m,) [N m], and whether the friction slips.
 
     Examples
     --------
@@ -182,6 +232,7 @@ class LoopMotion:
     states: Array
     modes: Array
     torque: Array
+    moving: Array
 
 
 def loop_motion(
@@ -225,10 +276,11 @@ def loop_motion(
     )
     times, states = motion.sample(per_interval)
     modes = modes_along(motion, times)
-    torque = np.empty(times.size)
-    for mode in set(modes.tolist()):
-        torque[modes == mode] = loop.signal("torque", mode, states[:, modes == mode])
-    return LoopMotion(motion, times, states, modes, torque)
+    torque, moving = np.empty((2, times.size))
+    for name in set(modes.tolist()):
+        at = modes == name
+        torque[at], moving[at] = (loop.signal(signal, name, states[:, at]) for signal in ("torque", "moving"))
+    return LoopMotion(motion, times, states, modes, torque, moving > 0)
 
 
 def modes_along(motion: Motion, times: Array) -> Array:

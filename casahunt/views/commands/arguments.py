@@ -10,16 +10,23 @@ import math
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...checks import choice_of, quoted, sensible, shortened
 from ...errors import InputError
 from ...orbits import Options
 from ...servo.hunting import MODELS, Model
-from ...servo.servo import Servo, load, with_overrides
+from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_overrides
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
 
+if TYPE_CHECKING:
+    from ...servo.parts import Loop
+
+LOOP_TABLE = "loop"
+"""The table by which a file is one of a loop of parts."""
+LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "simulate")
+"""Commands that take a loop of parts."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
@@ -114,12 +121,30 @@ def add_command(
     command.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     command.add_argument("--quiet", action="store_true", help="no progress on standard error")
     if model is not None:
-        command.add_argument("--model", default="switch", help=f"switch (default) or lugre{model}")
+        command.add_argument("--model", help=f"switch (default) or lugre{model}")
     if csv:
         command.add_argument("--csv", metavar="F.csv", help=f"write {csv}, with all digits")
     if plot:
         command.add_argument("--plot", metavar="F.png", help=f"write a picture of {plot}")
     return command
+
+
+def add_vary(command: Parser, what: str) -> None:
+    """The parameter of a loop.
+
+    what: what it is for.
+    """
+    command.add_argument("--vary", metavar="NAME", help=f"the parameter {what}, of a loop of parts (default gain)")
+
+
+def vary_of(options: argparse.Namespace) -> str:
+    """The parameter that is varied: of a servo the gain, of a loop one of its own.  Raises InputError: it is not."""
+    if options.vary not in (None, "gain") and loop_of(options) is None:
+        raise InputError(
+            f"vary = {options.vary}: must be gain, or a parameter of a loop of parts, which SERVO.toml then holds "
+            "(docs/howto/parts.md)"
+        )
+    return options.vary or "gain"
 
 
 def add_models(command: Parser) -> None:
@@ -138,7 +163,7 @@ def add_solver(command: argparse.ArgumentParser) -> None:
 
 def model_of(options: argparse.Namespace) -> Model:
     """The one friction model of the command line."""
-    return choice_of("model", options.model, MODELS)  # type: ignore[return-value]
+    return choice_of("model", options.model or MODELS[0], MODELS)  # type: ignore[return-value]
 
 
 def how_of(options: argparse.Namespace) -> Options:
@@ -160,8 +185,43 @@ def models_of(options: argparse.Namespace) -> list[Model]:
 
 def servo_of(options: argparse.Namespace) -> Servo:
     """The servo of the command line: file or Table 1, with the overrides."""
-    servo = load(options.servo) if options.servo is not None else Servo()
-    return with_overrides(servo, options.set)
+    if options.servo is None:
+        return with_overrides(Servo(), options.set)
+    tables, what = _tables(options), f"servo file {options.servo!r}"
+    if LOOP_TABLE in tables:
+        commands = " and ".join((", ".join(LOOP_COMMANDS[:-1]), LOOP_COMMANDS[-1]))
+        raise InputError(f"{what}: is a loop of parts; of the commands {commands} take one")
+    return with_overrides(servo_of_tables(tables, what), options.set)
+
+
+def _tables(options: argparse.Namespace) -> dict[str, Any]:
+    """The tables of the servo file, which is read once: it may be a pipe."""
+    if not hasattr(options, "tables"):
+        options.tables = read_toml(options.servo, f"servo file {options.servo!r}")
+    tables: dict[str, Any] = options.tables
+    return tables
+
+
+def loop_of(options: argparse.Namespace) -> Loop | None:
+    """The loop of parts of the command line: file, overrides and gain; None where there is no such file.
+
+    Raises InputError: the file or an override is wrong, or a friction model is asked for, which is one of its parts.
+    """
+    if options.servo is None or LOOP_TABLE not in (tables := _tables(options)):
+        return None
+    from ...servo.parts.file import loop_of_tables
+
+    left_out(options, "the friction of a loop is one of its parts", "model")
+    loop = loop_of_tables(tables, f"loop file {options.servo!r}")
+    values = assigned(options.set, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
+    return loop.replace(**values, **({"gain": gain_of(options)} if hasattr(options, "gain") else {}))
+
+
+def left_out(options: argparse.Namespace, why: str, *names: str) -> None:
+    """Refuse options that do not go with the others.  Raises InputError: one was given."""
+    for name in names:
+        if getattr(options, name) not in (None, False, []):
+            raise InputError(f"{name.replace('_', '-')}: must be left out, {why}")
 
 
 def finite(key: str, text: Any) -> float:

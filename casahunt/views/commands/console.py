@@ -10,14 +10,15 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from ...checks import to_absolute_error, to_error
+from ...checks import known_decimals, to_absolute_error, to_error
 from ...errors import InputError
 from ...files import alone_in, unmake
+from ...orbits import Orbit
 from ...servo.problem import HuntingOrbit
 from .output import meanings, wrapped
 from .output_paths import Signs, keep_others
@@ -28,6 +29,13 @@ TELL_EVERY, REMIND_EVERY = 2.0, 10.0
 COLLECT_EVERY = 10_000
 """New objects after which rings among them are looked for: with Python's own 700 it takes a twentieth of a diagram."""
 
+MOST_DECIMALS = 4
+"""Of a sensitivity in per cent of the gain."""
+EVENT_WORDS = {
+    "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
+    "reversal": "reversals", "centre": "times the bristle slack",
+}  # fmt: skip
+"""How many of an event are told."""
 _COMPLAINTS: list[str] = []
 """The error messages of the command under way."""
 
@@ -147,6 +155,20 @@ def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
     return f"{part(value.real)}{'' if value.imag < 0 else '+'}{part(value.imag)}j"
 
 
+def counted(names: Sequence[str]) -> str:
+    """How many events there were, and of which."""
+    listed = ", ".join(f"{names.count(name)} {EVENT_WORDS.get(name, name)}" for name in dict.fromkeys(names))
+    return f"{len(names)}{f' ({listed})' if names else ''}"
+
+
+def sensitivity_text(value: float, tol: float) -> str:
+    """Per cent of the fold gain per per cent, to the tolerance, four decimals at most.
+
+    value, tol: the elasticity, and the tolerance: it is known to that much and better.
+    """
+    return f"{value:+.{known_decimals(tol, MOST_DECIMALS)}f}"
+
+
 class Outputs:
     """What a command leaves beside its printed result: data files, then the result, then pictures, which take longest.
 
@@ -240,17 +262,18 @@ def folder(path: str, results: Signs) -> Iterator[Path]:
         yield out
 
 
-def progress_line(orbit: HuntingOrbit, mu: str = "") -> str:
+def progress_line(orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
     """A computed point as a line of progress: gain, amplitude, period, multiplier and iterations.
 
-    mu: text for the multiplier; default: mu, or lambda of a full cycle.
+    mu: text for the multiplier; default: mu, or lambda of a full cycle; vary: the parameter that is told, for the gain.
     """
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
-    gain = to_error(orbit.gain, max(orbit.parameter_error, 1e-8))
+    value = to_error(orbit.problem.value(vary), max(orbit.parameter_error, 1e-8))
     amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
     period = to_error(orbit.period, orbit.period_error, most=6)
+    whose = orbit.model if isinstance(orbit, HuntingOrbit) else "loop"
     return (
-        f"{orbit.model:7s} K = {gain}  amplitude = {amplitude} rad  period = {period} s  "
+        f"{whose:7s} {'K' if vary == 'gain' else vary} = {value}  amplitude = {amplitude} rad  period = {period} s  "
         f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
     )

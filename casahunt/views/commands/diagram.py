@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from ... import effort
 from ...continuation import FOLD
@@ -22,15 +22,34 @@ from ...errors import NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
+from ...orbits import Options
 from ...servo.branch import Branch
 from ...servo.hunting import Model
 from ...servo.lopsided import with_lopsided
 from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
-from .arguments import add_command, add_models, add_out, add_solver, how_of, models_of, positive, servo_of
+from .arguments import (
+    add_command,
+    add_models,
+    add_out,
+    add_solver,
+    add_vary,
+    finite,
+    how_of,
+    left_out,
+    loop_of,
+    models_of,
+    positive,
+    servo_of,
+    vary_of,
+)
 from .console import complain, folder, of_this, progress, progress_line, say
+from .loops import shared
 from .output import drawing, give
 from .output_paths import keep_others
+
+if TYPE_CHECKING:
+    from ...servo.parts import Loop
 
 PICTURES = {
     "diagram.png": "branches.diagram",
@@ -39,6 +58,10 @@ PICTURES = {
     "phase_portrait.png": "orbits.phase_portrait",
 }
 """What `casahunt diagram` draws, and by which function of views/pictures: of the branches, or of their first orbits."""
+LOOP_SIGNS = {"loop.csv": b",period,amplitude,error_estimate,stable,status,special\n", "loop.json": b'"type": "Branch"'}
+"""What is written of a loop of parts, and what stands in it."""
+BROKEN_OFF = ("stuck", "points", "time")
+"""Kinds of an end of a branch behind which it goes on."""
 PICTURE_SIGN = f"Software\0{MAKER}".encode()
 """What stands in each of them: its entry Software."""
 
@@ -57,6 +80,8 @@ def add(commands: Any) -> None:
         "--natural", action="store_true",
         help="natural continuation in the gain instead of pseudo-arclength: it ends at the fold",
     )  # fmt: skip
+    add_vary(picture, "that is varied")
+    picture.add_argument("--to", metavar="X", help="where the branch of a loop of parts ends (default: far up)")
     add_out(picture, _results, default="casahunt-diagram", help="folder to write into")
     picture.add_argument(
         "--resume", action="store_true", help="go on behind the points that an interrupted run has left in the folder"
@@ -65,6 +90,8 @@ def add(commands: Any) -> None:
 
 def _results(options: argparse.Namespace) -> dict[str, bytes]:
     """The files that are written into --out, and what stands in each."""
+    if loop_of(options) is not None:
+        return dict.fromkeys(PICTURES, PICTURE_SIGN) | LOOP_SIGNS
     tables = {f"{model}{end}": sign for model in models_of(options) for end, sign in SIGNS.items()}
     return dict.fromkeys(PICTURES, PICTURE_SIGN) | tables
 
@@ -76,8 +103,11 @@ def run(options: argparse.Namespace) -> int:
     are.
     """
     models = models_of(options)
+    loop, vary, how = loop_of(options), vary_of(options), how_of(options)
+    if loop is not None:
+        return _of_a_loop(options, loop, vary, how)
+    left_out(options, "a servo's diagram goes round its fold and back", "to")
     start = None if options.start is None else positive("from", options.start)
-    how = how_of(options)
     task = DiagramTask(servo_of(options), start, how, options.natural)
     began = time.perf_counter()
     results = _results(options)
@@ -109,6 +139,33 @@ def run(options: argparse.Namespace) -> int:
     said = {special.kind for branch in every for special in branch.special}
     give(options, summary, _lines(found.branches, None if options.outputs.troubles else out), said=said)
     return 1 if found.failures else 0
+
+
+def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options) -> int:
+    """The branch of a loop in one of its parameters, written when it is there; returns the exit code."""
+    left_out(options, "they go with the diagram of a servo", "natural", "resume")
+    start = None if options.start is None else finite("from", options.start)
+    to = None if options.to is None else finite("to", options.to)
+    began, stream = time.perf_counter(), progress(options.quiet)
+    with folder(options.out, _results(options)) as out:
+        branch = shared.branch_of(
+            loop, vary, start, to, how, lambda orbit: say(stream, progress_line(orbit, vary=vary))
+        )
+        options.outputs.write(branch.to_csv, out / "loop.csv")
+        options.outputs.write(branch.to_json, out / "loop.json")
+        options.outputs.write(_pictures, [branch], out)
+    failures = [branch.ended] if branch.end.kind in BROKEN_OFF else []
+    for said in (*failures, *(gap.meaning for gap in branch.missed)):
+        complain("casahunt diagram", said)
+    summary = {
+        "out": str(out), "continuation": "pseudo-arclength", "solver": how.solver, **shared.record_of(loop),
+        "branches": [branch], "failures": failures, "wall_s": time.perf_counter() - began,
+    }  # fmt: skip
+    lines = [f"loop: {len(branch.orbits)} points along {vary}; {branch.ended}", shared.parts_line(loop)]
+    lines += [f"  {special.meaning}" for special in branch.special]
+    lines += [] if options.outputs.troubles else [f"written to {out}"]
+    give(options, summary, lines, said={special.kind for special in branch.special})
+    return 1 if failures else 0
 
 
 def _lines(branches: list[Branch], out: Path | None) -> Iterator[str]:
@@ -322,7 +379,7 @@ def _shortfall(branch: Branch, start: float, natural: bool) -> str:
     )
 
 
-def _pictures(branches: list[Branch], out: Path) -> None:
+def _pictures(branches: list[Any], out: Path) -> None:
     from ..pictures.plotting import save
 
     keep_others(out, dict.fromkeys(PICTURES, PICTURE_SIGN))

@@ -24,9 +24,9 @@ from ...servo.hunting import Model
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
 from ...servo.units import with_unit
-from .arguments import add_command, add_models, count_of, finite, how_of, models_of, servo_of
-from .console import complain, of_this, progress, say
-from .fold import sensitivity_text
+from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
+from .console import complain, of_this, progress, say, sensitivity_text
+from .loops.fold_curve import of_loop
 from .output import give
 
 CURVE_POINTS = 2, 1000
@@ -41,6 +41,9 @@ def add(commands: Any) -> None:
     command.add_required("--vary", example="friction.static", metavar="KEY", help="the parameter, e.g. friction.static")
     command.add_required("--from", example="0.5", dest="start", metavar="A", help="where its range begins")
     command.add_required("--to", example="0.6", metavar="B", help="where its range ends")
+    command.add_argument(
+        "--fold-in", metavar="NAME", help="of a loop of parts: the parameter in which hunting ends (default gain)"
+    )
     add_models(command)
     points = f"about how many points (default {RANGE_POINTS})"
     command.add_argument("--points", default=RANGE_POINTS, metavar="N", help=points)
@@ -53,6 +56,10 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong; NoOrbit: no model has a curve.
     """
+    if (loop := loop_of(options)) is not None:
+        left_out(options, "they go with a servo", "save", "resume")
+        return of_loop(options, loop, count_of("points", options.points, *CURVE_POINTS), how_of(options))
+    left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
     desk = _desk_of(options)
     desk.began = time.perf_counter()
     for model in desk.models:

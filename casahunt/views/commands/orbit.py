@@ -7,21 +7,27 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...checks import choice_of, error_text, to_error
 from ...export import Columns
-from ...orbits import Multipliers
+from ...orbits import Multipliers, Options, Orbit
 from ...orbits.archive import save_orbit
-from ...servo.find_orbit import BRANCHES, find_orbit
-from ...servo.problem import HuntingOrbit
+from ...servo.find_orbit import BRANCHES, BranchName, find_orbit
+from ...servo.hunting import Model
+from ...servo.servo import Servo
 from ...servo.units import column
-from .arguments import add_command, add_solver, gain_of, how_of, model_of, servo_of
+from .arguments import add_command, add_solver, gain_of, how_of, left_out, loop_of, model_of, servo_of
 from .console import complex_text, progress, progress_line, say
+from .loops import shared
 from .output import give
+
+if TYPE_CHECKING:
+    from ...servo.parts import Loop
 
 CHECK = "their accuracy   the one that must be 1 is off by"
 """Said of the multipliers by either way."""
+SYMMETRY_BROKEN = "  past a symmetry breaking (mu < -1): lopsided cycles may hunt in its place"
 ROUTES = ("collocation", "integrator")
 """Ways to the multipliers; the second comes on top of the first."""
 
@@ -44,15 +50,17 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    model = model_of(options)
+    model, loop = model_of(options), loop_of(options)
     branch: Any = choice_of("branch", options.branch, BRANCHES)
     route = choice_of("multipliers", options.multipliers, ROUTES)
     gain = gain_of(options)
     how = replace(how_of(options), half=not options.full)
-    servo = servo_of(options)
+    if loop is not None:
+        left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")
+    servo = Servo() if loop is not None else servo_of(options)
     began = time.perf_counter()
-    orbit = find_orbit(servo, model, gain, branch=branch, options=how)
-    record = {**orbit.to_dict(table=False), "branch": branch}
+    found = _of_a_servo(servo, model, gain, branch, how) if loop is None else _of_a_loop(loop, branch, how)
+    orbit, record = found.orbit, {**found.orbit.to_dict(table=False), **found.record, "branch": branch}
     second = orbit.integrator_multipliers if route == "integrator" else None
     if second is not None:
         record["integrator"] = _second_route(orbit, second)
@@ -60,20 +68,48 @@ def run(options: argparse.Namespace) -> int:
     say(progress(options.quiet), progress_line(orbit))
     if options.save:
         options.outputs.write(save_orbit, orbit, options.save)
-    table, picture = _row(orbit, branch), ("orbits.time_traces", [orbit])
-    give(options, record, _lines(orbit, record, second), table=table, picture=picture)
+    table, picture = _row(found, branch), ("orbits.time_traces", [orbit])
+    give(options, record, _lines(found, record, second), table=table, picture=picture)
     return 0
 
 
-def _lines(orbit: HuntingOrbit, record: Mapping[str, Any], second: Multipliers | None) -> Iterator[str]:
-    m = orbit.multipliers
+class _Found(NamedTuple):
+    """An orbit, and what is said of whose it is: in the first line, below it, in JSON and in the table."""
+
+    orbit: Orbit
+    title: str
+    below: tuple[str, ...]
+    record: dict[str, Any]
+    columns: dict[str, Any]
+
+
+def _of_a_servo(servo: Servo, model: Model, gain: float, branch: BranchName, how: Options) -> _Found:
+    orbit, below = find_orbit(servo, model, gain, branch=branch, options=how), []
+    if branch == "lopsided":
+        below.append("  one of a pair: the other one is its mirror image")
+    if _past_a_symmetry_breaking(orbit):
+        below.append(f"{SYMMETRY_BROKEN}; --branch lopsided")
+    name = f"{model} servo at gain {gain:.10g} V/rad"
+    return _Found(orbit, name, tuple(below), {}, {"model": model, column("gain"): gain})
+
+
+def _of_a_loop(loop: Loop, branch: str, how: Options) -> _Found:
+    orbit = shared.cycle_on(loop, branch, how)
+    below = [SYMMETRY_BROKEN] if _past_a_symmetry_breaking(orbit) else []
+    parts = shared.parts_line(loop)
+    return _Found(orbit, shared.title(loop), (parts, *below), shared.record_of(loop), loop.parameters)
+
+
+def _past_a_symmetry_breaking(orbit: Orbit) -> bool:
+    return orbit.half and orbit.multipliers.leading.real < -1
+
+
+def _lines(found: _Found, record: Mapping[str, Any], second: Multipliers | None) -> Iterator[str]:
+    orbit, m = found.orbit, found.orbit.multipliers
     what = "lopsided hunting cycle" if record["branch"] == "lopsided" else "hunting cycle"
     kind = {True: f"stable {what}", False: f"unstable {what}", None: f"{what} of unknown stability"}
-    yield f"{orbit.model} servo at gain {orbit.gain:.10g} V/rad: {kind[record['stable']]}"
-    if record["branch"] == "lopsided":
-        yield "  one of a pair: the other one is its mirror image"
-    if orbit.half and m.leading.real < -1:
-        yield "  past a symmetry breaking (mu < -1): lopsided cycles may hunt in its place; --branch lopsided"
+    yield f"{found.title}: {kind[record['stable']]}"
+    yield from found.below
     yield f"  amplitude        {to_error(orbit.amplitude, orbit.amplitude_error)} rad"
     yield f"  period           {to_error(orbit.period, orbit.period_error)} s"
     if m.trusted:
@@ -109,7 +145,7 @@ def _difference(one: Multipliers, other: Multipliers) -> float:
     return float(abs(one.leading - other.leading) / max(1.0, abs(one.leading)))
 
 
-def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
+def _second_route(orbit: Orbit, m: Multipliers) -> dict[str, Any]:
     """What the integrators say, for JSON; None where it is not to be trusted."""
     trusted = m.trusted and orbit.multipliers.trusted
     return {
@@ -120,7 +156,7 @@ def _second_route(orbit: HuntingOrbit, m: Multipliers) -> dict[str, Any]:
     }
 
 
-def _second_lines(orbit: HuntingOrbit, m: Multipliers) -> Iterator[str]:
+def _second_lines(orbit: Orbit, m: Multipliers) -> Iterator[str]:
     yield "  by integrators   (CasADi's forward sensitivities, from event to event)"
     if not m.trusted:
         yield f"    multipliers      not to be trusted: {_doubt(m)}"
@@ -134,12 +170,11 @@ def _second_lines(orbit: HuntingOrbit, m: Multipliers) -> Iterator[str]:
         yield f"    difference       {off:.1e} (of the largest one, relative where it is above 1)"
 
 
-def _row(orbit: HuntingOrbit, branch: str) -> Columns:
+def _row(found: _Found, branch: str) -> Columns:
     """The cycle as a row of a table, beside that of its motion (`to_csv`); errors in the unit of their number."""
-    m = orbit.multipliers
+    orbit, m = found.orbit, found.orbit.multipliers
     row = {
-        "model": orbit.model,
-        column("gain"): orbit.gain,
+        **found.columns,
         "branch": branch,
         "amplitude_rad": orbit.amplitude,
         "amplitude_error_rad": orbit.amplitude * orbit.amplitude_error,

@@ -11,6 +11,7 @@ which, at rest, a motion was followed that hunts: position, integral, time and, 
 bristle (null where none hunts); null without such a cycle, of which other_end_reason says why; events, a list of [time,
 name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where
 unknown); status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
+Those of a loop of parts: loops/simulate.py.
 """
 
 from __future__ import annotations
@@ -29,15 +30,11 @@ from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
-from .arguments import add_command, finite, gain_of, model_of, positive, servo_of
-from .console import complain
+from .arguments import add_command, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
+from .console import complain, counted
+from .loops.simulate import of_loop
 from .output import give
 
-EVENT_WORDS = {
-    "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
-    "reversal": "reversals", "centre": "times the bristle slack",
-}  # fmt: skip
-"""How many of an event are told."""
 MOST_ROWS = 10_000_000
 """Of a table: a gigabyte, of which nobody reads more."""
 
@@ -52,6 +49,9 @@ def add(commands: Any) -> None:
     command.add_argument("--velocity", default=0.0, help="velocity at the start in rad/s (default 0)")
     command.add_argument("--integral", default=0.0, help="integral of theta - theta_d so far in rad s (default 0)")
     command.add_argument("--bristle", default=0.0, help="bristle deflection at the start in rad (lugre, default 0)")
+    command.add_argument(
+        "--state", action="append", default=[], metavar="NAME=VALUE", help="a state of a loop of parts at the start"
+    )
     command.add_argument("--regularised", action="store_true", help="switch with the report's stick band eta")
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
 
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong; NoOrbit: the motion could not be computed.
     """
-    model = model_of(options)
+    model, loop = model_of(options), loop_of(options)
     gain = gain_of(options)
     length = positive("time", options.time)
     keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
@@ -71,7 +71,12 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("step: must be left out without --csv")
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
+    if loop is not None:
+        left_out(options, "a loop has its own friction, and its table is dense where the motion is fast", "regularised",
+                 "step")  # fmt: skip
+        return of_loop(options, loop, length, numbers)
     servo = servo_of(options)
+    left_out(options, "it is of a loop of parts", "state")
     began = time.perf_counter()
     found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)
     kind, other = found.verdict.kind, _other_end(found)
@@ -120,7 +125,7 @@ def _lines(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterator
     position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
     yield f"  at the end       position {position} rad, velocity {velocity} rad/s"
     yield f"  largest torque   {found.peak_torque:.4g} N m, by {found.peak_voltage:.4g} V"
-    yield f"  events           {_counts(found)}"
+    yield f"  events           {counted([event.name for event in found.events])}"
     yield (
         f"  error estimate   {error_text(found.time_error)} s of event times, {error_text(found.end_error)} of the "
         "final state"
@@ -160,12 +165,6 @@ def _advice(found: Trajectory) -> str:
         f"the motion is computed, but not to the tolerance {found.tol:g}: known are {what}; ask for a larger "
         "tolerance or a shorter time"
     )
-
-
-def _counts(found: Trajectory) -> str:
-    names = [event.name for event in found.events]
-    listed = ", ".join(f"{names.count(name)} {EVENT_WORDS.get(name, name)}" for name in dict.fromkeys(names))
-    return f"{len(names)}{f' ({listed})' if names else ''}"
 
 
 def _other_record(other: OtherEnd | None) -> dict[str, Any]:

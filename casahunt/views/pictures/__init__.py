@@ -1,8 +1,8 @@
 """Pictures, each a function from results to a file.
 
 plotting.py      what they share: the only import of matplotlib, figures, looks, files
-branches.py      amplitude, period and multiplier against the gain
 orbits.py        time traces, phase portraits
+branches.py      amplitude, period and multiplier against the gain
 fold.py          elasticities of a fold
 fold_curve.py    the gains with and without hunting against another parameter
 fold_map.py      contours of the fold gain over two parameters

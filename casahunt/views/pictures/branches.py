@@ -1,4 +1,4 @@
-"""Pictures of branches: amplitude, period and half multiplier against the controller gain.
+"""Pictures of branches: amplitude, period and half multiplier against the controller gain, or what else is varied.
 
 A point on a branch belongs where the detour to it is shortest; stable runs are solid, unstable ones dashed.
 
@@ -14,8 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...continuation import Branch as BranchOfCycles
+from ...errors import InputError
+from ...orbits import Orbit
 from ...servo.branch import Branch
-from ...servo.problem import HuntingOrbit
+from ...servo.parts.table import unit_of
+from .orbits import look_of
 from .plotting import (
     GAIN_LABEL,
     LOOKS,
@@ -36,6 +40,8 @@ from .plotting import (
     stacked,
 )
 
+AnyBranch = Branch | BranchOfCycles[Any]
+"""A branch of a servo in its gain, or of a loop of parts in any of its parameters."""
 SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "flip": "D", "grazing": "v", "superstable": "*"}
 OTHER_MARKERS = ("P", "H", "p", "h", "<", ">")
 """For the kinds of special points that users define, in turn."""
@@ -51,15 +57,16 @@ EXCHANGING = ("fold", "symmetry breaking", "flip")
 """Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
 
 
-def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = None) -> Array:
+def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, axes: Any = None) -> Array:
     """Bifurcation diagram: amplitude [rad] and period [s] of the cycles against the controller gain.
 
     Parameters
     ----------
     branches
-        one per model, as a rule.
+        one per model, as a rule; or branches of a loop of parts in one of its parameters, as `follow` gives them.
     equilibria
-        say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis.
+        say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis; of a loop of parts
+        nothing is said.
 
     axes
         two axes, for amplitude and period, to draw into; default: those of a new figure.
@@ -81,7 +88,7 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
     ('amplitude max |x₁| [rad]', 'period [s]')
     """
     curves = [*_curves(branches), *_lopsided(branches)]
-    markers = _special_markers([*branches, *(pair for branch in branches for pair in branch.lopsided)])
+    markers = _special_markers([*branches, *(pair for branch in _of_servos(branches) for pair in branch.lopsided)])
     handles = _legend(curves, markers)
     figure, both = stacked(axes, (1.35, 1), legend_rows=_rows(handles))
     above, below = both
@@ -96,15 +103,15 @@ def diagram(branches: Sequence[Branch], *, equilibria: bool = True, axes: Any = 
     low, high = below.dataLim.intervaly
     if high > 10 * low:
         logarithmic(below, "y")
-    below.set_xlabel(GAIN_LABEL)
-    if equilibria:
+    below.set_xlabel(_label(branches))
+    if equilibria and len(_of_servos(branches)) == len(branches):
         _draw_equilibria(above)
     _label_folds(above, curves)
     legend(figure, below, handles, ncols=LEGEND_COLUMNS)
     return both
 
 
-def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
+def multipliers(branches: Sequence[AnyBranch], *, ax: Axes | None = None) -> Axes:
     """Leading half multiplier mu against the controller gain, linear between -1 and 1, logarithmic beyond.
 
     Orbits that were not computed on the half cycle have no mu and leave a gap.
@@ -112,7 +119,7 @@ def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     branches
-        one per model, as a rule.
+        one per model, as a rule; or of a loop of parts.
     ax
         axes to draw into; default: those of a new figure.
 
@@ -148,7 +155,7 @@ def multipliers(branches: Sequence[Branch], *, ax: Axes | None = None) -> Axes:
             axes.axhline(level, color=NEUTRAL, linewidth=1.0, zorder=2)
         axes.text(1.015, level, text, transform=beside, va="center", fontsize=SMALL, color="black")
     axes.margins(x=0.04)
-    axes.set_xlabel(GAIN_LABEL)
+    axes.set_xlabel(_label(branches))
     axes.set_ylabel("leading half multiplier μ [–]")
     axes.grid(True, which="major", color="0.85", linewidth=0.6)
     legend(figure, axes, handles, ncols=LEGEND_COLUMNS)
@@ -160,14 +167,15 @@ class _Curve(NamedTuple):
 
     look: LineStyle
     name: str
-    orbits: list[HuntingOrbit]
+    vary: str
+    orbits: list[Orbit]
     kinds: list[str]
     """Kind of the special point, "" for an ordinary orbit."""
 
     @property
-    def gains(self) -> Array:
-        """(m,) controller gains."""
-        return np.array([orbit.gain for orbit in self.orbits])
+    def values(self) -> Array:
+        """(m,) values of what is varied."""
+        return np.array([orbit.problem.value(self.vary) for orbit in self.orbits])
 
     def runs(self) -> list[tuple[bool, slice]]:
         """(stable, points) of the runs of one stability; neighbours share a point, so that no gap is left.
@@ -184,31 +192,51 @@ class _Curve(NamedTuple):
         return result
 
 
-def _curves(branches: Sequence[Branch]) -> list[_Curve]:
+def _curves(branches: Sequence[AnyBranch]) -> list[_Curve]:
     at_least_one("branches", branches)
     result = []
     for branch in branches:
         at_least_one("orbits of the branch", branch.orbits)
         orbits, kinds = _with_special(branch)
-        result.append(_Curve(LOOKS[branch.model], NAMES[branch.model], orbits, kinds))
+        name = NAMES[branch.model] if isinstance(branch, Branch) else "loop"
+        result.append(_Curve(look_of(orbits[0]), name, _vary(branch), orbits, kinds))
     return result
 
 
-def _lopsided(branches: Sequence[Branch]) -> list[_Curve]:
+def _vary(branch: AnyBranch) -> str:
+    """What is varied along a branch."""
+    return "gain" if isinstance(branch, Branch) else branch.vary
+
+
+def _of_servos(branches: Sequence[AnyBranch]) -> list[Branch]:
+    return [branch for branch in branches if isinstance(branch, Branch)]
+
+
+def _label(branches: Sequence[AnyBranch]) -> str:
+    """Of the axis of what is varied.  Raises InputError: several things are."""
+    names = {_vary(branch) for branch in branches}
+    if len(names) > 1:
+        raise InputError(f"branches in {' and in '.join(sorted(names))}: must be in one parameter")
+    (vary,) = names
+    unit = unit_of(vary)
+    return GAIN_LABEL if vary == "gain" else f"{vary.replace('_', ' ')} [{unit}]" if unit else vary.replace("_", " ")
+
+
+def _lopsided(branches: Sequence[AnyBranch]) -> list[_Curve]:
     """One cycle of each lopsided pair, thin; the other one has the same amplitude and period."""
     result = []
-    for branch in branches:
+    for branch in _of_servos(branches):
         look = LOOKS[branch.model]
         look = look._replace(width=THIN * look.width, marker=LOPSIDED_MARKER, zorder=look.zorder + 2)
         name = f"{NAMES[branch.model]}, lopsided"
-        result += [_Curve(look, name, *_with_special(pair)) for pair in branch.lopsided]
+        result += [_Curve(look, name, "gain", *_with_special(pair)) for pair in branch.lopsided]
     return result
 
 
-def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
+def _with_special(branch: AnyBranch) -> tuple[list[Orbit], list[str]]:
     """The orbits with every special point put in where it belongs, and the kinds ("" for the others).
 
-    That is where the detour to it is shortest in gain and logarithm of the amplitude, both over their span;
+    That is where the detour to it is shortest in the parameter and the logarithm of the amplitude, over their spans;
     for a point with |mu| = 1, of the places where stability changes, if there is one for each of them.
     """
     orbits, kinds = list(branch.orbits), [""] * len(branch.orbits)
@@ -221,7 +249,8 @@ def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
             apart.append(special)
 
     every = [*orbits, *(special.orbit for special in apart)]
-    place = np.array([(orbit.gain, math.log(orbit.amplitude)) for orbit in every])  # (m, 2)
+    vary = _vary(branch)
+    place = np.array([(orbit.problem.value(vary), math.log(orbit.amplitude)) for orbit in every])  # (m, 2)
     place /= np.maximum(np.ptp(place, axis=0), TINY)
     for special, target in zip(apart, place[len(orbits) :].copy(), strict=True):
         path = place[: len(orbits)]
@@ -240,7 +269,7 @@ def _with_special(branch: Branch) -> tuple[list[HuntingOrbit], list[str]]:
     return orbits, kinds
 
 
-def _special_markers(branches: Sequence[Branch]) -> dict[str, str]:
+def _special_markers(branches: Sequence[AnyBranch]) -> dict[str, str]:
     """Marker of every kind of special point that occurs."""
     kinds = list(dict.fromkeys(special.kind for branch in branches for special in branch.special))
     own = [kind for kind in kinds if kind not in SPECIAL_MARKERS]
@@ -262,22 +291,22 @@ def _special_style(kind: str, marker: str, colour: str) -> dict[str, Any]:
 
 def _draw_curve(axes: Axes, curve: _Curve, values: Array, markers: dict[str, str]) -> None:
     """One branch: runs solid or dashed, small markers at the computed orbits, special points on top."""
-    gains, look = curve.gains, curve.look
+    places, look = curve.values, curve.look
     for stable, run in curve.runs():
         axes.plot(
-            gains[run], values[run], color=look.colour, linewidth=look.width, linestyle=_dashes(stable),
+            places[run], values[run], color=look.colour, linewidth=look.width, linestyle=_dashes(stable),
             dash_capstyle="butt", zorder=look.zorder,
         )  # fmt: skip
     ordinary = np.array([kind == "" for kind in curve.kinds])
     axes.plot(
-        gains[ordinary], values[ordinary], linestyle="none", marker=look.marker, markersize=3.2 + 0.5 * look.width,
+        places[ordinary], values[ordinary], linestyle="none", marker=look.marker, markersize=3.2 + 0.5 * look.width,
         markerfacecolor=look.colour, markeredgecolor="black", markeredgewidth=0.4, zorder=look.zorder + 0.5,
     )  # fmt: skip
     for kind, marker in markers.items():
         here = np.array([k == kind for k in curve.kinds])
         if here.any():
             style = _special_style(kind, marker, look.colour)
-            axes.plot(gains[here], values[here], zorder=9 if kind == "fold" else 8, **style)
+            axes.plot(places[here], values[here], zorder=9 if kind == "fold" else 8, **style)
 
 
 def _dashes(stable: bool) -> Any:
@@ -326,18 +355,19 @@ def _draw_equilibria(axes: Axes) -> None:
 def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
     """Write K at every fold, on its open side, the labels of one side kept apart."""
     room, away, apart = 0.17, 0.03, 0.13  # of the axes: for a label, from its fold, between labels
-    sides: dict[int, list[tuple[HuntingOrbit, str]]] = {-1: [], 1: []}
+    sides: dict[int, list[tuple[float, float, str]]] = {-1: [], 1: []}
     for curve in curves:
+        values, word = curve.values, "K" if curve.vary == "gain" else curve.vary.replace("_", " ")
         for i in (i for i, kind in enumerate(curve.kinds) if kind == "fold"):
-            orbit, beside = curve.orbits[i], curve.orbits[i - 1 if i else min(1, len(curve.orbits) - 1)]
-            text = f"{curve.name} fold\nK = {orbit.gain:.4g}"
-            sides[1 if beside.gain <= orbit.gain else -1].append((orbit, text))
+            value, beside = float(values[i]), values[i - 1 if i else min(1, len(curve.orbits) - 1)]
+            text = f"{curve.name} fold\n{word} = {value:.4g}"
+            sides[1 if beside <= value else -1].append((value, curve.orbits[i].amplitude, text))
     left, right = axes.get_xlim()
     extra = (right - left) * room / (1 - room)
     axes.set_xlim(left - extra * bool(sides[-1]), right + extra * bool(sides[1]))
     to_axes = axes.transData + axes.transAxes.inverted()
     for side, labels in sides.items():
-        at = sorted(((*to_axes.transform((o.gain, o.amplitude)), text) for o, text in labels), key=lambda a: a[1])
+        at = sorted(((*to_axes.transform((x, y)), text) for x, y, text in labels), key=lambda a: a[1])
         heights = [y for _, y, _ in at]
         for i in range(1, len(at)):
             heights[i] = max(heights[i], heights[i - 1] + apart)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from ...design.sensitivity import NAMES, Sensitivities
+from ...continuation import Fold
+from ...design.sensitivity import Sensitivities
 from ...errors import InputError
 from ...servo.problem import HuntingFold
-from .plotting import LOOKS, Axes, panels
+from .orbits import look_of
+from .plotting import Axes, panels
 
 MINUS = "\N{MINUS SIGN}"
 
 
-def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities], *, ax: Axes | None = None) -> Axes:
+def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *, ax: Axes | None = None) -> Axes:
     """Per cent of the fold gain for one per cent of each parameter, the largest on top.
 
     Parameters
@@ -42,22 +45,29 @@ def elasticities(folds: Sequence[HuntingFold], slopes: Sequence[Sensitivities], 
     if not folds or len(folds) != len(slopes):
         raise InputError(f"{len(folds)} folds with {len(slopes)} sensitivities: must be as many, at least one")
     _, (axes,) = panels(ax, 1)
-    largest = {name: max(abs(s.elasticities.get(name, 0.0)) for s in slopes) for name in NAMES}
-    names = sorted((name for name in NAMES if largest[name] > 0), key=lambda name: largest[name])
+    every = dict.fromkeys(name for each in slopes for name in each.elasticities)
+    largest = {name: max(abs(s.elasticities.get(name, 0.0)) for s in slopes) for name in every}
+    names = sorted((name for name in every if largest[name] > 0), key=lambda name: largest[name])
     place = np.arange(len(names))
     height = 0.8 / len(folds)
     for k, (fold, slope) in enumerate(zip(folds, slopes, strict=True)):
         values = np.array([slope.elasticities.get(name, 0.0) for name in names])
-        look = LOOKS[fold.orbit.model]
         bars = axes.barh(
-            place + (len(folds) - 1 - 2 * k) * height / 2, values, height, color=look.colour,
-            label=f"{fold.orbit.model}, K = {fold.gain:.6g}",
+            place + (len(folds) - 1 - 2 * k) * height / 2, values, height, color=look_of(fold.orbit).colour,
+            label=_label(fold),
         )  # fmt: skip
         axes.bar_label(bars, [f"{value:+.3g}".replace("-", MINUS) for value in values], padding=3, fontsize=9)
     axes.set_yticks(place, [name.replace("_", " ").replace(".", ": ") for name in names])
     axes.axvline(0, color="0.3", linewidth=0.8)
     axes.margins(x=0.15)
-    axes.set_xlabel("per cent of the fold gain for one per cent more of the parameter")
-    axes.set_title("What moves the gain at which hunting ends")
+    what = folds[0].parameter.replace("_", " ")
+    axes.set_xlabel(f"per cent of the fold {what} for one per cent more of the parameter")
+    axes.set_title(f"What moves the {what} at which hunting ends")
     axes.legend(loc="lower right")
     return axes
+
+
+def _label(fold: Fold[Any]) -> str:
+    if isinstance(fold, HuntingFold):
+        return f"{fold.orbit.model}, K = {fold.gain:.6g}"
+    return f"loop, {fold.parameter.replace('_', ' ')} = {fold.value:.6g}"

@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ...continuation import SpecialCurve
 from ...design.fold_curve.data import FoldCurve, cubic_through_points
 from ...errors import InputError
+from ...servo.hunting import MODELS
+from ...servo.parts.table import unit_of
 from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, logarithmic, panels
 
 LABELS = {
@@ -100,6 +103,27 @@ def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     axes.grid(True, which="major", color="0.88", linewidth=0.6)
     axes.legend(loc="best", fontsize=SMALL)
     axes.set_title("The largest gain at which the servo can hunt")
+    return axes
+
+
+def loop_border(curve: SpecialCurve, way: str, *, ax: Axes | None = None) -> Axes:
+    """The border of hunting of a loop of parts in two parameters; "up" or "down" to it there are cycles.
+
+    ax: as of `fold_curves`.
+    """
+    _, (axes,) = panels(ax, 1)
+    look, (x, q) = LOOKS[MODELS[0]], curve.values.T
+    axes.plot(q, x, color=look.colour, linewidth=look.width, marker=look.marker, markersize=4)
+    if not curve.turns.any():
+        below = way == "up"
+        axes.fill_between(q, 0 if below else x, x if below else HEADROOM * x.max(), color=look.colour, alpha=SHADING)
+    axes.set_ylim(min(0.0, float(x.min())), HEADROOM * float(x.max()))
+    axes.set_xlim(q.min(), q.max())
+    for name, label in ((curve.other, axes.set_xlabel), (curve.vary, axes.set_ylabel)):
+        unit = unit_of(name)
+        label(GAIN_LABEL if name == "gain" else f"{name.replace('_', ' ')} {f'[{unit}]' if unit else ''}".rstrip())
+    axes.grid(True, which="major", color="0.88", linewidth=0.6)
+    axes.set_title("Where hunting ends: in the shade there are cycles")
     return axes
 
 

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...orbits import Orbit
+from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from .plotting import (
     ALONE,
@@ -39,6 +41,8 @@ from .plotting import (
 
 LONG = 24
 """Characters of a legend entry of which four do not fit side by side."""
+STATE_NAMES = {"x1": ("x₁", "rad"), "x2": ("x₂", "rad/s"), "x3": ("x₃", "rad s"), "x4": ("z", "rad")}
+"""Symbol and unit of the states that a servo has; those of other parts of a loop are written out."""
 STUCK = 1e-3
 """Slower than this part of the largest |x2| counts as stick."""
 SPACE_EDGE, PLANES_APART = 0.1, 0.2
@@ -47,7 +51,7 @@ DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
 
-def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
+def time_traces(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
     """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
 
     The window opens a quarter of a period before that, so that no slip is cut in two.
@@ -80,8 +84,9 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
     traces = [rolled(*orbit.sample(DRAWN_POINTS)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
     figure, all_of_them = stacked(axes, (1,) * n, legend_rows=len(orbits))
-    names = (("x₁", "rad"), ("x₂", "rad/s"), ("x₃", "rad s"), ("z", "rad"))
-    for i, (ax, (name, unit)) in enumerate(zip(all_of_them, names, strict=False)):
+    states_named = max((orbit.cycle.states for orbit in orbits), key=len)
+    for i, (ax, state) in enumerate(zip(all_of_them, states_named, strict=True)):
+        name, unit = STATE_NAMES.get(state, (state.replace("_", " "), ""))
         peak = max(float(np.max(np.abs(states[i]))) for _, states in traces if i < len(states))
         factor, label = _scaled(name, unit, peak)
         shown = [(*t, look) for t, look in zip(traces, _looks(orbits), strict=True) if i < len(t[1])]
@@ -102,7 +107,7 @@ def time_traces(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
     return all_of_them
 
 
-def phase_portrait(orbits: Sequence[HuntingOrbit], *, axes: Any = None) -> Array:
+def phase_portrait(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
     """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
 
     Stick, |x2| < STUCK max |x2|, is drawn thick.
@@ -179,27 +184,40 @@ def _space_and_planes(given: Any, legend_rows: int) -> tuple[Figure | None, Arra
     return figure, np.array([space, *planes], dtype=object)
 
 
-def _looks(orbits: Sequence[HuntingOrbit]) -> list[LineStyle]:
+def _looks(orbits: Sequence[Orbit]) -> list[LineStyle]:
     """The look of its model for the first orbit of a model, others for the rest."""
     if len(orbits) == 1:
-        return [LOOKS[orbits[0].model]._replace(width=ALONE)]
+        return [LOOKS[_model(orbits[0])]._replace(width=ALONE)]
     seen: set[str] = set()
     result, spare = [], 0
     for orbit in orbits:
-        if orbit.model in seen:
+        if _model(orbit) in seen:
             result.append(MORE_LOOKS[spare % len(MORE_LOOKS)])
             spare += 1
         else:
-            result.append(LOOKS[orbit.model])
-        seen.add(orbit.model)
+            result.append(LOOKS[_model(orbit)])
+        seen.add(_model(orbit))
     return result
 
 
-def _name(orbit: HuntingOrbit) -> str:
-    return f"{NAMES[orbit.model]}, K = {orbit.gain:.4g}"
+def look_of(orbit: Orbit) -> LineStyle:
+    """The look of an orbit that is alone of its model."""
+    return LOOKS[_model(orbit)]
 
 
-def _distinct_names(orbits: Sequence[HuntingOrbit]) -> list[str]:
+def _model(orbit: Orbit) -> Model:
+    """The friction model whose look an orbit has; a loop of parts has that of the first one."""
+    return orbit.model if isinstance(orbit, HuntingOrbit) else MODELS[0]
+
+
+def _name(orbit: Orbit) -> str:
+    if isinstance(orbit, HuntingOrbit):
+        return f"{NAMES[orbit.model]}, K = {orbit.gain:.4g}"
+    vary = orbit.problem.principal
+    return f"loop, {vary.replace('_', ' ')} = {orbit.problem.value(vary):.4g}"
+
+
+def _distinct_names(orbits: Sequence[Orbit]) -> list[str]:
     """Model and gain; and the amplitude, where these are not enough."""
     names = [_name(orbit) for orbit in orbits]
     return [
@@ -216,7 +234,7 @@ def _rounded(value: float) -> str:
     return f"{value / 10.0**exponent:.3f}·{power(exponent)}"
 
 
-def _orbit_handles(orbits: Sequence[HuntingOrbit], labels: Sequence[str]) -> list[Line2D]:
+def _orbit_handles(orbits: Sequence[Orbit], labels: Sequence[str]) -> list[Line2D]:
     return [
         Line2D([], [], color=look.colour, linewidth=look.width, linestyle=look.dashes, label=label)
         for look, label in zip(_looks(orbits), labels, strict=True)
@@ -226,7 +244,8 @@ def _orbit_handles(orbits: Sequence[HuntingOrbit], labels: Sequence[str]) -> lis
 def _scaled(name: str, unit: str, peak: float) -> tuple[float, str]:
     """(factor, axis label) that bring numbers of size `peak` between 0.1 and 100."""
     exponent = 3 * math.floor((math.log10(peak) + 1) / 3) if peak > 0 else 0
-    return 10.0**exponent, f"{name} [{unit}]" if exponent == 0 else f"{name} [{power(exponent)} {unit}]"
+    said = " ".join(part for part in (power(exponent) if exponent else "", unit) if part)
+    return 10.0**exponent, f"{name} [{said}]" if said else name
 
 
 def rolled(times: Array, states: Array) -> tuple[Array, Array]:

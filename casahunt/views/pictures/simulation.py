@@ -5,16 +5,21 @@ Symbols: n states, m sample points.  States are x1 [rad], x2 [rad/s], x3 [rad s]
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...design.record.file import Record
 from ...design.record.measure import Measurement
+from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
 from ...servo.simulation.trajectory import Trajectory
 from .orbits import rolled
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, align, legend, panels
+
+if TYPE_CHECKING:
+    from ...servo.parts import LoopMotion
 
 PER_INTERVAL = 8
 """Points of a drawn line in each interval of a motion, which its polynomial bends once or twice."""
@@ -53,36 +58,52 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     'time [s]'
     """
     t, x = trajectory.dense(PER_INTERVAL)
-    look, static = LOOKS[trajectory.model], trajectory.servo.friction.static
-    figure, three = panels(axes, 3, sharex=True, height_ratios=(1.4, 1, 1))
-    curves = (
-        (trajectory.set_point + x[0], "position θ [rad]"),
-        (x[1], "velocity θ' [rad/s]"),
-        (trajectory.torque(x), "motor torque m [N m]"),
-    )
-    sticks = [i for i, mode in enumerate(trajectory.modes) if mode == "stick"]
-    for ax, (values, label) in zip(three, curves, strict=True):
-        for i in sticks:
-            ax.axvspan(trajectory.times[i], trajectory.times[i + 1], color=SHADE, linewidth=0, zorder=0)
-        ax.plot(t, values, color=look.colour, linewidth=ALONE, zorder=4)
-        ax.set_ylabel(label)
-        ax.grid(True, color="0.85", linewidth=0.6)
-        ax.margins(x=0, y=0.08)
-    dashed = {"color": NEUTRAL, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 3}
-    three[0].axhline(trajectory.set_point, **dashed)
-    for level in (-static, static):
-        three[2].axhline(level, **dashed)
-    three[2].set_xlabel("time [s]")
-    align(figure, three)
+    sticks = [(a, b) for mode, a, b in zip(trajectory.modes, trajectory.times, trajectory.times[1:], strict=False)
+              if mode == "stick"]  # fmt: skip
     verdict = trajectory.verdict
     name = f"{NAMES[trajectory.model]}{' with stick band' if trajectory.regularised else ''}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}"
     if verdict.kind == "hunting":
         name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
-    handles = [
-        Line2D([], [], label="set point; static friction ±F$_s$", **dashed),
-    ]
-    three[0].set_title(name, fontsize="medium")
+    curves = trajectory.set_point + x[0], x[1], trajectory.torque(x)
+    colour, static = LOOKS[trajectory.model].colour, trajectory.servo.friction.static
+    return _three(axes, t, curves, sticks, name, colour, trajectory.set_point, (-static, static))
+
+
+def loop_motion(step: LoopMotion, set_point: float, title: str, *, axes: Any = None) -> Array:
+    """As `motion`, of a loop of parts: its first angle.
+
+    step, set_point, title: the motion, the set point [rad], and what stands above; axes: as there.
+    """
+    edges = np.flatnonzero(np.diff(step.moving)) + 1
+    pieces = np.split(np.arange(step.times.size), edges)
+    sticks = [(step.times[i[0]], step.times[i[-1]]) for i in pieces if not step.moving[i[0]]]
+    curves = set_point + step.states[0], step.states[1], step.torque
+    return _three(axes, step.times, curves, sticks, title, LOOKS[MODELS[0]].colour, set_point, ())
+
+
+def _three(
+    given: Any, t: Array, curves: Sequence[Array], sticks: Sequence[tuple[float, float]], title: str, colour: str,
+    set_point: float, levels: Sequence[float],
+) -> Array:  # fmt: skip
+    """Position, velocity and torque over the time, the sticks grey, the torque with the levels of static friction."""
+    figure, three = panels(given, 3, sharex=True, height_ratios=(1.4, 1, 1))
+    labels = "position θ [rad]", "velocity θ' [rad/s]", "motor torque m [N m]"
+    for ax, values, label in zip(three, curves, labels, strict=True):
+        for stick in sticks:
+            ax.axvspan(*stick, color=SHADE, linewidth=0, zorder=0)
+        ax.plot(t, values, color=colour, linewidth=ALONE, zorder=4)
+        ax.set_ylabel(label)
+        ax.grid(True, color="0.85", linewidth=0.6)
+        ax.margins(x=0, y=0.08)
+    dashed = {"color": NEUTRAL, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 3}
+    three[0].axhline(set_point, **dashed)
+    for level in levels:
+        three[2].axhline(level, **dashed)
+    three[2].set_xlabel("time [s]")
+    align(figure, three)
+    handles = [Line2D([], [], label="set point; static friction ±F$_s$" if levels else "set point", **dashed)]
+    three[0].set_title(title, fontsize="medium")
     if sticks:
         handles.append(Line2D([], [], color=SHADE, linewidth=8, label="stick"))
     legend(figure, three[0], handles, frameon=False, ncols=len(handles))

@@ -1,0 +1,91 @@
+"""What the commands share where they are asked about a loop of parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from ....checks import choice_of, to_and_back
+from ....continuation import Branch, Fold, follow
+from ....errors import InputError, NoOrbit, Status
+from ....orbits import Options, SystemOrbit
+
+if TYPE_CHECKING:
+    from ....servo.parts import Loop
+
+BRANCHES_OF_A_LOOP = ("stable", "unstable")
+
+
+def title(loop: Loop) -> str:
+    """What a loop is called in the first line."""
+    return f"loop at gain {loop.value('gain'):.10g} V/rad"
+
+
+def parts_line(loop: Loop) -> str:
+    """The parts that are there, as a line."""
+    return f"  parts            {', '.join(part.name for part in loop.present)}"
+
+
+def record_of(loop: Loop) -> dict[str, Any]:
+    """The loop, for JSON."""
+    return {"parts": [part.name for part in loop.present], "parameters": loop.parameters, "gain": loop.value("gain")}
+
+
+def cycle_on(loop: Loop, branch: str, options: Options) -> SystemOrbit:
+    """The cycle on one of its branches in the gain.  Raises InputError: unknown branch; NoOrbit."""
+    from ....servo.parts import loop_cycle, unstable_cycle  # not read for a servo
+
+    choice_of("branch of a loop", branch, BRANCHES_OF_A_LOOP)
+    cycle = loop_cycle(loop, options=options)
+    return cycle if branch == "stable" else unstable_cycle(cycle, options=options)
+
+
+def border_of(loop: Loop, vary: str, options: Options) -> tuple[Fold[SystemOrbit], str]:
+    """Where hunting ends in a parameter, at a fold above the loop's own value or else below; "up" or "down".
+
+    Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
+    """
+    from ....servo.parts import fold_in, loop_cycle
+
+    cycle = loop_cycle(loop, vary, options=options)
+    try:
+        return fold_in(cycle, vary, options=options), "up"
+    except NoOrbit as above:
+        if above.status is not Status.NOT_FOUND:
+            raise
+        try:
+            return fold_in(cycle, vary, sense=-1, options=options), "down"
+        except NoOrbit as below:
+            raise NoOrbit(f"{above}; {below}", below.status) from None
+
+
+def with_unit(number: str, name: str) -> str:
+    """A parameter of a loop with its unit, where that is known."""
+    from ....servo.parts.table import unit_of
+
+    return f"{number} {unit_of(name)}".rstrip()
+
+
+def named(name: str) -> str:
+    """A parameter of a loop, with its unit in brackets where that is known."""
+    from ....servo.parts.table import unit_of
+
+    unit = unit_of(name)
+    return f"{name} [{unit}]" if unit else name
+
+
+def branch_of(
+    loop: Loop, vary: str, start: float | None, to: float | None, options: Options,
+    progress: Callable[[SystemOrbit], None],
+) -> Branch[SystemOrbit]:  # fmt: skip
+    """The branch of a loop in one of its parameters: from its own value or `start`, to `to` or far up."""
+    from ....servo.parts.verbs import FAR_UP, check_present, loop_cycle
+
+    if start is not None:
+        loop = loop.replace(**{vary: start})
+    check_present(loop, vary)
+    here = loop.value(vary)
+    if to is None and here <= 0:
+        raise InputError(f"to: must be given, {vary} = {here:g} at the start cannot be multiplied")
+    to, _ = to_and_back(vary, here, FAR_UP * here if to is None else to, None)
+    return follow(loop_cycle(loop, vary, options=options), vary, to=to, options=options, progress=progress)

@@ -1,0 +1,119 @@
+"""casahunt simulate of a loop of parts.
+
+    start   angles: position - set point; velocity x2, integral x3, bristle x4; any other by its name; else zero
+
+Keys of the JSON object: parts, parameters, gain, set_point, time, tol; start, end: states by name; verdict ("hunting",
+"at rest", "undecided"): what the motion goes on to behind its end, with reason, and amplitude and period of the cycle
+(null where there is none); peak_torque [N m], peak_voltage [V] (null without a motor gain); events, a list of [time,
+name, mode before]; error, of states and times of events, relative to the sizes of the states and to the duration;
+status, wall_s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ....checks import error_text, to_absolute_error, to_error
+from ....design.remedies.price import RESTS_WITHIN
+from ....errors import ComesToRest, NoOrbit, Status
+from ....orbits import Options, SystemOrbit, find_cycle
+from ....servo.servo import assigned
+from ..console import complain, counted
+from ..output import give
+from .shared import parts_line, record_of, title
+
+if TYPE_CHECKING:
+    from ....servo.parts import Loop, LoopMotion
+
+LATE = 0.5
+"""Part of the motion behind which nothing moves where it rests."""
+NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
+"""Options that name a state of the servo."""
+
+
+def of_loop(options: argparse.Namespace, loop: Loop, length: float, numbers: Mapping[str, float]) -> int:
+    """Simulate and print; returns the exit code.
+
+    numbers: of the command line: set_point, position, velocity, integral, bristle, tol.
+    """
+    from ....servo.parts import loop_motion
+
+    start = _start(options, loop, numbers)
+    began = time.perf_counter()
+    found = loop_motion(loop, length, start=start, tol=numbers["tol"])
+    verdict, reason, cycle = _goes_on_to(loop, found, numbers["tol"])
+    motion, peak = found.motion, float(np.abs(found.torque).max())
+    status = Status.CONVERGED if motion.error <= numbers["tol"] else Status.TOLERANCE_NOT_REACHED
+    record = record_of(loop) | {
+        "set_point": numbers["set_point"], "time": motion.duration, "tol": numbers["tol"], "start": start,
+        "end": motion.end, "verdict": verdict, "reason": reason, "amplitude": cycle and cycle.amplitude,
+        "period": cycle and cycle.period, "peak_torque": peak, "peak_voltage": _voltage(loop, peak),
+        "events": [(event.time, event.event, event.mode) for event in motion.events], "error": motion.error,
+        "status": status, "wall_s": time.perf_counter() - began,
+    }  # fmt: skip
+    picture = ("simulation.loop_motion", found, numbers["set_point"], f"{title(loop)}: {verdict}")
+    give(options, record, _lines(loop, found, record), table=_table(found), picture=picture)
+    if not status.ok:
+        said = f"known to {error_text(motion.error)} of the sizes of the states and of the time"
+        complain("casahunt simulate", f"the motion is {said}; ask for a larger tolerance or a shorter time")
+    return 0 if status.ok else 1
+
+
+def _start(options: argparse.Namespace, loop: Loop, numbers: Mapping[str, float]) -> dict[str, float]:
+    """Every state at the start."""
+    start = loop.at_rest(numbers["position"] - numbers["set_point"])
+    given = {state: numbers[option] for option, state in NAMED.items() if numbers[option]}
+    return loop.state(**start | given | assigned(options.state, "state", start, "name=value"))
+
+
+def _goes_on_to(loop: Loop, found: LoopMotion, tol: float) -> tuple[str, str, SystemOrbit | None]:
+    """Verdict, reason and cycle: of the motion as it goes on behind its end."""
+    motion, vary = found.motion, next(iter(loop.parameters))
+    try:
+        cycle = find_cycle(
+            loop.system, motion.phases[-1].mode, start=motion.end, follow=vary, options=Options(tol=min(tol, 1e-6))
+        )
+    except ComesToRest as rests:
+        return "at rest", str(rests), None
+    except NoOrbit as why:
+        late = found.times >= LATE * motion.duration
+        moved = max(float(np.ptp(found.states[loop.system.states.index(angle), late])) for angle in loop.angles)
+        if moved <= RESTS_WITHIN * max(motion.sizes[angle] for angle in loop.angles):
+            return "at rest", f"since {LATE * motion.duration:.4g} s nothing has moved, and no cycle was found", None
+        return "undecided", str(why), None
+    amplitude, period = to_error(cycle.amplitude, cycle.amplitude_error), to_error(cycle.period, cycle.period_error)
+    return "hunting", f"it goes on to a cycle of amplitude {amplitude} rad and period {period} s", cycle
+
+
+def _voltage(loop: Loop, torque: float) -> float | None:
+    """That of a torque [V], where the motor has a gain."""
+    return torque / loop.value("motor_gain") if "motor_gain" in loop.parameters else None
+
+
+def _lines(loop: Loop, found: LoopMotion, record: Mapping[str, Any]) -> Iterator[str]:
+    motion = found.motion
+    name = f"{title(loop)}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s"
+    yield f"{name}: {record['verdict']}"
+    yield f"  because          {record['reason']}"
+    yield parts_line(loop)
+    end = (
+        f"{state} {to_absolute_error(value, motion.error * motion.sizes[state], most=10)}"
+        for state, value in motion.end.items()
+    )
+    yield f"  at the end       {', '.join(end)}"
+    voltage = "" if record["peak_voltage"] is None else f", by {record['peak_voltage']:.4g} V"
+    yield f"  largest torque   {record['peak_torque']:.4g} N m{voltage}"
+    yield f"  events           {counted([event.event for event in motion.events])}"
+    yield f"  error estimate   {error_text(motion.error)} (relative, of states and times of events)"
+    yield f"  status           {record['status'].name.lower()}, {record['wall_s']:.2f} s"
+
+
+def _table(found: LoopMotion) -> dict[str, Any]:
+    """The motion as columns; angles from the set point."""
+    states = dict(zip(found.motion.system.states, found.states, strict=True))
+    return {"time_s": found.times, **states, "torque_Nm": found.torque, "mode": found.modes}

@@ -1,0 +1,257 @@
+"""The commands on a file that holds a loop of parts."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import pytest
+from command_line import is_picture, one_json, run
+
+from casahunt import Servo, find_fold
+from casahunt.servo.parts import load_loop
+from casahunt.views.commands.arguments import LOOP_COMMANDS
+from casahunt.views.commands.diagram import PICTURES
+
+PLAIN = ["one inertia", "Switch friction", "PID by times", "integrator"]
+FOLD, BAND, LEAK = 0.647339084, 0.0433457242337, 0.246844841
+"""Folds of the plain servo (problems/table1.py), and by independent event maps [V/rad], [rad], [1/s]."""
+
+
+@pytest.fixture
+def loop_file(tmp_path):
+    def write(*parts, **values):
+        path = tmp_path / "loop.toml"
+        lines = [f"{name} = {value}" for name, value in values.items()]
+        names = ", ".join(f'"{part}"' for part in (*PLAIN, *parts))
+        path.write_text("\n".join([f"[loop]\nparts = [{names}]", "[values]", *lines]))
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("branch", ["stable", "unstable"])
+def test_the_plain_servo_as_a_loop_has_its_cycles(capsys, loop_file, branch):
+    words = "--gain", 0.4, "--tol", "1e-9", "--json", "--quiet", "--branch", branch
+    plain = one_json(run(capsys, "orbit", *words)[1])
+    code, out, err = run(capsys, "orbit", loop_file(), *words)
+    found = one_json(out)
+    assert (code, err, found["stable"], found["branch"]) == (0, "", branch == "stable", branch)
+    assert found["gain"] == 0.4 and found["parts"] == PLAIN and found["parameters"]["static"] == 0.53
+    for key in ("amplitude", "period"):
+        assert found[key] == pytest.approx(plain[key], rel=2e-9)
+    assert found["half_multiplier"] == pytest.approx(plain["half_multiplier"], rel=1e-6)
+
+
+def test_a_gain_at_which_no_motion_from_rest_settles(capsys, loop_file):
+    """Next to the fold hardly any does: the cycle is that of a smaller gain, followed; beyond it there is none."""
+    path = loop_file()
+    code, out, _ = run(capsys, "orbit", path, "--gain", 0.6473, "--quiet", "--json")
+    assert code == 0 and one_json(out)["period"] == pytest.approx(20.42, abs=0.05)
+    code, out, err = run(capsys, "orbit", path, "--gain", 0.65)
+    assert (code, out) == (1, "") and re.search(r"gain 0\.65: no motion settles .*: fold at gain = 0\.64733", err)
+
+
+def test_the_lines_the_table_the_picture_and_the_file_of_a_cycle(capsys, loop_file, tmp_path):
+    path, written = loop_file("leak", leak=0.1), [tmp_path / name for name in ("o.csv", "o.png", "o.npz")]
+    files = [word for pair in zip(("--csv", "--plot", "--save"), written, strict=True) for word in pair]
+    words = "--gain", 0.04, "--set", "leak=0.2", "--multipliers", "integrator"
+    code, out, err = run(capsys, "orbit", path, *words, *files)
+    lines = out.splitlines()
+    assert code == 0 and lines[0] == "loop at gain 0.04 V/rad: stable hunting cycle"
+    assert lines[1].split(None, 1)[1] == "one inertia, Switch friction, PID by times, integrator, leak"
+    assert "by integrators" in out and re.match(r"loop    K = 0\.04 +amplitude = 0\.0342", err)
+    (row,) = csv.DictReader(written[0].read_text(encoding="ascii").splitlines())
+    assert (float(row["leak"]), float(row["gain"]), row["stable"]) == (0.2, 0.04, "True")
+    assert float(row["amplitude_rad"]) == pytest.approx(0.034276, abs=1e-6)
+    assert is_picture(written[1])
+    from casahunt.orbits import load_orbit
+
+    system = load_loop(path).replace(leak=0.2).system
+    assert load_orbit(written[2], system).period == float(row["period_s"])
+
+
+@pytest.mark.parametrize(("parts", "values", "vary", "way", "truth", "off"), [
+    ((), {}, "gain", "up", FOLD, 1e-8),
+    (("dead band",), {"dead_band": 0.02}, "dead_band", "up", BAND, 1e-9),
+    (("leak",), {"leak": 0.1}, "leak", "up", LEAK, 1e-8),
+])  # fmt: skip
+def test_folds_in_any_parameter(capsys, loop_file, parts, values, vary, way, truth, off):
+    words = "--vary", vary, "--tol", "1e-9", "--json", "--quiet"
+    code, out, _ = run(capsys, "fold", loop_file(*parts, **values), *words)
+    found = one_json(out)
+    assert code == 0 and (found["parameter"], found["way"]) == (vary, way)
+    assert found["value"] == pytest.approx(truth, rel=off) and found["parameters"][vary] == found["value"]
+    assert found["optimised_value"] == pytest.approx(truth, rel=off)
+    if vary == "gain":  # exact: only the product with the gain counts
+        assert found["elasticities"]["motor_gain"] == pytest.approx(-1)
+
+
+def test_hunting_ends_downwards_in_the_static_friction(capsys, loop_file):
+    """Where it does, the servo's own fold gain is the gain of the loop."""
+    words = "--vary", "static", "--tol", "1e-9", "--json", "--quiet"
+    found = one_json(run(capsys, "fold", loop_file(gain=0.1), *words)[1])
+    assert found["way"] == "down" and 0.44 < found["value"] < 0.53
+    servo = Servo().replace(**{"friction.static": found["value"]})
+    assert find_fold(servo, "switch").gain == pytest.approx(0.1, rel=1e-7)
+
+
+def test_the_lines_of_a_fold(capsys, loop_file, tmp_path):
+    words = "--csv", tmp_path / "f.csv", "--plot", tmp_path / "f.png"
+    code, out, err = run(capsys, "fold", loop_file("dead band", dead_band=0.02), "--vary", "dead_band", *words)
+    assert code == 0 and out.startswith("loop: hunting is possible up to dead_band 0.04334572")
+    assert "rad\n  parts " in out and "  one per cent more of        changes that dead_band by" in out
+    assert err.startswith("loop    dead_band = 0.0433457") and is_picture(tmp_path / "f.png")
+    rows = {row["parameter"]: row for row in csv.DictReader((tmp_path / "f.csv").read_text().splitlines())}
+    assert float(rows["gain"]["elasticity"]) == pytest.approx(float(rows["motor_gain"]["elasticity"]))
+    assert float(rows["gain"]["fold_dead_band"]) == pytest.approx(BAND, rel=1e-6)
+
+
+def test_the_diagram_of_a_loop(capsys, loop_file, tmp_path):
+    """Up, round the fold and back, where the cycle is the unstable one; what is written is whole."""
+    out_folder, path = tmp_path / "drawn", loop_file("leak", leak=0.2)
+    words = "--vary", "leak", "--out", out_folder, "--tol", "1e-7"
+    code, out, err = run(capsys, "diagram", path, *words)
+    assert code == 0 and re.match(r"loop: \d+ points along leak; leak reached 0\.2, the end of the range\n", out)
+    assert "fold at leak = 0.24684" in out and f"written to {out_folder}" in " ".join(out.split())
+    rows = list(csv.DictReader((out_folder / "loop.csv").read_text().splitlines()))
+    values = [float(row["leak"]) for row in rows]
+    assert values[0] == values[-1] == 0.2 and max(values) == pytest.approx(LEAK, rel=1e-2)
+    seen = [row["stable"] for row in rows]
+    assert seen[0] == "True" and "False" in seen and seen[-1] != "True"  # where it is not to be trusted, it is left out
+    assert len([line for line in err.splitlines() if line.startswith("loop    leak = ")]) == len(rows) - 1
+    written = json.loads((out_folder / "loop.json").read_text())
+    (fold,) = written["special"]
+    assert fold["kind"] == "fold" and len(written["table"]["leak"]) == len(rows)
+    pictures = [name for name in PICTURES if is_picture(out_folder / name)]
+    assert sorted(path.name for path in out_folder.iterdir()) == sorted([*pictures, "loop.csv", "loop.json"])
+    code, out, _ = run(capsys, "diagram", path, *words, "--to", 0.19, "--from", 0.21, "--json", "--quiet")  # over it
+    (branch,) = one_json(out)["branches"]
+    assert code == 0 and branch["ended"] == "leak reached 0.19, the end of the range" and branch["special"] == []
+
+
+def test_the_step_of_the_plain_servo_as_a_loop(capsys, loop_file):
+    words = "--gain", 0.04, "--time", 40, "--tol", "1e-9", "--json", "--quiet"
+    plain = one_json(run(capsys, "simulate", *words)[1])
+    code, out, err = run(capsys, "simulate", loop_file(), *words)
+    found = one_json(out)
+    assert (code, err, found["verdict"], found["status"]) == (0, "", "hunting", "converged")
+    assert found["start"] == {"x1": -1.0, "x2": 0.0, "x3": 0.0}
+    assert found["end"]["x1"] == pytest.approx(plain["position"] - 1, abs=1e-9)
+    assert found["end"]["x3"] == pytest.approx(plain["integral"], abs=1e-9)
+    assert [name for _, name, _ in found["events"]] == [event[1] for event in plain["events"]]
+    assert [time for time, *_ in found["events"]] == pytest.approx([event[0] for event in plain["events"]], abs=1e-8)
+    cycle = one_json(run(capsys, "orbit", "--gain", 0.04, "--json", "--quiet")[1])
+    assert [found["period"], found["amplitude"]] == pytest.approx([cycle["period"], cycle["amplitude"]], rel=1e-6)
+    assert found["peak_torque"] == pytest.approx(16 * found["peak_voltage"])
+    assert found["peak_torque"] == pytest.approx(plain["peak_torque"], rel=1e-3)  # of points that differ
+
+
+def test_a_motion_that_rests_its_lines_table_and_picture(capsys, loop_file, tmp_path):
+    """Two masses: both angles step; a band that is wider than the smallest one ends hunting."""
+    path = tmp_path / "two.toml"
+    parts = ["two masses", *PLAIN[1:], "dead band"]
+    path.write_text(f"[loop]\nparts = {parts}\n[values]\nshaft_damping = 0.05\ndead_band = 0.06\n".replace("'", '"'))
+    written = "--csv", tmp_path / "s.csv", "--plot", tmp_path / "s.png"
+    words = "--gain", 0.04, "--position", 0.5, "--state", "load_rate=0.1"
+    code, out, _ = run(capsys, "simulate", path, *words, *written)
+    said = " ".join(out.split())
+    assert code == 0 and out.startswith("loop at gain 0.04 V/rad, set point 1 rad, 100 s: at rest\n")
+    assert "since 50 s nothing has moved, and no cycle was found" in said
+    assert "largest torque" in said and "breakaways" in said
+    rows = list(csv.DictReader((tmp_path / "s.csv").read_text(encoding="ascii").splitlines()))
+    first, last = ({k: v if k == "mode" else float(v) for k, v in row.items()} for row in (rows[0], rows[-1]))
+    assert [first[name] for name in ("time_s", "x1", "x2", "load_angle", "load_rate")] == [0, -0.5, 0, -0.5, 0.1]
+    assert last["time_s"] == 100 and abs(last["x1"]) < 0.06 and last["mode"].startswith("stick")
+    assert is_picture(tmp_path / "s.png")
+
+
+def test_the_border_in_two_parameters(capsys, loop_file, tmp_path):
+    """Gain against dead band, and back: at the first and the last point the stick map has the same border."""
+    border = pytest.importorskip("stick_map_support").border
+    words = "--from", 0.02, "--to", 0.03, "--points", 2, "--csv", tmp_path / "b.csv", "--plot", tmp_path / "b.png"
+    code, out, err = run(capsys, "fold-curve", loop_file("dead band"), "--vary", "dead_band", "--tol", "1e-7", *words)
+    rows = [{k: float(v) for k, v in row.items() if k != "turns"}
+            for row in csv.DictReader((tmp_path / "b.csv").read_text().splitlines())]  # fmt: skip
+    assert code == 0 and re.match(r"loop: \d+ points; dead_band = 0\.03, gain = 0\.05685", out)
+    assert [rows[0]["dead_band"], rows[-1]["dead_band"]] == [0.02, 0.03] and is_picture(tmp_path / "b.png")
+    assert err.splitlines()[0].startswith("loop    K = 0.0827375") and "gain [V/rad]: up to which" in out
+    size, K = rows[-1]["dead_band"], rows[-1]["gain"]
+    assert border(K, "dead band", size, 1.001 * size, 1.8 * size) == pytest.approx(size, rel=1e-6)
+
+
+def test_a_border_between_two_parameters_that_are_no_gain(capsys, loop_file):
+    """Leak against integral time: on the border at 1/(2 pi) s it is that of the event map."""
+    words = "--vary", "integral_time", "--fold-in", "leak", "--from", 0.2, "--to", 0.15915494309189535, "--points", 2
+    code, out, _ = run(capsys, "fold-curve", loop_file("leak", leak=0.1), *words, "--json", "--quiet")
+    found = one_json(out)
+    (curve,) = found["curves"]
+    assert (code, found["failures"], found["way"]) == (0, [], "up") and (curve["vary"], curve["other"]) == (
+        "leak", "integral_time")  # fmt: skip
+    assert curve["table"]["leak"][-1] == pytest.approx(LEAK, rel=1e-5)
+
+
+CURVE = "fold-curve", "--from", 0.5, "--to", 0.6
+REFUSED = [
+    (("orbit", "--gain", 1, "--model", "switch"), "model: must be left out, the friction of a loop is one of"),
+    (("orbit", "--gain", 1, "--full"), "full: must be left out"),
+    (("orbit", "--gain", 1, "--branch", "lopsided"), "branch of a loop 'lopsided'"),
+    (("orbit", "--gain", -1), "gain = -1"),
+    (("orbit", "--gain", 1, "--set", "dead_bnd=1"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
+    (("orbit", "--gain", 1, "--set", "dead_band"), "must have the form name=value"),
+    (("orbit", "--gain", 1, "--set", "dead_band=-1"), "dead_band = -1: must be at least 0 (dead band)"),
+    (("fold", "--vary", "dead_bnd"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
+    (("diagram", "--natural"), "natural: must be left out, they go with the diagram of a servo"),
+    (("diagram", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another"),
+    (("diagram", "--to", "0.04"), "gain is 0.04 at the start: it cannot go to 0.04"),
+    (("diagram", "--to", "high"), "to = 'high': must be a finite number"),
+    (("simulate", "--gain", 1, "--state", "x7=1"), "unknown state 'x7'"),
+    (("simulate", "--gain", 1, "--bristle", "1"), "unknown state 'x4'"),
+    (("simulate", "--gain", 1, "--step", "1"), "step: must be left out"),
+    ((*CURVE, "--vary", "gain"), "fold-in = gain: must be another parameter than that of --vary"),
+    ((*CURVE, "--vary", "dead_bnd"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
+    ((*CURVE, "--vary", "static", "--fold-in", "dead_band"), "dead_band: with dead_band = 0 there is no dead band"),
+    ((*CURVE, "--vary", "static", "--resume"), "resume: must be left out, they go with a servo"),
+    (("fold", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another dead_band"),
+]
+
+
+@pytest.mark.parametrize(("words", "says"), REFUSED)
+def test_what_is_refused(capsys, loop_file, tmp_path, words, says):
+    path = loop_file("dead band")
+    written = "--out" if words[0] == "diagram" else "--csv"
+    code, out, err = run(capsys, words[0], path, *words[1:], "--quiet", written, tmp_path / "o.csv")
+    assert (code, out) == (2, "") and says in err and err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (("tune",), "is a loop of parts; of the commands orbit, diagram,"),
+    (("map", "--gain", 1), "is a loop of parts; of the commands"),
+])  # fmt: skip
+def test_commands_that_take_none_say_which_do(capsys, loop_file, words, says):
+    code, out, err = run(capsys, words[0], loop_file(), *words[1:])
+    assert (code, out) == (2, "") and says in err and all(name in err for name in LOOP_COMMANDS)
+
+
+def test_where_the_branch_of_a_servo_ends_is_not_asked(capsys, tmp_path):
+    code, out, err = run(capsys, "diagram", "--to", 0.1, "--out", tmp_path / "none")
+    assert (code, out) == (2, "") and "to: must be left out, a servo's diagram goes round its fold and back" in err
+
+
+def test_a_servo_is_followed_in_its_gain_alone(capsys):
+    code, out, err = run(capsys, "fold", "--vary", "friction.static")
+    assert (code, out) == (2, "") and "vary = friction.static: must be gain, or a parameter of a loop of parts" in err
+
+
+def test_a_servo_file_is_read_once(capsys, tmp_path, monkeypatch):
+    """It may be a pipe, which is empty when it is read again."""
+    from casahunt.views.commands import arguments
+
+    path, times = tmp_path / "servo.toml", []
+    path.write_text("[friction]\nstatic = 0.5\n")
+    read = arguments.read_toml
+    monkeypatch.setattr(arguments, "read_toml", lambda *asked: times.append(1) or read(*asked))
+    code, out, _ = run(capsys, "orbit", path, "--gain", 0.04, "--json", "--quiet")
+    assert code == 0 and one_json(out)["servo"]["friction"]["static"] == 0.5 and len(times) == 1
