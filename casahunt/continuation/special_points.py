@@ -29,9 +29,6 @@ from .curve import CurvePoint, parameter_value, secant_direction
 ACCEPTED_TOLERANCES = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
 order in that, within 1e-12."""
-NOT_TOLD_APART = 10.0
-"""Points whose places on a step differ by less than so many tolerances have no order by these: each is known to one, in
-states, duration and parameter."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -197,15 +194,17 @@ def in_order(
 ) -> list[SpecialPoint[AnyOrbit]]:  # fmt: skip
     """The special points between two orbits, located to a tolerance, in the order in which they are met.
 
-    At a sharp fold a multiplier passes -1, 0 and +1 within rounding: in this order, or the other way round.
+    At a sharp fold a multiplier passes -1, 0 and +1 within rounding: in this order, or the other way round.  There the
+    parameter, which is known to the tolerance, is second order in the place, which is known to the root of that.
     """
     if len(special) < 2:
         return list(special)
     way = secant_direction(before, after, vary)
     places = [float(secant_direction(before, s.orbit, vary) @ way / np.linalg.norm(way)) for s in special]
-    grows = np.sign(after.multipliers.leading.real - before.multipliers.leading.real)
-    passes = {monitor.kind: float(grows * monitor.multiplier) for monitor in monitors}
-    order = by_place(places, [passes.get(s.kind, math.nan) for s in special], NOT_TOLD_APART * tol)
+    start, end = (orbit.multipliers.leading.real for orbit in (before, after))
+    between = (m for m in monitors if min(start, end) < m.multiplier < max(start, end))
+    passed = {m.kind: m.multiplier if end > start else -m.multiplier for m in between}
+    order = by_place(places, [passed.get(s.kind, math.nan) for s in special], math.sqrt(tol))
     return [special[i] for i in order]
 
 
