@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from peer_support import needs
 from stick_map_support import border
 
 from casahunt import InputError, Options, Servo, find_orbit
@@ -155,7 +156,7 @@ def test_filters_in_series_are_the_product_of_their_polynomials(plain):
 
 
 def test_a_controller_of_python_control():
-    control = pytest.importorskip("control")
+    control = needs("control")
     num, den = [0.16, 2.0, 6.3], [1e-3, 1.0, 0.0]
     assert from_object(control.TransferFunction(num, den)) is transfer_function(num, den)
     with pytest.raises(InputError, match="several inputs or outputs"):
