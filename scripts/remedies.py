@@ -12,7 +12,7 @@ Of every remedy sizes beside its border are looked at (SIZES; more of the remedy
     unclear        a motion whose swings neither repeat nor come to rest
     no claim       more of a remedy of which the table says itself that motions grow or hunt on beyond its border
     not found      the table says that it does not know
-    none           the table says up to which size hunting goes on
+    hunts on       some motion does, up to the size up to which the table says that hunting goes on
     border agrees  P(a) has a fixed point with KNOWN less of the remedy than at the border, and none with so much more
     border differs it has one with so much more
     border unseen  it has none with less: beyond its last digit P rises from a slip that all but stops to one that does
@@ -41,6 +41,8 @@ from scripts.peers.remedy_motion import RemedyMotion  # noqa: E402
 from scripts.random_servos import draw  # noqa: E402
 
 SIZES = (0.9, 0.99, 1.01, 1.1, 2.0)
+UP_TO = (0.1, 0.5, 1.0)
+"""Sizes of a remedy that does not end hunting, as parts of the last that was looked at."""
 SWEEP = (0.5, 0.7, 0.8)
 """Sizes on the way to the border for remedies whose stops have no map on a line: hunting is handed on."""
 KNOWN = 1e-6
@@ -81,13 +83,18 @@ def more(remedy: str, size: float, factor: float) -> float:
     return size / factor if remedy in LESS_IS_MORE else size * factor
 
 
-def check(servo: Servo, gain: float, only: Sequence[str], sizes: Sequence[float] = SIZES) -> list[tuple[str, ...]]:
+def check(servo: Servo, gain: float, only: Sequence[str], sizes: Sequence[float] = SIZES) -> list[tuple[str, str, str]]:
     """(remedy, outcome, what was seen) of every remedy and size."""
-    cycle, out = find_orbit(servo, "switch", gain), []
+    cycle, out = find_orbit(servo, "switch", gain), list[tuple[str, str, str]]()
     for name in only:
         row = remedies(servo, "switch", gain, only=[name]).remedies[0]
-        if row.kind in ("not found", "none"):
+        if row.kind == "not found":
             out.append((name, row.kind, row.why))
+            continue
+        if row.kind == "none":
+            for factor in UP_TO:
+                hunts, said = truth(servo, gain, name, factor * row.followed_to, cycle).hunts()
+                out.append((name, "hunts on" if hunts else "contradicts", f"{row.why}, x {factor}: {Counter(said)}"))
             continue
         motion, before = truth(servo, gain, name, row.size, cycle), None
         for factor in sizes if motion.kind == "plain" else sorted((*SWEEP, *sizes)):
@@ -122,16 +129,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         servo = Servo().replace(**draw(asked.seed, number))
         low, high = asked.share
         share = float(np.exp(np.random.default_rng([asked.seed, number, 1]).uniform(np.log(low), np.log(high))))
+        try:
+            gain = share * find_fold(servo, "switch").gain
+        except NoOrbit as refusal:
+            print(f"servo {number}: {refusal}", flush=True)
+            continue
         for name in asked.only:
             began = time.process_time()
             try:
-                gain = share * find_fold(servo, "switch").gain
                 found = check(servo, gain, [name])
             except NoOrbit as refusal:
                 found = [(name, "refused", str(refusal))]
             for name, outcome, seen in found:
                 sums[name, outcome] += 1
-                if not outcome.endswith("agrees"):
+                if not outcome.endswith(("agrees", "hunts on")):
                     print(f"servo {number}, gain {gain:.6g}: {name}: {outcome}: {seen}", flush=True)
             print(f"servo {number} {name}: {time.process_time() - began:.1f} s", flush=True)
     for name in asked.only:

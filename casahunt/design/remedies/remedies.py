@@ -42,8 +42,9 @@ class Cure(Result):
     Attributes
     ----------
     name, unit : what it is called, and the unit of its size.
-    kind : how hunting ends: "fold", "grazing", "Hopf" (border.py); "none" where it does not, "not found" where nobody
-        knows.
+    kind : how hunting ends: "fold", "grazing", "Hopf", "unstable" (border.py): up to `size` there are cycles, the last
+        of which may be unstable, so that hunting may end with less; "none" where hunting goes on up to the last size
+        that was looked at, "not found" where nobody knows.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : a tenth more of it.
     rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
@@ -53,7 +54,8 @@ class Cure(Result):
     stays : what motions do at the recommended size and at three times the border: "rests", "decays", "hunts", "grows".
     moves : by how much the size moves, relatively, with a relative change of each parameter of the loop.
     worst_size : of the worst servo of an uncertain one, in `unit`; nan where none was asked for, or found.
-    why : a sentence: why it cannot end hunting, or why it was not found.
+    why : a sentence: why it is not seen to end hunting, or why it was not found.
+    followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.
 
     Examples
@@ -69,7 +71,7 @@ class Cure(Result):
     )  # fmt: skip
     _details = (
         "size_error", "recommended", "recommended_rest_error [rad]", "peak_voltage [V]", "stays", "moves", "worst_size",
-        "why",
+        "why", "followed_to",
     )  # fmt: skip
 
     name: str
@@ -87,6 +89,7 @@ class Cure(Result):
     moves: dict[str, float]
     worst_size: float
     why: str
+    followed_to: float
     first: SystemOrbit | None
 
     def branch(self) -> Branch[SystemOrbit]:
@@ -267,10 +270,11 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     loop, found = asked.loop, border(asked.loop, remedy, asked.start, asked.scales, asked.options)
     if found.kind in ("none", "not found"):
         nan, tried = math.nan, f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
-        why = f"{tried}: {remedy.why_not}".rstrip(": ") if found.kind == "none" else found.why
+        why = f"{tried}, the last size looked at: {remedy.why_not}".rstrip(": ")
         return Cure(
-            remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, nan, (), {}, nan, why, found.first
-        )
+            remedy.name, remedy.unit, found.kind, nan, nan, nan, nan, nan, nan, nan, nan, (), {}, nan,
+            why if found.kind == "none" else found.why, found.size, found.first,
+        )  # fmt: skip
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
     recommended, far = (_more(size, absent, factor, remedy.sense) for factor in (RECOMMENDED, MUCH_LARGER))
     last, numbers = found.orbit or asked.orbit, _numbers(loop)
@@ -285,7 +289,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     return Cure(
         remedy.name, remedy.unit, found.kind, size, found.error, recommended, remedy.rest(size, numbers), rests,
         step.peak_torque, step.peak_torque / loop.value("motor_gain"), step.settling, stays, moves,
-        _worst(asked, remedy, found), found.why, found.first,
+        _worst(asked, remedy, found), found.why, size, found.first,
     )  # fmt: skip
 
 
