@@ -135,6 +135,8 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     ).rstrip()  # fmt: skip
     if not row.keeps_it_ended:
         yield f"    {_not_kept(row)}"
+    if row.kind == "unstable":
+        yield "    up to there; no stable cycle was seen next to it, and hunting may end with less"
     if of_a_set:
         worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
         yield f"    the worst servo of the set: {worst}"
@@ -150,7 +152,7 @@ def _settles(time: float) -> str:
 def _why_not(row: Cure) -> str:
     """Why a remedy is none."""
     if not math.isfinite(row.size):
-        return {"none": "does not end it: ", "not found": "not found: "}[row.kind] + row.why
+        return {"none": "", "not found": "not found: "}[row.kind] + row.why
     return f"no remedy: its cycle ends at {_exact(row)}, but the motion beyond {_after(row)}"
 
 
