@@ -21,7 +21,7 @@ BELOW = 0.06
 """Room for marks at zero, in heights of a panel."""
 REST = "#1d6b3f"
 LEGEND_COLUMNS = 4
-WIDE = 30.0
+WIDE = 60.0
 """Ratio of sizes from which their axis is logarithmic."""
 TICKS = 4
 """Intervals between ticks at most: more run into each other."""
