@@ -110,10 +110,12 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def words(name: str) -> str:
+    """The name of a number as words."""
     return html.escape(name.replace("_", " ").replace(".", ": "))
 
 
 def figure(caption: str, seen: str, data: bytes) -> str:
+    """A picture with its caption, and what is seen on it in words."""
     said, image = html.escape(caption), base64.b64encode(data).decode("ascii")
     source = f"data:image/png;base64,{image}"
     return f'<figure><img alt="{html.escape(seen)}" src="{source}"><figcaption>{said}</figcaption></figure>'

@@ -25,7 +25,7 @@ CONTROLLER = {
 """Numbers of a controller in the record, and their names."""
 
 
-TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "verdict", "why"
+TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "voltage [V]", "verdict", "why"
 
 
 class _Page(Fragments):
@@ -138,6 +138,8 @@ def _demands(p: _Page) -> list[str]:
             ["margin above the fold", p.n("margin", ".4g", 100.0) + " %"],
             ["phase margin, at least", p.n("demands/phase_margin", "g") + " degrees"],
             ["gain margin, up and down", "factor " + p.n("demands/gain_margin", "g")],
+            *([["largest torque, at most", p.with_unit("demands/max_torque", "N m", "g")]]
+              if p.record["demands"].get("max_torque") is not None else []),
             ["delay, sample time", f"{p.n('demands/delay', 'g')} s, {p.n('demands/sample_time', 'g')} s"],
             *[[f"bounds of {words(name)}", f"{p.n(f'bounds/{name}/0', '.6g')} to "
                + p.with_unit(f"bounds/{name}/1", unit_of(name), ".6g")] for name in p.record["bounds"]],
@@ -260,5 +262,5 @@ def _task_row(p: _Page, key: str, gain: str) -> list[str]:
     colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in ("at rest", "decaying") else "dim"
     verdict = f'<span class="{colour}">{p.text(f"{key}/verdict")}</span>'
     shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
-    torque = p.n(f"{key}/peak_torque", ".3g")
-    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, verdict, p.text(f"{key}/reason")]
+    torque, voltage = (p.n(f"{key}/peak_{what}", ".3g") for what in ("torque", "voltage"))
+    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, voltage, verdict, p.text(f"{key}/reason")]

@@ -15,15 +15,15 @@ from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, png
 
 MOST_COLUMNS = 4
 """Panels in a row: more cannot be read."""
-CELL = 3.4, 2.8
+PANEL_SIZE = 3.4, 2.8
 """Width and height of a panel [in]."""
-BELOW = 0.06
+ROOM_BELOW = 0.06
 """Room for marks at zero, in heights of a panel."""
-REST = "#1d6b3f"
-LEGEND_COLUMNS = 4
-WIDE = 60.0
+RESTING = "#1d6b3f"
+MOST_IN_LEGEND = 4
+WIDE_RANGE = 60.0
 """Ratio of sizes from which their axis is logarithmic."""
-TICKS = 4
+MOST_TICKS = 4
 """Intervals between ticks at most: more run into each other."""
 
 
@@ -68,13 +68,13 @@ def _size(place: Axes, row: Cure) -> None:
     except NoOrbit:
         place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
     place.axvline(row.size, color="C3", linestyle="--", label="no cycle beyond")
-    for ended, marker, colour, said in ((True, "o", REST, "motions end at rest"), (False, "x", "C3", "they do not")):
+    for ended, marker, colour, said in ((True, "o", RESTING, "motions end at rest"), (False, "x", "C3", "they do not")):
         sizes = [at for at, seen in zip(row.beyond, row.stays, strict=True) if (seen in ENDED) is ended]
         place.plot(sizes, [0.0] * len(sizes), marker, color=colour, label=said)
     top = HEADROOM * max(amplitudes)
-    place.set_ylim(-BELOW * top, top)
+    place.set_ylim(-ROOM_BELOW * top, top)
     sizes = [row.size, *row.beyond, *values]
-    if min(sizes) > 0 and max(sizes) > WIDE * min(sizes):
+    if min(sizes) > 0 and max(sizes) > WIDE_RANGE * min(sizes):
         logarithmic(place, "x")
     place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
     place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
@@ -126,10 +126,10 @@ def _rest_set(place: Axes, row: Cure) -> None:
     corners = np.array([*row.rests, row.rests[0]])
     place.axhline(0, color=NEUTRAL, linewidth=0.5)
     place.axvline(0, color=NEUTRAL, linewidth=0.5)
-    place.fill(corners[:, 0], corners[:, 1], color=REST, alpha=0.25)
-    place.plot(corners[:, 0], corners[:, 1], color=REST, linewidth=2 * ALONE, marker="o", label="rests")
+    place.fill(corners[:, 0], corners[:, 1], color=RESTING, alpha=0.25)
+    place.plot(corners[:, 0], corners[:, 1], color=RESTING, linewidth=2 * ALONE, marker="o", label="rests")
     reach = np.abs(corners[:, 0]).max()
-    place.locator_params("x", nbins=TICKS)
+    place.locator_params("x", nbins=MOST_TICKS)
     place.set_title(f"{row.name}: {f'within {reach:.4g} rad' if reach else 'set point alone'}")
     place.set_xlabel("x1 [rad]")
 
@@ -160,6 +160,6 @@ def _panel_each(
     for place in every[len(rows) :]:
         place.set_visible(False)
     if figure is not None:
-        figure.set_size_inches(CELL[0] * columns, CELL[1] * lines)
-    legend(figure, every[0], every[0].get_legend_handles_labels()[0], ncols=min(columns + 1, LEGEND_COLUMNS))
+        figure.set_size_inches(PANEL_SIZE[0] * columns, PANEL_SIZE[1] * lines)
+    legend(figure, every[0], every[0].get_legend_handles_labels()[0], ncols=min(columns + 1, MOST_IN_LEGEND))
     return every[0]
