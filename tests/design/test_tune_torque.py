@@ -51,8 +51,8 @@ def test_what_the_simulated_tasks_take_is_held_against_it():
     answer, _ = found.answer(None)
     taken = answer.gain * MOTOR * KP * STEP
     found.demands = dataclasses.replace(found.demands, max_torque=0.9 * taken)
-    against = verified(answer, found).against
-    assert against == (f"nominal friction, a step of 1 rad from rest: takes {taken:.6g} N m, more than {0.9 * taken:g}",)
+    (against,) = verified(answer, found).against
+    assert against == f"nominal friction, a step of 1 rad from rest: takes {taken:.6g} N m, more than {0.9 * taken:g}"
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ ROOM_BELOW = 0.06
 """Room for marks at zero, in heights of a panel."""
 RESTING = "#1d6b3f"
 MOST_IN_LEGEND = 4
-WIDE_RANGE = 60.0
+LOGARITHMIC_FROM = 60.0
 """Ratio of sizes from which their axis is logarithmic."""
 MOST_TICKS = 4
 """Intervals between ticks at most: more run into each other."""
@@ -74,7 +74,7 @@ def _size(place: Axes, row: Cure) -> None:
     top = HEADROOM * max(amplitudes)
     place.set_ylim(-ROOM_BELOW * top, top)
     sizes = [row.size, *row.beyond, *values]
-    if min(sizes) > 0 and max(sizes) > WIDE_RANGE * min(sizes):
+    if min(sizes) > 0 and max(sizes) > LOGARITHMIC_FROM * min(sizes):
         logarithmic(place, "x")
     place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
     place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
