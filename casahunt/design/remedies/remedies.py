@@ -37,6 +37,8 @@ TIMES_THE_BORDER = (RECOMMENDED, 1.5, 2.0, 3.0)
 """So many times the border is looked at: whether a larger size keeps hunting ended."""
 ENDED = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
+MOST_DRAWN = 250
+"""Cycles of a branch for a picture: behind its fold it goes on."""
 MOST_CORNERS = 4
 """Corners of an uncertain servo at which the border is computed: slopes there lead to the next one."""
 
@@ -114,7 +116,7 @@ class Cure(Result):
     first: SystemOrbit | None = None
 
     def branch(self) -> Branch[SystemOrbit]:
-        """The cycles from the small remedy up to the border, for pictures.
+        """The cycles from the small remedy up to the border, and where that is a fold some behind it, for pictures.
 
         Returns
         -------
@@ -127,7 +129,9 @@ class Cure(Result):
         if self.first is None or not math.isfinite(self.size):
             raise InputError(f"{self.name}: no cycle was found from which a branch could begin")
         vary = self.first.problem.principal
-        return follow(self.first, vary, to=self.size, options=Options(tol=1e-5), monitors=())
+        return follow(
+            self.first, vary, to=self.size, options=Options(tol=1e-5), monitors=(), max_points=MOST_DRAWN
+        )  # fmt: skip
 
     @property
     def ends_hunting(self) -> bool:
