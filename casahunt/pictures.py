@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .views.pictures.loop import bode
     from .views.pictures.orbits import phase_portrait, time_traces
     from .views.pictures.plotting import save
-    from .views.pictures.remedies import remedy_sizes
+    from .views.pictures.remedies import remedy_sizes, rest_positions
     from .views.pictures.simulation import folded_record, motion
     from .views.pictures.tune import operating_point, tasks
     from .views.pictures.uncertainty import histogram
@@ -44,6 +44,7 @@ __all__ = [
     "operating_point",
     "phase_portrait",
     "remedy_sizes",
+    "rest_positions",
     "save",
     "tasks",
     "time_traces",
@@ -60,7 +61,7 @@ __getattr__ = lazily(
         "views.pictures.loop": ("bode",),
         "views.pictures.orbits": ("phase_portrait", "time_traces"),
         "views.pictures.plotting": ("save",),
-        "views.pictures.remedies": ("remedy_sizes",),
+        "views.pictures.remedies": ("remedy_sizes", "rest_positions"),
         "views.pictures.simulation": ("folded_record", "motion"),
         "views.pictures.tune": ("operating_point", "tasks"),
         "views.pictures.uncertainty": ("histogram",),

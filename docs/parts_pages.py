@@ -1,31 +1,49 @@
-"""The reference of the parts that a loop is made of, read off the parts themselves: a section a file of the room."""
+"""The reference of the parts that a loop is made of, read off the parts themselves: a page a file of the room."""
 
 from __future__ import annotations
 
 import inspect
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+from casahunt import Servo, pictures, remedies
 from casahunt.servo import parts
-from casahunt.servo.parts import REMEDIES, Part
+from casahunt.servo.parts import REMEDIES, Part, Remedy
+from casahunt.servo.units import unit_of
 
 ABOUT = """Parts of a loop
 ===============
 
 What ``casahunt.servo.parts`` has. How a loop is made of them says :doc:`a guide </howto/parts>`, which of the remedies
 to take :doc:`another one </howto/remedies>`.
+
+.. toctree::
+   :maxdepth: 1
+
 """
+UNITS = {
+    "torque_limit": "N m", "unwinding_time": "s", "static_back": "N m", "coulomb_back": "N m",
+    "viscous_back": "N m s/rad", "load_torque": "N m", "spring": "N m/rad", "derivative_filter": "s",
+    "position_gain": "1/s", "velocity_gain": "s", "reset_time": "s", "load_inertia": "kg m2",
+    "shaft_stiffness": "N m/rad", "shaft_damping": "N m s/rad", "load_damping": "N m s/rad",
+    **{remedy.size: remedy.unit for remedy in REMEDIES if remedy.part is not None},
+}  # fmt: skip
+"""Of parameters that a servo file does not have."""
+SERVO, GAIN = Servo(), 0.04
+"""Table 1's servo, and the gain at which sets of rest positions are drawn [V/rad]."""
 
 
 def write(folder: Path) -> None:
-    """Write index.rst into a folder.
+    """Write index.rst, a page for each file with parts or remedies, and pictures of where they let the servo rest.
 
     Parameters
     ----------
     folder
         is made where it is missing.
     """
-    lines = [ABOUT]
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = {}
     for entry in inspect.cleandoc(parts.__doc__ or "").split("\n"):
         name, listed, about = entry.partition(".py ")
         if not listed:
@@ -37,19 +55,61 @@ def write(folder: Path) -> None:
             for key, value in vars(module).items()
             if key in parts.__all__ and isinstance(value, Part) and f"\n{key} = " in source
         }
-        if own:
-            title = about.strip().capitalize()
-            lines += [title, "-" * len(title), "", "::", ""]
-            lines += [f"   {line}".rstrip() for line in inspect.cleandoc(module.__doc__ or "").split("\n")]
-            lines += ["", ".. list-table::", "   :header-rows: 1", "", *_row("part", "states", "parameters")]
-            for key, part in own.items():
-                numbers = [f"``{name}`` = {value:.6g}" for name, value in part.parameters.items()]
-                lines += _row(f"``{key}``", *map(_listed, ([f"``{name}``" for name in part.states], numbers)))
-            lines += ["", *_measured(own)]
-    folder.mkdir(parents=True, exist_ok=True)
-    page, text = folder / "index.rst", "\n".join(lines) + "\n"
+        cures = [remedy for remedy in getattr(module, "REMEDIES", ()) if name != "table"]
+        if own or cures:
+            pages[name] = _page(about.strip().capitalize(), module.__doc__ or "", own, cures)
+    _draw(folder)
+    _keep(folder / "index.rst", ABOUT + "".join(f"   {name}\n" for name in pages))
+    for name, text in pages.items():
+        _keep(folder / f"{name}.rst", text)
+
+
+def _page(title: str, about: str, own: dict[str, Part], cures: list[Remedy]) -> str:
+    """What it does with its equations, parameters with units and defaults, rest positions where it is a remedy."""
+    lines = [title, "=" * len(title), "", "::", ""]
+    lines += [f"   {line}".rstrip() for line in inspect.cleandoc(about).split("\n")]
+    if own:
+        lines += ["", ".. list-table::", "   :header-rows: 1", "", *_row("part", "states", "parameters, by default")]
+    for key, part in own.items():
+        numbers = [f"``{name}`` = {value:.6g} {_unit(name)}".rstrip() for name, value in part.parameters.items()]
+        lines += _row(f"``{key}``", *map(_listed, ([f"``{name}``" for name in part.states], numbers)))
+    for name in dict.fromkeys(remedy.name for remedy in cures):
+        remedy = next(remedy for remedy in cures if remedy.name == name)
+        unit = f" [{remedy.unit}]" if remedy.unit else ""
+        lines += [
+            "", f"As the remedy ``{name}`` its size is ``{remedy.size}``{unit}. Where the servo of Table 1 may then "
+            f"rest at K = {GAIN:g} V/rad, with the size to choose (or, where no size ends hunting, the last one looked at):",
+            "", f".. image:: {_file(name)}", f"   :alt: error and torque at which the servo rests with {name}",
+            "   :width: 340px",
+        ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _file(name: str) -> str:
+    return f"rests_{name.replace(' ', '_')}.png"
+
+
+def _draw(folder: Path) -> None:
+    """The pictures that are missing."""
+    names = dict.fromkeys(remedy.name for remedy in REMEDIES if "switch" in remedy.needs)
+    if missing := [name for name in names if not (folder / _file(name)).exists()]:
+        found = remedies(SERVO, "switch", GAIN, only=missing)
+        for row in found.remedies:
+            pictures.save(pictures.rest_positions(replace(found, remedies=(row,))), folder / _file(row.name))
+
+
+def _keep(page: Path, text: str) -> None:
+    """Write a page, unless it is there already as it should be."""
     if not page.exists() or page.read_text(encoding="utf-8") != text:
         page.write_text(text, encoding="utf-8")
+
+
+def _unit(name: str) -> str:
+    """The unit of a parameter; "" for a number."""
+    try:
+        return UNITS[name] if name in UNITS else unit_of(name)
+    except StopIteration:
+        return ""
 
 
 def _row(*cells: str) -> list[str]:
@@ -59,13 +119,3 @@ def _row(*cells: str) -> list[str]:
 
 def _listed(names: list[str]) -> str:
     return ", ".join(names) or "none"
-
-
-def _measured(own: dict[str, Part]) -> list[str]:
-    """The remedies that these parts are, as `casahunt remedies` calls them."""
-    said = {
-        remedy.name: f"{remedy.name}: ``{remedy.size}``{remedy.unit and f' [{remedy.unit}]'}"
-        for remedy in REMEDIES
-        if remedy.part in own.values()
-    }
-    return [f"As a remedy, with what measures it: {'; '.join(said.values())}.", ""] if said else []

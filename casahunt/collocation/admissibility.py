@@ -34,15 +34,12 @@ import numpy as np
 from ..hybrid.system import Exit, Feature
 from .conditions import Conditions, NotSymbolic
 from .near_grazing import comes_and_goes, tops_of
-from .resolution import BARELY, RESOLUTION, dense_rule, largest_of_phase, not_clear
+from .resolution import BARELY, NOISE, RESOLUTION, dense_rule, largest_of_phase, not_clear
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
 Place = tuple[Transcription, Array, Setting]
 
-NOISE = 1e-10
-"""Of a condition, relative to its size above one: what Newton's method and rounding leave of it is less.
-No cycle of sixteen notices ten times more or less."""
 PASSED = 1e-6
 """An event is passed where its scalar goes from so far below zero to as far above, relative to its size above one."""
 LARGEST_JUMP = 0.5

@@ -21,6 +21,9 @@ Array = np.ndarray
 
 RESOLUTION = 3.0
 """A condition is known to this many times its last Legendre coefficient."""
+NOISE = 1e-10
+"""Of a condition, relative to its size above one: what Newton's method and rounding leave of it is less.
+No cycle of sixteen notices ten times more or less."""
 BARELY = 1e-8
 """An event that is passed, and passed back, by less than this is not: a cycle that grazes shows no more.  Intervals
 that do not resolve as little where one is all but met are unclear, whichever side of zero they show."""
@@ -59,7 +62,9 @@ def largest_of_phase(t: Transcription, values: Array) -> Array:
 
 
 def not_clear(t: Transcription, values: Array, slack: Array) -> Array:
-    """Where a condition is not clear of zero by its resolution.
+    """Where a condition is not clear of zero by its resolution, and a shorter interval can make it so.
+
+    Of a phase that has all but vanished nothing is left but noise.
 
     t, values, slack: the transcription, (..., N, d + 1) values of the condition at start and stages, and (N,) its
     slack. Returns (..., N) bool.
@@ -84,4 +89,4 @@ def not_clear(t: Transcription, values: Array, slack: Array) -> Array:
             slope /= s.points[keep]
             unclear &= slope.min(axis=1) + allowed < RESOLUTION * np.abs(slope @ top)
         out[chosen] = unclear
-    return out
+    return np.asarray(out & (RESOLUTION * np.abs(values @ s.last_mode) > NOISE * np.maximum(1.0, size)))

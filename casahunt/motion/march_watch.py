@@ -70,6 +70,8 @@ class EventWatch:
                 continue
             inside = h[0] < 0
             if ahead is not None and abs(h[0]) <= ON_EVENT:
+                if np.abs(h).max() <= ON_EVENT:  # at rest on it: what changes its sign is rounding
+                    continue
                 begins = float(values[-1]) - h[0]
                 inside = begins < 0 if begins != 0 else h[1] < 0
             if inside:

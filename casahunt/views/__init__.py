@@ -1,8 +1,8 @@
-"""What a person sees: pictures, commands, the page of a tuning.  Nothing here computes what it shows.
+"""What a person sees: pictures, commands, pages.  Nothing here computes what it shows.
 
 glossary.py   the words of the trade, each in a sentence
 stability.py  up to which gain a cycle is stable, in words
 pictures/     drawn by matplotlib, which only plotting.py imports
-evidence/    a tuning as one JSON object and one page
+evidence/     a tuning, or the remedies, as one JSON object and one page
 commands/     casahunt orbit, diagram, fold, ...: one module each
 """

@@ -1,39 +1,91 @@
-"""Motions of a servo with Switch friction and a remedy, by scipy's solve_ivp with events: nothing of the program.
+"""Motions of a servo with Switch friction and a remedy, by Taylor series (heyoka, extra `bench`).
 
     J x1'' = m - F,   m = -(kp e + kd e' + ki x3),   x3' = input(e) - leak x3;   stuck where x1' = 0 and |m| <= Fs
 
-The swings are |x1| where x1' = 0.  A servo hunts where they repeat, one by one or in a pattern of up to eight; it does
-not where it is stuck for ever, or where they shrink to nothing or grow.
+in units of the amplitude A without the remedy, of t0 = sqrt(J/kp) and of the torque kp A.  Within a slip x1 goes one
+way, so that the edges of a remedy are met in order; in each piece of it
+
+    e = slope x1 + offset (the filter: its own state),   input = share e + beside,   F = s g(v) + b v
+
+and a stick has a closed form.  The swings are |x1| where x1' = 0.  A servo hunts where they repeat, one by one or in a
+pattern of up to eight; it does not where it is stuck for ever, or where they shrink to nothing or grow.
+
+P(a) is where the slip from breakaway at x1 = -a ends in a stick; cycles are its fixed points, which are starts too.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.optimize import minimize_scalar
-from scipy.special import erf
+from scipy.optimize import brentq, minimize_scalar
 
 Array = np.ndarray
 
-RTOL = 1e-9
-MOST_SWINGS, PATTERN, REPEATS = 400, 8, 1e-6
+MOST_SWINGS, PATTERN, REPEATS = 3000, 8, 1e-6
 """Swings that are followed; how many a pattern has at most, and how well it repeats."""
 LEAST_MOVED = 1e-3
 """Less of a swing than this is a motion that creeps, breaking away and stopping, to where it rests."""
+STANDS = 1e-13
+"""Less is rounding: it creeps to the edge of a band, breaking away and stopping ever nearer to it."""
+IRREGULAR = 0.1
+"""Swings that differ by more than this part for ever repeat in no pattern, and do not end."""
 GONE, GROWN = 1e-5, 30.0
 """Swings that are so small a part of the amplitude without a remedy have shrunk to nothing; so many times it, grown."""
 FOR_EVER = 1e3
 """A phase that lasts for so many periods of the hunting without the remedy lasts for ever."""
-STARTS = tuple(np.geomspace(1e-3, 5.0, 24).tolist())
+STARTS = tuple(np.geomspace(2e-3, 5.0, 14).tolist())
 """Starts at the brink of breaking away, so many amplitudes beside the set point."""
-
 BANDS, BESIDE_BAND = ("dead band", "shifted dead band", "hysteresis"), (1.0001, 1.001, 1.004, 1.01, 1.03, 1.1)
 """Remedies within whose size nothing is left; starts beside that, as parts of it."""
+FAR = 6.1
+"""Speed in vs from which exp(-(v/vs)^2) is below the last digit: a step from there would not see the drop."""
+AT_REST = 1e-4
+"""A slip so near to where it rests, at a torque and a speed so small, has no swing left; in parts of its start."""
+CHUNK, MOST_STEPS = 50, 20_000
+"""Steps between two looks at a slip, and most of them."""
+MAP_POINTS, NARROWED = 120, 60
+"""Points at which P(a) is looked at, and evaluations that narrow its largest surplus down."""
+BESIDE_EDGE, FIXED = 1e-7, 1e-6
+"""Nearer to an edge, as a part of it, an event there is lost; at a fixed point of P, not where it jumps, it is this
+near to it."""
+NEVER = 1e7
+"""An edge so far away is none."""
+
+
+@lru_cache(maxsize=3)
+def _pieces(kind: str) -> tuple[Any, Any]:
+    """Integrators of a piece of a slip: a first step without an eye on the speed, and one that ends at v = 0."""
+    import heyoka as hy
+
+    x, v, w, f = hy.make_vars("x", "v", "w", "f")
+    kd, ki, Fc, drop, vs, b, s, slope, offset = (hy.par[i] for i in range(9))
+    share, beside, leak, edge, far, near, T, a = (hy.par[i] for i in range(9, 17))
+    e, rate = slope * x + offset, slope * v
+    if kind == "filtered":
+        e, rate = f, (x - f) / T
+    friction = s * (Fc + drop * hy.exp(-(v / vs) * (v / vs)))
+    if kind == "dithered":
+        c, reach = vs / hy.sqrt(vs * vs + 2.0 * a * a), v / (a * math.sqrt(2.0))
+        friction = Fc * hy.erf(reach) + drop * c * hy.exp(-(c * v / vs) * (c * v / vs)) * hy.erf(c * reach)
+    system = [(x, v), (v, -(e + kd * rate + ki * w) - friction - b * v), (w, share * e + beside - leak * w)]
+    if kind == "filtered":
+        system.append((f, (x - f) / T))
+    down, up = hy.event_direction.negative, hy.event_direction.positive
+    events = [
+        hy.t_event(s * v, direction=down), hy.t_event(s * (x - edge), direction=up),
+        hy.t_event(s * v - far, direction=down, callback=lambda *_: True),
+        hy.t_event(s * v - near, direction=down, callback=lambda *_: True),
+    ]  # fmt: skip
+    first, seeing = (
+        hy.taylor_adaptive(system, state=[0.0] * len(system), tol=1e-15, t_events=seen)
+        for seen in ([], events)
+    )
+    return first, seeing
 
 
 @dataclass
@@ -52,186 +104,253 @@ class RemedyMotion:
     enter_ratio: float = 0.5
     inside: bool = field(default=False, init=False)
     """Of the hysteresis: whether the integrator stands."""
+    hunted: Array | None = field(default=None, init=False)
+    """Where a motion that hunts has just stopped."""
 
-    def error(self, y: Array) -> tuple[float, float]:
-        """e, e'."""
-        if self.remedy == "error filter":
-            return y[3], (y[0] - y[3]) / self.size
-        if self.remedy == "error dead band":
-            return (math.copysign(abs(y[0]) - self.size, y[0]), y[1]) if abs(y[0]) > self.size else (0.0, 0.0)
-        return y[0], y[1]
+    def __post_init__(self) -> None:
+        (kp, kd, ki), J, A = self.gains, self.servo["J"], self.amplitude
+        t0 = math.sqrt(J / kp)
+        self.kd, self.ki, self.for_ever = kd / (kp * t0), ki * t0 / kp, FOR_EVER * self.period / t0
+        self.Fs, self.Fc = self.servo["Fs"] / (kp * A), self.servo["Fc"] / (kp * A)
+        self.drop, self.vs, self.b = self.Fs - self.Fc, self.servo["vs"] * t0 / A, self.servo["b"] / (kp * t0)
+        units = {"leak": 1 / t0, "freeze": t0, "error filter": t0, "dither": A / t0, "reset": 1.0, "feedforward": 1.0}
+        self.scaled = self.size / units.get(self.remedy, A)
+        self.kind = {"error filter": "filtered", "dither": "dithered"}.get(self.remedy, "plain")
+        if self.remedy == "feedforward":
+            self.Fc *= 1 - self.size
 
-    def input(self, e: float) -> float:
-        """What is integrated."""
-        if self.remedy == "dead band":
-            return e if abs(e) > self.size else 0.0
-        if self.remedy == "shifted dead band":
-            return math.copysign(abs(e) - self.size, e) if abs(e) > self.size else 0.0
+    def error(self, x: float) -> tuple[float, float]:
+        """(slope, offset) of e in x1."""
+        if self.remedy != "error dead band":
+            return 1.0, 0.0
+        return (1.0, -math.copysign(self.scaled, x)) if abs(x) > self.scaled else (0.0, 0.0)
+
+    def input(self, x: float) -> tuple[float, float]:
+        """(share, beside) of what is integrated, in e."""
         if self.remedy == "hysteresis":
-            return 0.0 if self.inside else e
-        return e
+            return (0.0 if self.inside else 1.0), 0.0
+        if self.remedy in ("dead band", "shifted dead band") and abs(x) <= self.scaled:
+            return 0.0, 0.0
+        return 1.0, -math.copysign(self.scaled, x) if self.remedy == "shifted dead band" else 0.0
+
+    def edge(self, x: float, sign: float) -> float:
+        """Where the remedy changes next, for a motion from x1 with this sign; NEVER if nowhere."""
+        if self.remedy == "hysteresis":
+            places = (self.scaled,) if self.inside else (-self.enter_ratio * self.scaled,)
+        elif "dead band" in self.remedy:
+            places = -self.scaled, self.scaled
+        else:
+            places = (0.0,) if self.remedy == "reset" else ()
+        return sign * next((place for place in places if sign * x < place), NEVER)
 
     def torque(self, y: Array) -> float:
-        """m."""
-        (kp, kd, ki), (e, rate) = self.gains, self.error(y)
-        return -(kp * e + kd * rate + ki * y[2])
-
-    def friction(self, v: float, sign: float) -> float:
-        """F of a slip with this sign; with dither the mean over a normal distribution of rates."""
-        Fs, Fc, vs, b = (self.servo[name] for name in ("Fs", "Fc", "vs", "b"))
-        if self.remedy == "dither":
-            c = vs / math.hypot(vs, math.sqrt(2) * self.size)
-            reach = v / (self.size * math.sqrt(2))
-            return float(Fc * erf(reach) + (Fs - Fc) * c * math.exp(-((c * v / vs) ** 2)) * erf(c * reach) + b * v)
-        drive = self.size * Fc if self.remedy == "feedforward" else 0.0
-        return sign * (Fc + (Fs - Fc) * math.exp(-((v / vs) ** 2)) - drive) + b * v
-
-    def field(self, sign: float) -> Callable[[float, Array], list[float]]:
-        """The motion in a slip with a sign, or stuck: 0."""
-        leak = self.size if self.remedy == "leak" else 0.0
-
-        def rates(t: float, y: Array) -> list[float]:
-            e, _ = self.error(y)
-            v = y[1] if sign else 0.0
-            a = (self.torque(y) - self.friction(v, sign)) / self.servo["J"] if sign else 0.0
-            out = [v, a, self.input(e) - leak * y[2]]
-            return [*out, (y[0] - y[3]) / self.size] if self.remedy == "error filter" else out
-
-        return rates
-
-    def edges(self) -> list[tuple[Callable[[float, Array], float], float]]:
-        """Where the remedy changes: (scalar, direction of its crossing)."""
-        if self.remedy == "hysteresis":
-            bound = self.size if self.inside else self.enter_ratio * self.size
-            return [(lambda t, y: abs(y[0]) - bound, +1.0 if self.inside else -1.0)]
-        if "dead band" in self.remedy:
-            return [(lambda t, y: abs(y[0]) - self.size, 0.0)]
-        if self.remedy == "reset":
-            return [(lambda t, y: y[0], 0.0)]
-        return []
-
-    def changed(self, y: Array) -> Array:
-        """Behind an edge."""
-        if self.remedy == "hysteresis":
-            self.inside = not self.inside
-        return y * np.array([1.0, 1.0, self.size]) if self.remedy == "reset" else y
+        """m at rest."""
+        e = y[3] if self.kind == "filtered" else float(np.dot(self.error(y[0]), (y[0], 1.0)))
+        rate = (y[0] - y[3]) / self.scaled if self.kind == "filtered" else 0.0
+        return float(-(e + self.kd * rate + self.ki * y[2]))
 
     def stuck(self, y: Array) -> tuple[Array, float] | None:
         """(where it breaks away, the sign of the slip), or None: never."""
-        Fs, for_ever = self.servo["Fs"], FOR_EVER * self.period
-        forward, back = (lambda t, y: self.torque(y) - Fs), (lambda t, y: self.torque(y) + Fs)
-        begun, event = self.torque(y), [_ends(forward, +1), _ends(back, -1)]
-        if abs(begun) > Fs * (1 - 1e-12):
-            ahead = y + 1e-6 * self.period * np.array(self.field(0.0)(0.0, y))
-            if abs(self.torque(ahead)) > Fs:
-                return y, math.copysign(1.0, begun)
-        longest = self.size if self.remedy == "freeze" else for_ever
-        steps = {} if self.remedy in ("error filter", "leak") else {"max_step": math.inf, "first_step": longest / 8}
-        run = solve_ivp(self.field(0.0), (0.0, longest), y, "RK45", events=event, rtol=RTOL, atol=1e-14, **steps)
-        if not any(t.size for t in run.t_events):
+        if self.kind == "filtered":
+            return self._stuck_filtered(y)
+        m, (slope, offset), (share, beside) = self.torque(y), self.error(y[0]), self.input(y[0])
+        e = slope * y[0] + offset
+        filled, leak = share * e + beside, self.scaled if self.remedy == "leak" else 0.0
+        # m' = -ki (filled - leak x3): towards the sign of that, at first and for ever
+        falls = self.ki * (filled - leak * y[2])
+        if falls == 0:
             return None
-        return run.y[:, -1], 1.0 if run.t_events[0].size else -1.0
+        sign = -math.copysign(1.0, falls)
+        needed = (sign * self.Fs - m) / -self.ki  # of x3
+        if leak:
+            part = 1 - leak * needed / (filled - leak * y[2])
+            lasts = -math.log(part) / leak if part > 0 else math.inf
+        else:
+            lasts = needed / filled
+        longest = self.scaled if self.remedy == "freeze" else self.for_ever
+        if lasts > longest:
+            return None
+        return np.array([y[0], 0.0, -(e + sign * self.Fs) / self.ki]), sign
+
+    def _stuck_filtered(self, y: Array) -> tuple[Array, float] | None:
+        """The filter goes to x1 while the integral grows: m = c0 + c1 t + c2 exp(-t/T), of one extremum at most."""
+        T, x, gap = self.scaled, y[0], y[3] - y[0]
+        c1, c2 = -self.ki * x, -gap * (1 - self.kd / T - self.ki * T)
+        c0 = self.torque(y) - c2
+
+        def m(t: float) -> float:
+            return c0 + c1 * t + c2 * math.exp(-t / T)
+
+        turn = -T * math.log(c1 * T / c2) if c1 * c2 > 0 and c1 * T / c2 > 0 else 0.0
+        parts = [0.0, turn, self.for_ever] if 0 < turn < self.for_ever else [0.0, self.for_ever]
+        for low, high in zip(parts[:-1], parts[1:], strict=True):
+            if abs(m(high)) > self.Fs:
+                sign = math.copysign(1.0, m(high))
+                begun = sign * m(low) >= self.Fs
+                t = low if begun else brentq(lambda t, s=sign: s * m(t) - self.Fs, low, high, xtol=1e-15, rtol=1e-14)
+                f = x + gap * math.exp(-t / T)
+                w = -(sign * self.Fs + f + self.kd * (x - f) / T) / self.ki
+                return np.array([x, 0.0, w, f]), sign
+        return None
 
     def slips(self, y: Array, sign: float) -> Array | None:
         """Where x1' is zero again; None: never."""
-        left = FOR_EVER * self.period
-        while left > 0:
-            at_rest = _ends(lambda t, y: y[1] if t > 0 else sign, -sign)
-            edges = [_ends(function, direction) for function, direction in self.edges()]
-            v = self.servo["vs"]
-            run = solve_ivp(
-                self.field(sign), (0.0, left), y, "LSODA", events=[at_rest, *edges], rtol=RTOL,
-                atol=[1e-11 * self.amplitude, 1e-11 * v, 1e-11 * self.amplitude * self.period,
-                      1e-11 * self.amplitude][: y.size],
-            )  # fmt: skip
-            y, left = run.y[:, -1], left - run.t[-1]
-            if run.t_events[0].size:
+        first, seeing = _pieces(self.kind)
+        start, blind = abs(y[0]) or 1.0, True
+        dither = self.scaled * math.sqrt(2) if self.kind == "dithered" else 0.0
+        far, near = FAR * math.hypot(self.vs, dither), FAR * dither
+        for _ in range(4):
+            pars = (self.kd, self.ki, self.Fc, self.drop, self.vs, self.b, sign, *self.error(_ahead(y[0], sign)),
+                    *self.input(_ahead(y[0], sign)), self.scaled if self.remedy == "leak" else 0.0,
+                    self.edge(y[0], sign), far, near or 2 * far, self.scaled, self.scaled)  # fmt: skip
+            if blind:  # v = 0 at the start is no stop
+                first.time, first.pars[:], first.state[:] = 0.0, pars[: len(first.pars)], y
+                fastest = 1 + self.kd + self.b + self.ki
+                first.step(1e-2 / (fastest + (1 / self.scaled if self.kind == "filtered" else 0.0)))
+                y, blind = first.state.copy(), False
+                if not sign * y[1] > 0:
+                    y[1] = 0.0
+                    return y
+            seeing.time, seeing.pars[:], seeing.state[:] = 0.0, pars[: len(seeing.pars)], y
+            seeing.reset_cooldowns()
+            outcome = self._followed(seeing, start)
+            y = seeing.state.copy()
+            if outcome == -1:
                 y[1] = 0.0
                 return y
-            if not any(t.size for t in run.t_events):
+            if outcome != -2:
                 return None
-            y = self.changed(y)
-            beyond = max(1e-9 * left, 1e-12)
-            y = solve_ivp(self.field(sign), (0.0, beyond), y, "RK45", rtol=RTOL).y[:, -1]  # away from the edge
-            if sign * y[1] <= 0:
-                y[1] = 0.0
-                return y
+            y[0] = self.edge(_ahead(y[0], -sign), sign)  # on the edge, not a rounding beside it
+            self.inside ^= self.remedy == "hysteresis"
+            y[2] *= self.scaled if self.remedy == "reset" else 1.0
         return None
+
+    def _followed(self, seeing: Any, start: float) -> int:
+        """Follow a piece; heyoka's outcome, 0 where it never ends."""
+        for _ in range(MOST_STEPS // CHUNK):
+            outcome = int(seeing.propagate_until(self.for_ever, max_steps=CHUNK)[0])
+            if outcome in (-1, -2):
+                return outcome
+            y = seeing.state
+            sizes = abs(y[0]), abs(y[1]) / min(1.0, self.vs), abs(self.torque(y))
+            if max(sizes) < AT_REST * start or not abs(y[0]) < NEVER or seeing.time >= self.for_ever:
+                return 0
+        raise TooLong
 
     def verdict(self, y: Array) -> str:
         """Of the motion from a state at rest: "hunts", "rests", "decays", "grows", "undecided"."""
         swings: list[float] = []
-        for _ in range(MOST_SWINGS):
-            sign = math.copysign(1.0, self.torque(y))
-            if self.remedy != "dither":
-                away = self.stuck(y) if abs(self.torque(y)) <= self.servo["Fs"] * (1 + 1e-12) else (y, sign)
-                if away is None:
-                    return "rests"
-                y, sign = away
-            ended = self.slips(y, sign)
-            if ended is None:
-                return "decays"
-            y = ended
-            swings.append(float(y[0]))
-            if abs(swings[-1]) < GONE * self.amplitude:
-                return "decays"
-            if abs(swings[-1]) > GROWN * max(self.amplitude, abs(swings[0])):
-                return "grows"
-            if repeats(swings):
-                return "hunts"
-        return "undecided"
+        try:
+            for _ in range(MOST_SWINGS):
+                ended = self._next(y)
+                if ended is None or isinstance(ended, str):
+                    return ended or "decays"
+                y = ended
+                swings.append(float(y[0]))
+                if abs(swings[-1]) < GONE:
+                    return "decays"
+                if abs(swings[-1]) > GROWN * max(1.0, abs(swings[0])):
+                    return "grows"
+                if (seen := repeats(swings)) is not None:
+                    self.hunted = y
+                    return seen
+        except TooLong:
+            return "undecided"
+        sizes = np.abs(swings[-MOST_SWINGS // 3 :])
+        return "hunts irregularly" if np.ptp(sizes) > IRREGULAR * sizes.max() else "undecided"
+
+    def _next(self, y: Array) -> Array | str | None:
+        """From one place at which x1' = 0 to the next."""
+        sign = math.copysign(1.0, self.torque(y))
+        if self.kind != "dithered" and abs(self.torque(y)) <= self.Fs * (1 + 1e-12):
+            away = self.stuck(y)
+            if away is None:
+                return "rests"
+            y, sign = away
+        return self.slips(y, sign)
 
     def at_brink(self, start: float) -> Array:
         """The state so many amplitudes beside the set point that is about to break away."""
-        y = np.zeros(4 if self.remedy == "error filter" else 3)
-        y[0] = -start * self.amplitude
+        y = np.zeros(4 if self.kind == "filtered" else 3)
+        y[0] = -start
         if y.size == 4:
             y[3] = y[0]
-        y[2] = -(self.servo["Fs"] * (1 - 1e-9) + self.gains[0] * self.error(y)[0]) / self.gains[2]
-        self.inside = self.remedy == "hysteresis" and abs(y[0]) <= self.enter_ratio * self.size
+        slope, offset = self.error(y[0])
+        y[2] = -(self.Fs * (1 - 1e-9) + slope * y[0] + offset) / self.ki
+        self.inside = self.remedy == "hysteresis" and start <= self.enter_ratio * self.scaled
         return y
 
-    def growth(self, start: float) -> float:
-        """The first swing beyond the set point, as a part of the start."""
-        y = self.slips(self.at_brink(start), 1.0)
-        return -1.0 if y is None else float(y[0]) / (start * self.amplitude)
+    def stopped(self, a: float) -> Array | None:
+        """Where the slip from breakaway at -a stops; None where it does not."""
+        try:
+            return self.slips(self.at_brink(a), 1.0)
+        except TooLong:
+            return None
 
-    def largest_growth(self) -> float:
-        """The start whose first swing is the largest part of it."""
-        seen = [self.growth(start) for start in STARTS]
-        k = int(np.argmax(seen))
-        bounds = STARTS[max(k - 1, 0)], STARTS[min(k + 1, len(STARTS) - 1)]
-        best = minimize_scalar(lambda a: -self.growth(a), bounds=bounds, method="bounded", options={"maxiter": 30})
-        return float(best.x) if -best.fun > seen[k] else STARTS[k]
+    def sticks(self, y: Array) -> bool:
+        """Whether a slip that stops is stuck there, and breaks away again."""
+        return abs(self.torque(y)) <= self.Fs * (1 + 1e-12) and self.stuck(y) is not None
 
-    def hunts(self) -> tuple[bool | None, list[str]]:
-        """(whether it hunts from any start; None where that is not clear, what became of the starts)."""
+    def surplus(self, a: float) -> float:
+        """P(a)/a - 1, whether or not it is stuck there; -1 where it does not stop."""
+        y = self.stopped(a)
+        return -1.0 if y is None else float(y[0]) / a - 1
+
+    def cycles(self) -> list[float]:
+        """Fixed points of P at which it sticks: brackets of a grid, and those beside its largest surpluses."""
+        grid = list(np.geomspace(1e-3, 10.0, MAP_POINTS))
+        if self.remedy in BANDS:
+            grid = sorted([*grid, *(self.scaled * (1 + k) for k in np.geomspace(BESIDE_EDGE, 1, MAP_POINTS // 2))])
+        values = [self.surplus(a) for a in grid]
+        for i in range(1, len(values) - 1):
+            if max(values[i - 1], values[i + 1]) <= values[i] <= 0:
+                best = minimize_scalar(lambda a: -self.surplus(a), bounds=(grid[i - 1], grid[i + 1]), method="bounded",
+                                       options={"maxiter": NARROWED, "xatol": 1e-9 * grid[i]})  # fmt: skip
+                if -best.fun > 0:
+                    grid, values = [*grid, float(best.x)], [*values, -best.fun]
+        points = sorted(zip(grid, values, strict=True))
+        found = []
+        for (a, fa), (b, fb) in zip(points[:-1], points[1:], strict=True):
+            if fa * fb < 0:
+                root = brentq(self.surplus, a, b, xtol=1e-13 * a, rtol=1e-13)
+                y = self.stopped(root * (1 + 1e-12 * (fb > 0)))
+                if y is not None and abs(float(y[0]) / root - 1) < FIXED and self.sticks(y):
+                    found.append(float(root))
+        return found
+
+    def hunts(self, before: Array | None = None) -> tuple[bool | None, list[str]]:
+        """(whether it hunts from any start; None where that is not clear, what became of the starts).
+
+        before: where it has just stopped hunting with less of the remedy, a start too.
+        """
         said: list[str] = []
-        beside = [self.size / self.amplitude * k for k in BESIDE_BAND] if self.remedy in BANDS else []
-        for start in (self.largest_growth(), *beside, *STARTS[::-1]):
-            said.append(self.verdict(self.at_brink(start)))
-            if said[-1] == "hunts":
+        beside = [self.scaled * k for k in BESIDE_BAND] if self.remedy in BANDS else []
+        points = [*(() if self.kind != "plain" else self.cycles()), *beside, *STARTS[::-1]]
+        for start in [*([] if before is None else [before]), *points]:
+            said.append(self.verdict(self.at_brink(start) if isinstance(start, float) else start))
+            if said[-1].startswith("hunts"):
                 return True, said
         return (None if "undecided" in said else False), said
 
 
-def repeats(swings: Sequence[float]) -> bool:
-    """Whether the last swings are a pattern that has come three times, or its mirror image, and move."""
+class TooLong(Exception):
+    """A slip of too many steps."""
+
+
+def _ahead(x: float, sign: float) -> float:
+    """A place just beyond x1, on the side to which the motion goes."""
+    return x + sign * 1e-12 * max(abs(x), 1e-3)
+
+
+def repeats(swings: Sequence[float]) -> str | None:
+    """Of the last swings: "hunts" where they are a pattern that has come three times, or its mirror image, and move;
+    "creeps" where they have come to rest but for rounding; None else."""
     for n in range(1, PATTERN + 1):
         if len(swings) >= max(3 * n, 12):
             last, before, first = (np.array(swings[len(swings) - (k + 1) * n : len(swings) - k * n]) for k in range(3))
             for mirror in (1.0, -1.0):
                 near = REPEATS * np.abs(last)
                 if np.all(np.abs(last - mirror * before) < near) and np.all(np.abs(last - first) < near):
-                    return bool(np.ptp([*last, *before]) > LEAST_MOVED * np.abs(last).max())
-    return False
-
-
-def _ends(function: Callable[[float, Array], float], direction: float) -> Any:
-    """An event of solve_ivp that ends it."""
-
-    def event(t: float, y: Array) -> float:
-        return function(t, y)
-
-    event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
-    return event
+                    moved = float(np.ptp([*last, *before])) / float(np.abs(last).max())
+                    return "hunts" if moved > LEAST_MOVED else "creeps" if moved < STANDS else None
+    return None

@@ -362,3 +362,14 @@ def test_the_halved_mesh_says_whether_an_event_is_met(own, finer, barely):
     coarse = laid_out(t.cycle, [FOUR[::2]], [lambda tau: np.zeros((tau.size, 2))], [1.0], degree=4)[0]
     assert judged_on_halves(coarse, verdict, hump(finer)).barely == barely
     assert judged_on_halves(coarse, verdict, None) is verdict
+
+
+def test_a_phase_that_has_all_but_vanished_is_clear():
+    """A condition of nothing but rounding: no shorter interval says more; a little more of it, and one does."""
+    noise = np.random.default_rng(1).uniform(-1, 1, 64)
+
+    def ragged(size):
+        return lambda tau: size * noise[: tau.size] if tau.size < noise.size else size * np.resize(noise, tau.size)
+
+    assert judged([POSITIVE, FREE], [FOUR, FOUR], [ragged(1e-13), one]).admissible
+    assert judged([POSITIVE, FREE], [FOUR, FOUR], [lambda tau: 1e-6 + ragged(1e-6)(tau), one]).unclear.any()

@@ -8,16 +8,16 @@ import json
 import re
 import shutil
 import subprocess
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from page_support import Reader, every_number_has_its_key
 
 import casahunt
 from casahunt.cli import main
 from casahunt.views.evidence import page as evidence
-from casahunt.views.evidence.page import evidence_page, value_at
+from casahunt.views.evidence.page import evidence_page
 from casahunt.views.evidence.record import made as made_of
 from casahunt.views.glossary import GLOSSARY, words_in
 
@@ -43,40 +43,6 @@ def text(out) -> str:
     return (out / "tune.html").read_text()
 
 
-class Reader(HTMLParser):
-    """Elements with a key, and the text outside of them."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.keyed: list[tuple[dict, str]] = []
-        self.outside: list[str] = []
-        self.sources: list[str] = []
-        self._open: dict | None = None
-        self._silent = 0
-
-    def handle_starttag(self, tag, attrs):
-        found = dict(attrs)
-        self.sources += [found[name] for name in ("src", "href") if name in found]
-        self._silent += tag in ("style", "script")
-        if "data-key" in found:
-            assert self._open is None
-            self._open = found
-            self.keyed.append((found, ""))
-
-    def handle_endtag(self, tag):
-        self._silent -= tag in ("style", "script")
-        if self._open is not None and tag in ("data", "span"):
-            self._open = None
-
-    def handle_data(self, data):
-        if self._silent:
-            return
-        if self._open is not None:
-            self.keyed[-1] = (self._open, self.keyed[-1][1] + data)
-        else:
-            self.outside.append(data)
-
-
 @pytest.fixture(scope="module")
 def reader(text) -> Reader:
     found = Reader()
@@ -85,17 +51,8 @@ def reader(text) -> Reader:
 
 
 def test_every_number_has_its_key(reader, record):
-    stray = [data for data in reader.outside if re.search(r"\d", data)]
-    assert not stray
     assert len(reader.keyed) > 60
-    for attributes, shown in reader.keyed:
-        value = value_at(record, attributes["data-key"])
-        if "value" in attributes:
-            assert float(attributes["value"]) == value
-            factor = float(attributes.get("data-factor", 1))
-            assert shown == format(value * factor, attributes["data-form"]).replace("-", "\N{MINUS SIGN}")
-        else:
-            assert shown == ("\N{EN DASH}" if value is None else str(value))
+    every_number_has_its_key(reader, record)
 
 
 def test_the_answer_is_in_it(reader, record):

@@ -81,6 +81,7 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "operating_point": (2, lambda: (tuning(), branch())),
     "phase_portrait": (3, lambda: ([branch().orbits[0]],)),
     "remedy_sizes": (1, lambda: (leak(),)),
+    "rest_positions": (1, lambda: (leak(),)),
     "tasks": (3, lambda: ((0.3, tuning().verification.tasks), tuning().verification.tasks)),
     "time_traces": (3, lambda: ([branch().orbits[0]],)),
 }  # fmt: skip

@@ -34,7 +34,7 @@ def test_the_table_is_read_at_a_glance(capsys):
     assert gain.split()[1:4] == ["from", "0.6473", "V/rad"]
     assert gain.split()[5] == "0" and float(gain.split()[6]) == pytest.approx(2 * 16 * 1.1 * 0.647339, rel=1e-3)  # kp
     said = " ".join(table.split())
-    assert "feedforward does not end it: hunting goes on up to 1: it makes the friction of the slipping" in said
+    assert "feedforward hunting goes on up to 1, the last size looked at: it makes the friction of the slipping" in said
     assert "may stand still, with the size to choose" in said
     assert "a tenth more of the remedy" in said and "step of 1 rad" in said
     assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1

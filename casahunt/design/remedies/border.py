@@ -3,7 +3,8 @@
     fold       a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
     Hopf       the cycle shrinks to a point
     grazing    the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
-    none       the branch goes on to the last size that is looked at: hunting does not end
+    unstable   the cycle becomes so unstable that no motion settles on it, and its branch can be followed no further
+    none       the branch goes on to the last size that is looked at
 
 The branch begins with a small remedy, at the cycle on which a motion of the servo settles that has just stopped.
 """
@@ -15,7 +16,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
-from ...continuation import follow
+import numpy as np
+
+from ...continuation import Branch, follow
 from ...errors import NoOrbit
 from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
@@ -24,8 +27,8 @@ from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import fold_in, loop_cycle
 
-Kind = Literal["fold", "grazing", "Hopf", "none", "not found"]
-BORDERS = ("fold", "grazing", "Hopf")
+Kind = Literal["fold", "grazing", "Hopf", "unstable", "none", "not found"]
+BORDERS = ("fold", "grazing", "Hopf", "unstable")
 """Kinds of a border."""
 
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
@@ -36,6 +39,9 @@ SIZE_KNOWN = 1e-6
 BRANCH_TOLERANCES = (1e-9, 1e-10, 1e-8, 1e-7)
 """Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
 the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
+STRAYS = 10.0
+"""A half multiplier from which no motion settles on a cycle: half a period later it is ten times as far off.  Next to
+slips that all but stop half-way multipliers become 1e20, and the branch turns, if at all, where no double shows it."""
 MOST_CYCLES = 600
 """Orbits after which a branch is left: next to slips that all but stop half-way it is followed in small steps."""
 
@@ -116,18 +122,36 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
         fold = fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_CYCLES)
         if fold.value_error <= SIZE_KNOWN:
             return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
+    before = None
     for tol in BRANCH_TOLERANCES:
         branch = follow(cycle, remedy.size, to=last, options=replace(options, tol=tol), max_points=MOST_CYCLES)
-        end, orbit = branch.end, branch.orbits[-1]
-        for special in branch.special:
-            if special.kind == "fold" and special.orbit.parameter_error < SIZE_KNOWN:
-                error = max(special.orbit.parameter_error, tol) * abs(special.value)
-                return Border("fold", special.value, error, cycle, special.orbit, {}, special.meaning)
-        if end.kind in ("grazing", "Hopf"):
-            return Border(cast(Kind, end.kind), end.value, 10 * tol * abs(end.value), cycle, orbit, {}, str(end))
-        if end.kind == "range" and abs(branch.values[-1] - last) <= SIZE_KNOWN * abs(last):
-            return Border("none", last, 0.0, cycle, orbit, {}, "")
-        if end.kind not in ("stuck", "range"):
+        if (found := _told(branch, before, last, tol)) is not None:
+            return replace(found, first=cycle)
+        before = branch
+        if branch.end.kind == "points":
             break
     went = f"followed from {branch.values[0]:.4g} to {branch.values[-1]:.4g} {remedy.unit}".rstrip()
-    return Border("not found", float(branch.values[-1]), math.nan, cycle, orbit, {}, f"{went}: {end}")
+    why = f"{went}: {branch.end}"
+    return Border("not found", float(branch.values[-1]), math.nan, cycle, branch.orbits[-1], {}, why)
+
+
+def _told(branch: Branch[SystemOrbit], before: Branch[SystemOrbit] | None, last: float, tol: float) -> Border | None:
+    """The border at the end of a branch; None where it tells none.
+
+    before: the same branch at another tolerance.
+    """
+    end, orbit, value = branch.end, branch.orbits[-1], float(branch.values[-1])
+    for special in branch.special:
+        if special.kind == "fold" and special.orbit.parameter_error < SIZE_KNOWN:
+            error = max(special.orbit.parameter_error, tol) * abs(special.value)
+            return Border("fold", special.value, error, None, special.orbit, {}, special.meaning)
+    if end.kind in ("grazing", "Hopf"):
+        return Border(cast(Kind, end.kind), end.value, 10 * tol * abs(end.value), None, orbit, {}, str(end))
+    if end.kind == "range" and abs(value - last) <= SIZE_KNOWN * abs(last):
+        return Border("none", last, 0.0, None, orbit, {}, "")
+    if end.kind == "stuck" and before is not None and before.end.kind == "stuck":
+        apart, mu = abs(value - float(before.values[-1])), float(np.abs(orbit.multipliers.half).max())
+        if apart <= SIZE_KNOWN * abs(value) and mu > STRAYS:
+            why = f"half multiplier {mu:.0e} there: no motion settles on it, and its branch is followed no further"
+            return Border("unstable", value, max(apart, 10 * tol * abs(value)), None, orbit, {}, why)
+    return None

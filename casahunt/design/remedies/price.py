@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from ...errors import NoOrbit
 from ...servo.parts.loop import Loop
-from ...servo.parts.verbs import loop_motion
+from ...servo.parts.verbs import LoopMotion, loop_motion
 
 Array = np.ndarray
 Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
@@ -31,6 +31,8 @@ LEFT_BEHIND_AT = 0.5
 RESTS_WITHIN = 1e-7
 """A motion that moves by less than this part of the amplitude from one look to the next is at rest."""
 BY_SEVERITY: tuple[Verdict, ...] = ("rests", "decays", "undecided", "hunts", "grows")
+SHORTEST_LOOK = 1e-3
+"""The shortest look, as a part of the time between two: of a motion that cannot be followed for the whole of it."""
 OUTGROWN_BY = 2.0
 """A motion that is so many times as large as at its start and as the cycle grows."""
 STARTS_BESIDE = (1.0, 3.0)
@@ -58,22 +60,39 @@ def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, w
     mode, place = loop.mode_at(**state), loop.system.states.index("x1")
     window, began, peak, verdict = LOOKED_PERIODS * period, 0.0, 0.0, "hunts"
     times, positions = [np.zeros(1)], [np.array([state["x1"]])]
-    largest = OUTGROWN_BY * max(abs(state["x1"]), amplitude)
+    largest, length = OUTGROWN_BY * max(abs(state["x1"]), amplitude), window
     for _ in range(MOST_WINDOWS):
         try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
-            seen = loop_motion(loop, window, start=state, mode=mode, sizes=sizes, tol=MOTION_TOLERANCE)
+            seen, length = _look(loop, length, window, {"start": state, "mode": mode, "sizes": sizes})
         except NoOrbit:
-            verdict = "undecided"
+            rounding = sizes is not None and abs(state["x2"]) <= RESTS_WITHIN * sizes["x2"]
+            verdict = "decays" if rounding and abs(state["x1"]) <= RESTS_WITHIN * amplitude else "undecided"
             break
         motion, position = seen.motion, seen.states[place]
         peak = max(peak, float(np.abs(seen.torque).max()))
         times.append(began + seen.times)
         positions.append(position)
-        began, mode, state, sizes = began + window, motion.phases[-1].mode, motion.end, sizes or motion.sizes
-        if (told := _told(position, amplitude, largest, within)) is not None:
+        began, mode, state, sizes = began + length, motion.phases[-1].mode, motion.end, sizes or motion.sizes
+        verdict = "hunts" if length == window else "undecided"
+        if length == window and (told := _told(position, amplitude, largest, within)) is not None:
             verdict = told
             break
     return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak)
+
+
+def _look(loop: Loop, length: float, window: float, how: dict[str, Any]) -> tuple[LoopMotion, float]:
+    """A motion and how long it was followed: where it cannot be for so long, half as long, or half of that.
+
+    A slip that creeps to the set point ends in rounding, in which events can no more be told from one another.
+    Raises NoOrbit: not even for the shortest time.
+    """
+    while True:
+        try:
+            return loop_motion(loop, length, **how, tol=MOTION_TOLERANCE), length
+        except NoOrbit:
+            length /= 2
+            if length < SHORTEST_LOOK * window:
+                raise
 
 
 def _told(position: Array, amplitude: float, largest: float, within: float) -> Verdict | None:

@@ -37,6 +37,8 @@ TIMES_THE_BORDER = (RECOMMENDED, 1.5, 2.0, 3.0)
 """So many times the border is looked at: whether a larger size keeps hunting ended."""
 ENDED = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
+MOST_DRAWN = 250
+"""Cycles of a branch for a picture: behind its fold it goes on."""
 MOST_CORNERS = 4
 """Corners of an uncertain servo at which the border is computed: slopes there lead to the next one."""
 
@@ -48,8 +50,9 @@ class Cure(Result):
     Attributes
     ----------
     name, unit : what it is called, and the unit of its size.
-    kind : how hunting ends: "fold", "grazing", "Hopf" (border.py); "none" where it does not, "not found" where nobody
-        knows.
+    kind : how hunting ends: "fold", "grazing", "Hopf", "unstable" (border.py): up to `size` there are cycles, the last
+        of which may be unstable, so that hunting may end with less; "none" where hunting goes on up to the last size
+        that was looked at, "not found" where nobody knows.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : a tenth more of it.
     rests : the set of rest positions at the recommended size, or at the last one that was looked at: corners (x1 [rad],
@@ -68,7 +71,8 @@ class Cure(Result):
     worst_size : the largest border found among servos of an uncertain one, at corners of its box to which the slopes of
         the border point, from corner to corner (at each of up to four where there are no slopes), in `unit`; nan where
         none was asked for, or found.  A servo inside of the box that is worse than those may exist.
-    why : a sentence: why it cannot end hunting, or why it was not found.
+    why : a sentence: why it is not seen to end hunting, or why it was not found.
+    followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.
 
     Examples
@@ -85,6 +89,7 @@ class Cure(Result):
     _details = (
         "size_error", "recommended", "recommended_rest_error [rad]", "rests", "peak_voltage [V]", "phase_margin [deg]",
         "lowest_factor", "highest_factor", "beyond", "stays", "moves", "worst_size", "why",
+        "followed_to",
     )  # fmt: skip
 
     name: str
@@ -107,10 +112,11 @@ class Cure(Result):
     moves: dict[str, float] = field(default_factory=dict)
     worst_size: float = math.nan
     why: str = ""
+    followed_to: float = math.nan
     first: SystemOrbit | None = None
 
     def branch(self) -> Branch[SystemOrbit]:
-        """The cycles from the small remedy up to the border, for pictures.
+        """The cycles from the small remedy up to the border, and where that is a fold some behind it, for pictures.
 
         Returns
         -------
@@ -123,7 +129,9 @@ class Cure(Result):
         if self.first is None or not math.isfinite(self.size):
             raise InputError(f"{self.name}: no cycle was found from which a branch could begin")
         vary = self.first.problem.principal
-        return follow(self.first, vary, to=self.size, options=Options(tol=1e-5), monitors=())
+        return follow(
+            self.first, vary, to=self.size, options=Options(tol=1e-5), monitors=(), max_points=MOST_DRAWN
+        )  # fmt: skip
 
     @property
     def ends_hunting(self) -> bool:
@@ -296,12 +304,13 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     loop, found = asked.loop, border(asked.loop, remedy, asked.start, asked.scales, asked.options)
     numbers = _numbers(loop)
     if found.kind == "not found":
-        return Cure(remedy.name, remedy.unit, found.kind, why=found.why, first=found.first)
+        return Cure(remedy.name, remedy.unit, found.kind, why=found.why, followed_to=found.size, first=found.first)
     if found.kind == "none":
         tried = f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
         return Cure(
             remedy.name, remedy.unit, found.kind, rests=remedy.rests(found.size, numbers),
-            why=f"{tried}: {remedy.why_not}".rstrip(": "), first=found.first,
+            why=f"{tried}, the last size looked at: {remedy.why_not}".rstrip(": "), followed_to=found.size,
+            first=found.first,
         )  # fmt: skip
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
     beyond = tuple(_more(size, absent, factor, remedy.sense) for factor in TIMES_THE_BORDER)
@@ -320,7 +329,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         lowest_factor=math.nan if linear is None else linear.lowest_factor,
         highest_factor=math.nan if linear is None else linear.highest_factor,
         moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
-        worst_size=_worst(asked, remedy, found), why=found.why, first=found.first,
+        worst_size=_worst(asked, remedy, found), why=found.why, followed_to=size, first=found.first,
     )  # fmt: skip
 
 

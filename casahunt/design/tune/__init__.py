@@ -6,11 +6,11 @@ c are the numbers of the controller that are free: tau_d, tau_i, or two of kp, k
 
 demands.py    what a tuning may be asked for: demands, bounds, costs
 loop_set.py   the linear loops of a box of servos: the worst one, the gains that keep the margins
+tasks.py      regulator tasks, simulated until they are decided
 problem.py    one problem of a tuning for IPOPT
 best_gain.py  a tuning with a given controller: the best gain for every servo of the set
 refusal.py    which demand stands against which
 search.py     the search over the controller's numbers, worst servos as cutting planes
-tasks.py      regulator tasks, simulated until they are decided
 check.py      what supports a tuning, computed apart from the search
 tuning.py     all of it: `tune`
 """

@@ -13,6 +13,7 @@ Folds and worst servos that have been met are kept: every one of them must keep 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,14 +29,17 @@ from ...servo.servo import Servo
 from ..nearby import fold_beside
 from ..uncertainty.set import Uncertainty
 from ..uncertainty.worst_corner import WorstCase, worst_corner
-from .demands import DEMANDS, Demands, cost_of, log_numbers, silent, with_numbers
+from .demands import DEMANDS, NUMBERS, Demands, cost_of, log_numbers, silent, with_numbers
 from .loop_set import LoopBox, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
 from .problem import Cut
+from .tasks import TASK_STEPS
 
 Array = np.ndarray
 
 GAINS = (1e-3, 10.0)
 """Default bounds of the gain, in units of (1 + margin) times the worst fold gain."""
+IN_THE_TORQUE = ("servo.motor_gain", *(f"controller.{name}" for name in NUMBERS))
+"""Parameters on which the torque at the start of a step depends."""
 GUARD = 2.0
 """Free times keep the demands with this many tolerances to spare: another mesh must not put the answer outside."""
 ON_BOUND = 1e-5
@@ -114,6 +118,29 @@ class Given:
         base = needed or (1 + self.demands.margin) * integral_gain(servo)
         return GAINS[0] * base, GAINS[1] * base
 
+    def first_torque(self, servo: Servo) -> float:
+        """The largest torque with which a servo of the set begins the largest step, a unit of the gain [N m/(V/rad)].
+
+        The integral is empty there and nothing moves yet: kp times the step, the peak unless a later one is larger.
+        """
+        names = [name for name in (self.uncertainty.parameters if self.uncertainty else ()) if name in IN_THE_TORQUE]
+        ends = []
+        if self.uncertainty is not None:
+            low, high = self.uncertainty.box(servo)
+            ends = [(low[i], high[i]) for i, name in enumerate(self.uncertainty.parameters) if name in names]
+        corners = (servo.replace(**dict(zip(names, map(float, at), strict=True))) for at in itertools.product(*ends))
+        return max(corner.torque_gains(1.0)[0] for corner in corners) * max(TASK_STEPS)
+
+    def largest_gain(self, servo: Servo) -> float:
+        """The gain with which the largest step begins with the largest torque that is allowed; inf without a limit."""
+        most = self.demands.max_torque
+        return most / self.first_torque(servo) if math.isfinite(most) else most
+
+    def room(self, needed: float, servo: Servo) -> tuple[float, float]:
+        """As `gains`, up to the largest that the torque allows; where it allows none, the first is above the second."""
+        low, high = self.gains(needed, servo)
+        return low, min(high, self.largest_gain(servo))
+
     def boxes(self, q: Array) -> list[LoopBox]:
         """The loops of the set, and the nominal one where the set does not contain it."""
         servo, lag = self.at(q), self.demands.lag
@@ -144,7 +171,7 @@ class Given:
     def _best_gain(self, servo: Servo, boxes: list[LoopBox], needed: float) -> float | None:
         """The gain of least cost that keeps every demand at these times, to rounding."""
         demands = self.demands
-        low, high = self.gains(needed, servo)
+        low, high = self.room(needed, servo)
         first = max(needed, low)
         if first > high:
             return None
@@ -169,6 +196,8 @@ class Given:
         for name, loop in loops.items():
             if loop.phase - demands.least(name) <= bounded:
                 found.append(name)
+        if gain >= self.largest_gain(servo) * (1 - bounded):
+            found.append("largest torque")
         for name in ("gain", *self.free):
             if name not in self.limits:
                 continue
@@ -256,7 +285,9 @@ class Given:
         except NoOrbit:
             return None
         servo = self.at(q)
-        low, high = self.gains(needed, servo)
+        low, high = self.room(needed, servo)
+        if low >= high:
+            return Outlook(q, math.log(max(needed, low) / high), high, math.inf)
         table = Table(self.boxes(q), self.demands, low, high)
         extra = [needed * (1 + self.guard)] if low < needed < high else []
         gains = np.append(table.gains, extra)

@@ -177,6 +177,10 @@ def verified(answer: Answer, given: Given) -> Verification:
     if seen == "cycle":
         against.append(f"the event map at the worst friction: {sentence}")
     against += [f"{t.friction} friction, {t.start}: {t.motion.verdict.kind}" for t in tasks if t.hunts]
+    against += [
+        f"{t.friction} friction, {t.start}: takes {t.motion.peak_torque:.6g} N m, more than {demands.max_torque:g}"
+        for t in tasks if t.motion.peak_torque > demands.max_torque * (1 + SLACK)
+    ]  # fmt: skip
     unverified += [f"the event map at the worst friction is not conclusive: {sentence}"] if seen == "open" else []
     unverified += checked.open if checked else ()
     unverified += [f"in the search for the worst friction: {failure}" for failure in answer.worst.failures]

@@ -2,6 +2,7 @@
 
     minimise    c(K, tau_d, tau_i)     demands.py; by gains (kp, ki, kd) stand for the times here and below
     subject to  ln K >= ln(1 + margin) + ln K_b                     for every servo b that must not hunt
+                ln kp <= ln (largest torque / step)
                 G_b = 0,  G_b,u^T nu_b = 0,  nu_b . G_b,lambda = 1,   K_b = K_b0 (1 + lambda_b)   its fold
                 |L_c(j w_c)| = 1,    phi_c(w_c) >= least             for every loop c in the way (loop_set.py)
                 bounds on K, tau_d, tau_i
@@ -11,8 +12,8 @@ continuation/optimum.py, servo/delayed_loop.py.  Jacobian and Hessian are exact.
 coefficients of chi(s - rho)/J, the settling cost adds the Routh-Hurwitz conditions of the shifted polynomial, b_2 >= 0,
 b_1 >= 0, b_0 >= 0, b_2 b_1 >= b_0.
 
-Every constraint but the bounds may be broken at a price of `PRICE` per unit of its logarithm or radian.  Below the
-price of breaking it no constraint is broken (exact penalty).
+Every constraint but the bounds and the torque may be broken at a price of `PRICE` per unit of its logarithm or
+radian.  Below the price of breaking it no constraint is broken (exact penalty).
 """
 
 from __future__ import annotations
@@ -92,6 +93,7 @@ class Round:
     folds : of the servos that must not hunt, at the times exp(q).
     cuts : loops.
     lag : D [s].
+    most : the largest kp of the nominal servo that the torque allows [N m/rad]; inf without a limit.
     """
 
     servo: Servo
@@ -105,6 +107,7 @@ class Round:
     folds: Sequence[HuntingFold]
     cuts: Sequence[Cut]
     lag: float
+    most: float
 
 
 @alone
@@ -116,6 +119,8 @@ def solve_round(r: Round) -> TuningPoint:
     p.add(times, r.q, r.low, r.high)
     p.add(slack, np.zeros(len(SLACKS)), 0.0, np.inf)
     gain = math.exp(r.k)
+    if math.isfinite(r.most):
+        p.row(ca.log(_torque_gains(r.servo.motor_gain, k, times)[0]), -np.inf, math.log(r.most))
     for cut in r.cuts:
         _loop(p, cut, log_numbers(cut.servo) - log_numbers(r.servo), r, k, times, slack)
     derivative = [n in DERIVATIVE for n in r.servo.controller_names].index(True)
@@ -147,6 +152,13 @@ def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX
     p.row(phase(J, sigma2, r.lag, own, y) + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
 
 
+def _torque_gains(motor_gain: float, k: ca.MX, times: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+    """kp, kd, ki of symbols."""
+    numbers = [ca.exp(times[i]) for i in range(times.numel())]
+    torque_gains = torque_gains_of_times if len(numbers) == 2 else torque_gains_of_gains
+    return torque_gains(ca.exp(k) * motor_gain, *numbers)
+
+
 def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) -> ca.MX:
     """-ln rho, with the conditions that no pole is slower than rho."""
     rate = max(-float(np.max(linear_loop(servo, gain).poles.real)), 1e-3 * crossover(servo, gain))
@@ -154,9 +166,7 @@ def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) ->
     p.add(y, [math.log(rate)], math.log(rate) - 20, math.log(rate) + 20)
     unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
     J, rho = servo.inertia, ca.exp(y) / unit
-    numbers = [ca.exp(times[i]) for i in range(times.numel())]
-    torque_gains = torque_gains_of_times if len(numbers) == 2 else torque_gains_of_gains
-    kp, kd, ki = torque_gains(ca.exp(k) * servo.motor_gain / J, *numbers)
+    kp, kd, ki = _torque_gains(servo.motor_gain / J, k, times)
     a2 = (kd + servo.friction.viscous / J) / unit
     a1, a0 = kp / unit**2, ki / unit**3
     b2, b1 = a2 - 3 * rho, a1 - 2 * a2 * rho + 3 * rho**2

@@ -17,6 +17,7 @@ from ..uncertainty.worst_corner import WorstCase
 from .best_gain import Given
 from .demands import DEMANDS, Demands, controller_said
 from .loop_set import Intervals, Table, allowed, common
+from .tasks import TASK_STEPS
 
 Array = np.ndarray
 
@@ -47,6 +48,13 @@ def refusal(
     for name in DEMANDS:
         sets = allowed(boxes, demands, table, name)
         asked[name] = sets, _of_a_loop(name, sets, demands, table)
+    if math.isfinite(demands.max_torque):
+        most = given.largest_gain(servo)
+        takes = f"; {needed:.6g} takes {needed * given.first_torque(servo):.4g} N m" if needed > most else ""
+        asked["largest torque"] = [(0.0, most)], (
+            f"the largest torque of {demands.max_torque:g} N m on a step of {max(TASK_STEPS):g} rad allows gains of at "
+            f"most {most:.6g}{takes}, and what ends hunting with less torque is told by casahunt remedies"
+        )
     if bounds is not None:
         asked["bounds"] = [bounds], f"the bounds of the gain allow {bounds[0]:g} to {bounds[1]:g}"
     ways = "; ".join(asked[name][1] for name in _against_each_other({name: each[0] for name, each in asked.items()}))

@@ -26,6 +26,7 @@ import numpy as np
 
 from ...errors import NoOrbit, Status
 from ...servo.problem import HuntingFold
+from ...servo.servo import Servo
 from ..uncertainty.worst_corner import WorstCase
 from .best_gain import Answer, Given, Outlook
 from .demands import cost_of, log_numbers
@@ -172,9 +173,13 @@ class TuningSearch:
             Round(
                 given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),
                 np.maximum(q - step, self.low), np.minimum(q + step, self.high),
-                gains, needed, folds, given.cuts, given.demands.lag,
+                gains, needed, folds, given.cuts, given.demands.lag, self._most(given.at(q)),
             )
         )  # fmt: skip
+
+    def _most(self, servo: Servo) -> float:
+        """The largest kp of the nominal servo [N m/rad]; with it no servo of the set takes too large a torque."""
+        return self.given.largest_gain(servo) * servo.torque_gains(1.0)[0]
 
     def _outlook(self, q: Array) -> Outlook | None:
         """The outlook at times, computed once as long as no servo joins."""

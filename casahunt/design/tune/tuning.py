@@ -3,6 +3,7 @@
     minimise    c(K, tau_d, tau_i)                    gain, high-frequency gain or settling time    (demands.py)
     subject to  K >= (1 + margin) K_fold              for every servo of the uncertainty set
                 phase margin, gain margins, delay     for the linear loop of every servo of the set (loop_set.py)
+                torque of the motor on a step         kp (step), with which it begins; simulated besides (check.py)
                 bounds on K, tau_d, tau_i
 
 The search (search.py) takes the worst servos for fold and loops as cutting planes; what the answer rests on
@@ -161,7 +162,7 @@ def tune(
     servo, model
         the problem; the controller times are where the search starts.
     demands
-        margins, delay and sample time.
+        margins, delay and sample time, largest torque.
     uncertainty
         a set of servos, each of which must not hunt; default: this servo alone.
     free

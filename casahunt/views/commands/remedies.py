@@ -1,24 +1,38 @@
-"""casahunt remedies: the smallest size of each remedy that ends hunting, and its price.
+"""casahunt remedies: the smallest size of each remedy that ends hunting, and its price; with a page.
 
-Key `remedies` of the JSON object: the rows, as `Cure.to_dict` gives them.
+Key `remedies` of the JSON object: the rows, as `Cure.to_dict` gives them.  The one beside the page says besides of each
+row whether it ends hunting (ends_hunting, keeps_it_ended; said: why not), and has advice (the sentence that names a
+remedy), limits, task_step, uncertain, servo {key: value}, command, made {date, casahunt (version), servo_file, set}.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
+import shlex
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.price import TASK_STEP
 from ...design.remedies.remedies import ENDED, TIMES_THE_BORDER, Cure, Cures, remedies
 from ...design.uncertainty.set import load_uncertainty
+from ...export import plain
+from ...files import together, whole_text
 from ...results import tables_of
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
-from .arguments import add_command, gain_of, how_of, model_of, positive, servo_of
-from .console import complain, progress, say
+from ...servo.servo import flatten
+from ..evidence.record import made
+from ..evidence.remedies_page import TITLE, remedies_page
+from .arguments import add_command, add_out, gain_of, how_of, model_of, positive, servo_of
+from .console import complain, folder, progress, say
 from .output import give
+from .output_paths import keep_others
+
+FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
+"""What --out writes, and what stands in each."""
 
 PRICE_DIGITS = 4
 """Digits of a price."""
@@ -56,6 +70,7 @@ def add(commands: Any) -> None:
         "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
     )
     command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
+    add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -65,16 +80,57 @@ def run(options: argparse.Namespace) -> int:
     limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
     servo = servo_of(options)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
-    found = remedies(
-        servo, model, gain, only=names, options=how, uncertainty=uncertainty,
-        progress=lambda row: say(stream, _as_it_is_found(row)), **limits,
-    )  # fmt: skip
+
+    def computed() -> Cures:
+        return remedies(
+            servo, model, gain, only=names, options=how, uncertainty=uncertainty,
+            progress=lambda row: say(stream, _as_it_is_found(row)), **limits,
+        )  # fmt: skip
+
+    if options.out is None:
+        found = computed()
+    else:
+        with folder(options.out, FILES) as out:
+            found = computed()
+            say(stream, "drawing")
+            record = _record(found, options, limits, uncertain=uncertainty is not None)
+            from ..pictures import remedies as pictures_remedies
+
+            page = remedies_page(record, pictures_remedies.page_images(found))
+            options.outputs.write(_write, out, page, record)
     lines = _lines(found, _within(limits), of_a_set=uncertainty is not None)
     give(options, found, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
         complain("casahunt remedies", f"no remedy ends hunting{_within(limits)}; allow more, or look at the table")
         return 1
     return 0
+
+
+def _write(out: Path, html: str, record: dict[str, Any]) -> None:
+    """The page and its object; both files are of the same table."""
+    keep_others(out, FILES)  # the table has taken its time
+    with together():
+        for name, text in zip(FILES, (html, json.dumps(record, indent=1) + "\n"), strict=True):
+            with whole_text(out / name) as stream:
+                stream.write(text)
+
+
+def _record(found: Cures, options: argparse.Namespace, limits: dict[str, float], *, uncertain: bool) -> dict[str, Any]:
+    """The object beside the page."""
+    record: dict[str, Any] = plain(found)
+    for row, cure in zip(record["remedies"], found.remedies, strict=True):
+        said = _why_not(cure) if not cure.ends_hunting else "" if cure.keeps_it_ended else _not_kept(cure)
+        row |= {"ends_hunting": cure.ends_hunting, "keeps_it_ended": cure.keeps_it_ended, "said": said}
+    words = [options.servo] if options.servo else []
+    for name in ("gain", "model", "max_error", "max_torque", "uncertainty", "only", "set"):
+        given = getattr(options, name, None)
+        for value in given if isinstance(given, list) else [given]:
+            words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
+    return record | {
+        "advice": _advice(found, _within(limits)), "limits": limits, "task_step": TASK_STEP, "uncertain": uncertain,
+        "servo": flatten(found.servo), "command": shlex.join(["casahunt", "remedies", *words]),
+        "made": made(options.servo, options.set),
+    }  # fmt: skip
 
 
 def _as_it_is_found(row: Cure) -> str:
@@ -135,6 +191,8 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     ).rstrip()  # fmt: skip
     if not row.keeps_it_ended:
         yield f"    {_not_kept(row)}"
+    if row.kind == "unstable":
+        yield "    up to there; no stable cycle was seen next to it, and hunting may end with less"
     if of_a_set:
         worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
         yield f"    the worst servo of the set: {worst}"
@@ -150,7 +208,7 @@ def _settles(time: float) -> str:
 def _why_not(row: Cure) -> str:
     """Why a remedy is none."""
     if not math.isfinite(row.size):
-        return {"none": "does not end it: ", "not found": "not found: "}[row.kind] + row.why
+        return {"none": "", "not found": "not found: "}[row.kind] + row.why
     return f"no remedy: its cycle ends at {_exact(row)}, but the motion beyond {_after(row)}"
 
 

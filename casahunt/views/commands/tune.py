@@ -6,7 +6,8 @@ model; gain, lead_time, integral_time (kp, ki, kd of a controller by gains): the
 cost_meaning, cost_value, cost_unit, cost_gain_only
 (with the times as given; null where nothing was freed or where that cannot be met);
 fold_gain (at the worst friction; 0 where no servo can hunt), margin (asked for), demands {phase_margin, gain_margin,
-delay, sample_time}, free, bounds {gain: [low, high], ...}; worst {corner {parameter: value}, fold_gain, evaluations};
+delay, sample_time, max_torque}, free, bounds {gain: [low, high], ...};
+worst {corner {parameter: value}, fold_gain, evaluations};
 fold {nominal, error, amplitude, period, linear_low, linear_high}: of the nominal friction, with the linearised range
 over the uncertainty set; binding: what keeps the cost from being less;
 verification {ok, result, against, unverified (sentences), fold_gain, fold_error, nominal_fold_gain, stable
@@ -14,7 +15,7 @@ verification {ok, result, against, unverified (sentences), fold_gain, fold_error
 margin_kept, scan, scan_clear, loops_kept, loops_checked, loops {nominal, worst (friction), and of the servos of the set
 with the least "phase margin", "gain margin (lowering)", "gain margin (raising)": {crossover, phase_margin,
 lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
-tasks [{friction, start, time, verdict, reason, status}]};
+tasks [{friction, start, time, verdict, reason, status, peak_torque, peak_voltage}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
 before {gain, times (by which the gain grows), lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or
 --out is given;
@@ -33,6 +34,7 @@ from typing import Any
 
 from ...checks import choice_of, to_error
 from ...design.tune.demands import COSTS, NUMBERS, Demands
+from ...design.tune.tasks import TASK_STEPS
 from ...design.tune.tuning import Tuning, tune
 from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError
@@ -66,6 +68,7 @@ def add(commands: Any) -> None:
     command.add_argument("--gain-margin", default=2.0, help="factor, up and down (default 2)")
     command.add_argument("--delay", default=0.0, help="of the loop, s (default 0)")
     command.add_argument("--sample-time", default=0.0, help="of a zero-order hold, s (default 0)")
+    command.add_argument("--max-torque", metavar="NM", help=f"on a step of {max(TASK_STEPS):g} rad, N m")
     command.add_argument("--gain", help="gain used now, for the simulated tasks before")
     add_out(command, lambda _: FILES, help="write the evidence: tune.html and tune.json")
 
@@ -81,6 +84,7 @@ def run(options: argparse.Namespace) -> int:
         gain_margin=finite("gain-margin", options.gain_margin),
         delay=finite("delay", options.delay),
         sample_time=finite("sample-time", options.sample_time),
+        max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
     )
     servo = servo_of(options)
     now = None if options.gain is None else positive("gain", options.gain)
@@ -133,7 +137,7 @@ def _write(out: Path, html: str, record: dict[str, Any]) -> None:
 
 def _peak(task: dict[str, Any]) -> str:
     """What a task asks of the motor."""
-    return f"at most {task['peak_torque']:.3g} N m"
+    return f"at most {task['peak_torque']:.3g} N m, {task['peak_voltage']:.3g} V"
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:

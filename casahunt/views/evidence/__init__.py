@@ -1,5 +1,7 @@
-"""The evidence of a tuning: every number of the page stands in the JSON object.
+"""Pages: every number of a page stands in the JSON object beside it.
 
-record.py   the JSON object
-page.py     the page
+fragments.py       what pages are made of
+record.py          the JSON object of a tuning
+page.py            the page of a tuning: its evidence
+remedies_page.py   the page of the remedies
 """

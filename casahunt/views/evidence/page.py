@@ -7,15 +7,13 @@ sentences with numbers in them are entries of the object themselves.
 
 from __future__ import annotations
 
-import base64
 import html
-import re
 from collections.abc import Mapping
 from typing import Any
 
-from ...checks import known_decimals, known_digits
+from ...checks import known_decimals
 from ...servo.units import GAIN_UNIT, unit_of
-from ..glossary import GLOSSARY, words_in
+from .fragments import Fragments, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
 DEFAULT_TOL = 1e-6
@@ -27,59 +25,14 @@ CONTROLLER = {
 """Numbers of a controller in the record, and their names."""
 
 
-def value_at(record: Mapping[str, Any], key: str) -> Any:
-    """The entry of a record at a path.
-
-    key: keys and indices, separated by "/".
-    """
-    value: Any = record
-    for part in key.split("/"):
-        value = value[int(part)] if isinstance(value, list) else value[part]
-    return value
+TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "voltage [V]", "verdict", "why"
 
 
-STYLE = """
-:root { --ink: #1c1f24; --dim: #5d6570; --line: #d9dde2; --good: #1d6b3f; --bad: #a3231f; --ground: #f6f7f8; }
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--ground); color: var(--ink); font: 1rem/1.5 system-ui, sans-serif; }
-main { max-width: 60rem; margin: 0 auto; padding: 2rem 1.5rem 4rem; background: #fff; }
-h1 { font-size: 1.6rem; line-height: 1.25; margin: 0 0 .25rem; }
-h2 { font-size: 1.15rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid var(--line); padding-bottom: .25rem; }
-p { margin: .5rem 0; max-width: 46rem; }
-table { border-collapse: collapse; width: 100%; margin: .5rem 0; font-size: .95rem; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid var(--line); }
-th { font-weight: 600; color: var(--dim); }
-.answer { font-size: 2.2rem; font-weight: 650; line-height: 1.2; margin: .6rem 0 0; }
-.answer small { font-size: 1rem; font-weight: 400; color: var(--dim); }
-[data-key] { font-variant-numeric: tabular-nums; }
-.good { color: var(--good); font-weight: 600; } .bad { color: var(--bad); font-weight: 600; }
-.open { color: #8a5a00; font-weight: 600; }
-.dim { color: var(--dim); } figure { margin: 1rem 0; } img { max-width: 100%; height: auto; }
-figcaption { color: var(--dim); font-size: .9rem; } dt { font-weight: 600; break-after: avoid; }
-dd { margin: 0 0 .4rem 0; } td { overflow-wrap: break-word; } td .good, td .bad, td .dim { white-space: nowrap; }
-.pair td:first-child { width: 45%; }
-@media (max-width: 640px) {
-  main { padding: 1rem .9rem 2rem; } td { overflow-wrap: anywhere; } h1 { font-size: 1.35rem; }
-  .rows thead { display: none; } .rows tr { display: block; border-bottom: 2px solid var(--line); padding: .4rem 0; }
-  .rows td { display: block; border: 0; padding: .1rem 0; }
-  .rows td[data-label]::before { content: attr(data-label) ": "; color: var(--dim); font-weight: 600; }
-}
-@page { margin: 16mm 14mm; }
-@media print {
-  :root { font-size: 11px; } body { background: #fff; } p { max-width: none; } main { max-width: none; padding: 0; }
-  h1, h2 { break-after: avoid; } figure, tr, li, dd { break-inside: avoid; } p { orphans: 3; widows: 3; }
-  figure img { display: block; max-height: 95mm; width: auto; } figcaption { break-before: avoid; }
-  thead { display: table-header-group; }
-}
-"""
-TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "verdict", "why"
-
-
-class _Page:
-    """Fragments of the page, with the record that their numbers come from."""
+class _Page(Fragments):
+    """The evidence of a tuning, with what its numbers are known to."""
 
     def __init__(self, record: Mapping[str, Any]) -> None:
-        self.record = record
+        super().__init__(record)
         self.tol = record.get("tol", DEFAULT_TOL)
         check = record["verification"]
         self.fold_error = self.tol
@@ -88,53 +41,10 @@ class _Page:
         margin = "hunting margin" in record["binding"] and not record["free"]
         self.gain_error = self.fold_error if margin else self.tol
 
-    def n(self, key: str, form: str = ".8g", factor: float = 1.0) -> str:
-        """The number at `key`, shown in the given form; a dash where there is none."""
-        value = value_at(self.record, key)
-        if value is None:
-            return f"<span {_keyed(key)}>\N{EN DASH}</span>"
-        shown = format(value * factor, form).replace("-", "\N{MINUS SIGN}")
-        times = f' data-factor="{factor:g}"' if factor != 1 else ""
-        return f'<data {_keyed(key)} data-form="{form}"{times} value="{value!r}">{shown}</data>'
-
-    def known(self, key: str, unit: str, error: float, most: int = 8) -> str:
-        """As `with_unit`, to the digits that the relative error vouches for."""
-        value = value_at(self.record, key)
-        return self.with_unit(key, unit, f".{known_digits(value or 0.0, error, most)}g")
-
-    def with_unit(self, key: str, unit: str, form: str = ".8g") -> str:
-        """As `n`, with the unit behind the number."""
-        there = unit and value_at(self.record, key) is not None
-        shown = unit.replace("m2", "m\N{SUPERSCRIPT TWO}").replace("1/s", "s\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}")
-        return self.n(key, form) + (f"&nbsp;{shown.replace(' ', '&nbsp;')}" if there else "")
-
-    def text(self, key: str) -> str:
-        """The text at `key`."""
-        return f"<span {_keyed(key)}>{html.escape(str(value_at(self.record, key)))}</span>"
-
     def verdict(self, key: str, good: str, bad: str) -> str:
         """One of two phrases."""
         ok = bool(value_at(self.record, key))
         return f'<span class="{"good" if ok else "bad"}">{good if ok else bad}</span>'
-
-
-def _keyed(key: str) -> str:
-    """The attribute that says where in the record a number or a text stands."""
-    return f'data-key="{html.escape(key)}"'
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    """Rows of cells; on a narrow screen each cell of a wide row on a line of its own, behind its heading."""
-    top = "".join(f"<th>{cell}</th>" for cell in head)
-    labels = [f' data-label="{cell}"' for cell in head] or [""] * len(rows[0])
-    cells = ("".join(f"<td{label}>{cell}</td>" for label, cell in zip(labels, row, strict=True)) for row in rows)
-    body = "".join(f"<tr>{row}</tr>" for row in cells)
-    kind = "pair" if len(rows[0]) == 2 and not head else "rows"
-    return f"<table class={kind}>{f'<thead><tr>{top}</tr></thead>' if head else ''}<tbody>{body}</tbody></table>"
-
-
-def _words(name: str) -> str:
-    return html.escape(name.replace("_", " ").replace(".", ": "))
 
 
 CAPTIONS = {
@@ -150,7 +60,7 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     record: of `record_of`; images: PNG files by name: any of `CAPTIONS`. Returns HTML, with the images in it.
     """
     p = _Page(record)
-    figures = {name: _figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
+    figures = {name: figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
     parts = [
         *_answer(p),
         *_demands(p),
@@ -162,20 +72,7 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         figures.get("responses", ""),
         *_limits(p),
     ]
-    parts += _meanings(" ".join(parts))
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"{TITLE}<style>{STYLE}</style></head>\n<body><main>\n"
-        + "\n".join(part for part in parts if part)
-        + "\n</main></body></html>\n"
-    )
-
-
-def _figure(caption: str, seen: str, data: bytes) -> str:
-    said, image = html.escape(caption), base64.b64encode(data).decode("ascii")
-    source = f"data:image/png;base64,{image}"
-    return f'<figure><img alt="{html.escape(seen)}" src="{source}"><figcaption>{said}</figcaption></figure>'
+    return document(TITLE, parts)
 
 
 def _seen(name: str, record: Mapping[str, Any]) -> str:
@@ -199,24 +96,6 @@ def _seen(name: str, record: Mapping[str, Any]) -> str:
     return f"Distance from the set point against time, {gains}. {said[:1].upper()}{said[1:]}."
 
 
-def _meanings(page_so_far: str) -> list[str]:
-    """The words of the trade on the page, explained."""
-    words = words_in(html.unescape(re.sub(r"<[^>]*>", " ", page_so_far)))
-    items = "".join(f"<dt>{word}</dt><dd>{html.escape(GLOSSARY[word])}</dd>" for word in words)
-    return [f"<h2>What the words mean</h2><dl>{items}</dl>"] if words else []
-
-
-def _made(p: _Page) -> str:
-    """When, by what and for which servo: one line; "" for a record that does not say."""
-    made = p.record.get("made")
-    if made is None:
-        return ""
-    changed = ", ".join(p.text(f"made/set/{i}") for i in range(len(made["set"])))
-    file = f"servo file {p.text('made/servo_file')}" if made["servo_file"] else "the servo built in, no servo file"
-    with_changes = f" with {changed}" if changed else ""
-    return f"<p class=dim>{p.text('made/date')}, casahunt {p.text('made/casahunt')}, {file}{with_changes}</p>"
-
-
 def _answer(p: _Page) -> list[str]:
     """The gain and whether it is to be trusted, then the whole tuning."""
     record, check, free = p.record, p.record["verification"], p.record["free"]
@@ -234,7 +113,7 @@ def _answer(p: _Page) -> list[str]:
         only = f" ({p.known('cost_gain_only', unit, p.tol)} with the {form} as given)"
     return [
         f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
-        _made(p),
+        made_line(p),
         f"<p class=answer>{p.known('gain', '', p.gain_error, most=6)} <small>V/rad, the recommended gain</small></p>",
         *_against_before(p),
         f"<p>{_result(check)}: {above}</p>",
@@ -242,12 +121,12 @@ def _answer(p: _Page) -> list[str]:
         *[f"<p class=open>Not verified: {p.text(f'verification/unverified/{i}')}</p>"
           for i in range(len(check["unverified"]))],
         "<h2>The answer</h2>",
-        _table([], [
+        table([], [
             ["gain K", p.known("gain", GAIN_UNIT, p.gain_error)],
             *[[name, p.known(key, unit_of(key), p.tol if key in free else 0.0) + ("" if key in free else ", as given")]
               for key, name in CONTROLLER.items() if key in record],
             ["cost", f"{html.escape(record['cost_meaning'])}: {p.known('cost_value', unit, p.gain_error)}" + only],
-            ["what keeps it from being less", ", ".join(map(_words, record["binding"])) or "nothing"],
+            ["what keeps it from being less", ", ".join(map(words, record["binding"])) or "nothing"],
         ]),
     ]  # fmt: skip
 
@@ -255,12 +134,14 @@ def _answer(p: _Page) -> list[str]:
 def _demands(p: _Page) -> list[str]:
     return [
         "<h2>What was asked for</h2>",
-        _table([], [
+        table([], [
             ["margin above the fold", p.n("margin", ".4g", 100.0) + " %"],
             ["phase margin, at least", p.n("demands/phase_margin", "g") + " degrees"],
             ["gain margin, up and down", "factor " + p.n("demands/gain_margin", "g")],
+            *([["largest torque, at most", p.with_unit("demands/max_torque", "N m", "g")]]
+              if p.record["demands"].get("max_torque") is not None else []),
             ["delay, sample time", f"{p.n('demands/delay', 'g')} s, {p.n('demands/sample_time', 'g')} s"],
-            *[[f"bounds of {_words(name)}", f"{p.n(f'bounds/{name}/0', '.6g')} to "
+            *[[f"bounds of {words(name)}", f"{p.n(f'bounds/{name}/0', '.6g')} to "
                + p.with_unit(f"bounds/{name}/1", unit_of(name), ".6g")] for name in p.record["bounds"]],
         ]),
     ]  # fmt: skip
@@ -281,14 +162,14 @@ def _fold(p: _Page) -> list[str]:
             low, high = (p.known(f"fold/linear_{end}", "", p.tol, 6) for end in ("low", "high"))
             rows.append(["over the uncertainty set, to first order", f"{low} to {high} V/rad"])
         rows.append(["fold gain, worst friction", p.known("worst/fold_gain", GAIN_UNIT, p.fold_error)])
-        rows += [[f"worst {_words(name)}", p.with_unit(f"worst/corner/{name}", unit_of(name))] for name in corner]
-    return ["<h2>The fold and its uncertainty</h2>", _table([], rows)]
+        rows += [[f"worst {words(name)}", p.with_unit(f"worst/corner/{name}", unit_of(name))] for name in corner]
+    return ["<h2>The fold and its uncertainty</h2>", table([], rows)]
 
 
 def _elasticities(p: _Page) -> list[str]:
     ranked = sorted(p.record["elasticities"].items(), key=lambda item: -abs(item[1]))
-    rows = [[_words(name), p.n(f"elasticities/{name}", f"+.{known_decimals(p.tol, 4)}f") + " %"] for name, _ in ranked]
-    return ["<h2>What moves the fold</h2>", _table(["one per cent more of", "changes the fold gain by"], rows)]
+    rows = [[words(name), p.n(f"elasticities/{name}", f"+.{known_decimals(p.tol, 4)}f") + " %"] for name, _ in ranked]
+    return ["<h2>What moves the fold</h2>", table(["one per cent more of", "changes the fold gain by"], rows)]
 
 
 def _verification(p: _Page) -> list[str]:
@@ -300,7 +181,7 @@ def _verification(p: _Page) -> list[str]:
     ]
     return [
         "<h2>Verified apart from the optimisation</h2>",
-        _table([], [
+        table([], [
             ["fold solved again", p.verdict("verification/margin_kept", "margin kept", "margin not kept"),
              f"fold gain {p.known('verification/fold_gain', GAIN_UNIT, p.fold_error)}, "
              f"relative error {p.n('verification/fold_error', '.1e')}"],
@@ -313,7 +194,7 @@ def _verification(p: _Page) -> list[str]:
             ["linear loop", p.verdict("verification/loops_kept", "margins kept", "margins not kept"),
              f"{p.n('verification/loops_checked', 'g')} servos"],
         ]),
-        _table(["linear loop", "phase margin", "gain may fall to", "gain may rise to"], loops),
+        table(["linear loop", "phase margin", "gain may fall to", "gain may rise to"], loops),
     ]  # fmt: skip
 
 
@@ -343,7 +224,7 @@ def _tasks(p: _Page) -> list[str]:
     if p.record["before"] is not None:
         rows += [_task_row(p, f"before/tasks/{i}", "before/gain") for i in range(len(p.record["before"]["tasks"]))]
     rows += [_task_row(p, f"verification/tasks/{i}", "gain") for i in range(len(p.record["verification"]["tasks"]))]
-    return ["<h2>Simulated regulator tasks</h2>", _table([*TASK_COLUMNS], rows)]
+    return ["<h2>Simulated regulator tasks</h2>", table([*TASK_COLUMNS], rows)]
 
 
 def _limits(p: _Page) -> list[str]:
@@ -352,7 +233,7 @@ def _limits(p: _Page) -> list[str]:
         "<h2>What this does not prove</h2><ul>",
         *[f"<li>{p.text(f'proves_not/{i}')}</li>" for i in range(len(p.record["proves_not"]))],
         "</ul><h2>The servo as given</h2>",
-        _table([], [[_words(key), p.with_unit(f"servo/{key}", unit_of(key))] for key in p.record["servo"]]),
+        table([], [[words(key), p.with_unit(f"servo/{key}", unit_of(key))] for key in p.record["servo"]]),
         f"<p class=dim>Computed in {p.n('wall_s', '.1f')} s, status {p.text('status')}.</p>",
     ]
 
@@ -370,7 +251,7 @@ def _loop_name(p: _Page, name: str, corners: Mapping[str, Any]) -> str:
     if name not in corners:
         return {"worst": "worst friction"}.get(name, name)
     at = ", ".join(
-        f"{_words(key)} {p.with_unit(f'verification/loop_corners/{name}/{key}', unit_of(key), '.6g')}"
+        f"{words(key)} {p.with_unit(f'verification/loop_corners/{name}/{key}', unit_of(key), '.6g')}"
         for key in corners[name]
     )
     return f"least {name}" + (f" of the set: {at}" if at else "")
@@ -381,5 +262,5 @@ def _task_row(p: _Page, key: str, gain: str) -> list[str]:
     colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in ("at rest", "decaying") else "dim"
     verdict = f'<span class="{colour}">{p.text(f"{key}/verdict")}</span>'
     shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
-    torque = p.n(f"{key}/peak_torque", ".3g")
-    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, verdict, p.text(f"{key}/reason")]
+    torque, voltage = (p.n(f"{key}/peak_{what}", ".3g") for what in ("torque", "voltage"))
+    return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, voltage, verdict, p.text(f"{key}/reason")]

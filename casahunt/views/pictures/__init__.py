@@ -11,6 +11,6 @@ event_map.py     cobweb picture of the event map
 uncertainty.py   histogram of sampled fold gains
 equilibria.py    stick region, generalised Jacobian
 simulation.py    simulated motions, folded records
-remedies.py      amplitude against the size of each remedy
+remedies.py      amplitude against the size of each remedy, where the servo rests with it
 tune.py          diagram with the operating point, tasks before and after
 """

@@ -145,6 +145,11 @@ def figure_of(drawn: Any) -> Figure:
     return drawn if isinstance(drawn, Figure) else np.ravel(np.asarray(drawn, dtype=object))[0].figure.canvas.figure
 
 
+def png(axes: Any) -> bytes:
+    """The figure of axes as the bytes of a PNG file, for a page."""
+    return drawn(figure_of(np.ravel(np.asarray(axes, dtype=object))[0]), dpi=DPI * 2 // 3)
+
+
 def at_least_one(what: str, items: Sequence[Any]) -> None:
     """Refuse to draw nothing.
 

@@ -1,20 +1,34 @@
-"""Pictures of remedies: amplitude of the hunting against the size of each, up to where it ends."""
+"""Pictures of remedies: amplitude of the hunting against the size of each, up to where it ends; where it rests."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 
-from ...design.remedies.remedies import Cures
+import numpy as np
+
+from ...design.remedies.remedies import ENDED, Cure, Cures
 from ...errors import InputError, NoOrbit
 from .fold_curve import HEADROOM
-from .plotting import Axes, panels
+from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, png
 
 MOST_COLUMNS = 4
 """Panels in a row: more cannot be read."""
+PANEL_SIZE = 3.4, 2.8
+"""Width and height of a panel [in]."""
+ROOM_BELOW = 0.06
+"""Room for marks at zero, in heights of a panel."""
+RESTING = "#1d6b3f"
+MOST_IN_LEGEND = 4
+LOGARITHMIC_FROM = 60.0
+"""Ratio of sizes from which their axis is logarithmic."""
+MOST_TICKS = 4
+"""Intervals between ticks at most: more run into each other."""
 
 
 def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
-    """A panel for each remedy with a border: amplitude against size, the border marked.
+    """A panel for each remedy with a border: amplitude against size, the border marked, and what is behind it.
 
     Parameters
     ----------
@@ -41,28 +55,111 @@ def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
     rows = [row for row in found.remedies if row.first is not None and math.isfinite(row.size)]
     if not rows:
         raise InputError("remedies: none of them has a size at which hunting ends, so there is nothing to draw")
+    return _panel_each(rows, ax, "have a border", _size, "max |x1| [rad]")
+
+
+def _size(place: Axes, row: Cure) -> None:
+    """Amplitude against size, up to the border and behind it."""
+    values, amplitudes = [], [1.0]
+    try:
+        branch = row.branch()
+        values, amplitudes = list(branch.values), [orbit.amplitude for orbit in branch.orbits]
+        place.plot(values, amplitudes, label="cycles")
+    except NoOrbit:
+        place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
+    place.axvline(row.size, color="C3", linestyle="--", label="no cycle beyond")
+    for ended, marker, colour, said in ((True, "o", RESTING, "motions end at rest"), (False, "x", "C3", "they do not")):
+        sizes = [at for at, seen in zip(row.beyond, row.stays, strict=True) if (seen in ENDED) is ended]
+        place.plot(sizes, [0.0] * len(sizes), marker, color=colour, label=said)
+    top = HEADROOM * max(amplitudes)
+    place.set_ylim(-ROOM_BELOW * top, top)
+    sizes = [row.size, *row.beyond, *values]
+    if min(sizes) > 0 and max(sizes) > LOGARITHMIC_FROM * min(sizes):
+        logarithmic(place, "x")
+    place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
+    place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
+
+
+def rest_positions(found: Cures, *, ax: Axes | None = None) -> Axes:
+    """A panel for each remedy: error and torque at which the servo may stand still for ever, with the size to choose.
+
+    Without a remedy that is the set point, with any torque that static friction holds.  Of a remedy that does not end
+    hunting the set is that of the last size that was looked at; it may be wider than its panel, which all share.
+
+    Parameters
+    ----------
+    found
+        what `remedies` has found.
+    ax
+        axes to draw into, of one remedy alone; default: those of a new figure.
+
+    Returns
+    -------
+    The axes of the first panel.
+
+    Raises
+    ------
+    InputError : of no remedy the set is known, or axes are given for several.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, pictures, remedies
+    >>> found = remedies(Servo(), "switch", 0.04, only=["leak"])
+    >>> pictures.rest_positions(found).get_title()
+    'leak: within 0.03294 rad'
+    """
+    rows = [row for row in found.remedies if row.rests]
+    if not rows:
+        raise InputError("remedies: of none of them the set of rest positions is known, so there is nothing to draw")
+    ending = [row for row in rows if row.ends_hunting] or rows
+    reach, torque = np.abs([corner for row in ending for corner in row.rests]).max(axis=0)
+    first = _panel_each(rows, ax, "have a set", _rest_set, "torque [N m]")
+    if ax is None:
+        for place in first.figure.axes:
+            place.set_xlim(-HEADROOM * (reach or found.amplitude), HEADROOM * (reach or found.amplitude))
+            place.set_ylim(-HEADROOM * (torque or 1.0), HEADROOM * (torque or 1.0))
+    return first
+
+
+def _rest_set(place: Axes, row: Cure) -> None:
+    """The set of rest positions."""
+    corners = np.array([*row.rests, row.rests[0]])
+    place.axhline(0, color=NEUTRAL, linewidth=0.5)
+    place.axvline(0, color=NEUTRAL, linewidth=0.5)
+    place.fill(corners[:, 0], corners[:, 1], color=RESTING, alpha=0.25)
+    place.plot(corners[:, 0], corners[:, 1], color=RESTING, linewidth=2 * ALONE, marker="o", label="rests")
+    reach = np.abs(corners[:, 0]).max()
+    place.locator_params("x", nbins=MOST_TICKS)
+    place.set_title(f"{row.name}: {f'within {reach:.4g} rad' if reach else 'set point alone'}")
+    place.set_xlabel("x1 [rad]")
+
+
+def page_images(found: Cures) -> dict[str, bytes]:
+    """The images of the page: PNG files by name; what cannot be drawn is left out."""
+    images = {}
+    for name, draw in (("sizes", remedy_sizes), ("rests", rest_positions)):
+        with suppress(InputError):
+            images[name] = png(draw(found))
+    return images
+
+
+def _panel_each(
+    rows: Sequence[Cure], ax: Axes | None, have: str, draw: Callable[[Axes, Cure], None], ordinate: str
+) -> Axes:
+    """A panel for every remedy, of a new figure or, for one of them, of the user's; the axes of the first."""
     if ax is not None and len(rows) > 1:
-        raise InputError(f"ax: holds one remedy, and {len(rows)} have a border; ask for one with `only`")
+        raise InputError(f"ax: holds one remedy, and {len(rows)} {have}; ask for one with `only`")
     columns = min(MOST_COLUMNS, len(rows))
-    figure, axes = panels(ax, -(-len(rows) // columns), columns)
+    lines = -(-len(rows) // columns)
+    figure, axes = panels(ax, lines, columns)
     every = list(axes.flat)
     for place, row in zip(every, rows, strict=False):
-        try:
-            branch = row.branch()
-            orbits = branch.orbits
-            place.plot(branch.values, [orbit.amplitude for orbit in orbits])
-        except NoOrbit:
-            orbits = ()
-            place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
-        place.axvline(row.size, color="C3", linestyle="--", label="no cycle beyond")
-        place.set_ylim(0, HEADROOM * max((orbit.amplitude for orbit in orbits), default=1.0))
-        place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
-        place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
+        draw(place, row)
     for place in every[::columns]:
-        place.set_ylabel("max |x1| [rad]")
+        place.set_ylabel(ordinate)
     for place in every[len(rows) :]:
         place.set_visible(False)
     if figure is not None:
-        figure.set_size_inches(3.4 * columns, 2.8 * (-(-len(rows) // columns)))
-    every[0].legend()
+        figure.set_size_inches(PANEL_SIZE[0] * columns, PANEL_SIZE[1] * lines)
+    legend(figure, every[0], every[0].get_legend_handles_labels()[0], ncols=min(columns + 1, MOST_IN_LEGEND))
     return every[0]

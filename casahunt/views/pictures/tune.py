@@ -16,7 +16,7 @@ from ...orbits import Options
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold import elasticities
-from .plotting import ALONE, DPI, NEUTRAL, SMALL, Array, Line2D, drawn, figure_of, panels
+from .plotting import ALONE, NEUTRAL, SMALL, Array, Line2D, panels, png
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
@@ -127,11 +127,6 @@ def tasks(before: tuple[float, Sequence[SimulatedTask]], after: Sequence[Simulat
         ax.set_ylabel("θ - θ$_d$ [rad]".replace("-", "\N{MINUS SIGN}"))
     rows[-1].set_xlabel("time [s]")
     return rows
-
-
-def png(axes: Any) -> bytes:
-    """The figure of axes as the bytes of a PNG file."""
-    return drawn(figure_of(axes), dpi=DPI * 2 // 3)
 
 
 def evidence_images(

@@ -14,6 +14,7 @@ from stick_map_support import border
 
 from casahunt import InputError, Options, Servo, find_orbit
 from casahunt.continuation import follow, special_curve
+from casahunt.motion import simulate
 from casahunt.orbits import find_cycle, orbit_ensemble
 from casahunt.servo.parts.by_direction import BY_DIRECTION
 from casahunt.servo.parts.cascade import P_PI
@@ -281,3 +282,12 @@ def test_a_motion_begins_in_the_mode_of_its_state():
 def test_controllers_that_are_none(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()
+
+
+def test_a_slip_that_creeps_to_rest_is_followed_to_its_end():
+    """With little integral action x decays like exp(-ki t/kp), and v with it, until rounding makes its sign."""
+    loop = loop_of(Servo(), "switch", 0.1).replace(ki=0.05630083143549496)
+    start = loop.state(x1=-0.015176674711052647)
+    motion = simulate(loop.system, "stick", start=start, duration=1416.9523223606943, tol=1e-8)
+    assert sum(phase.count for phase in motion.phases) < 2000
+    assert abs(motion.end["x1"]) < 1e-11
