@@ -14,8 +14,8 @@ every name, in a process of its own, these questions are asked:
 
 An answer is words: phases, status, stability, kinds of special points, what is missing, why it ended, the kind of a
 verdict, or the sentence of a refusal, its numbers left out; and numbers with their errors, of which those are compared
-that both processors know.  Special points are located to the tolerance.  What is given up after the work W, which is a
-limit of this script, is no answer: it is counted and not compared.
+that both processors know.  Special points are located to the tolerance.  What of a servo is given up after the work W,
+which is a limit of this script, is no answer: it is counted and not compared.  The gallery has no limit.
 
 Prints a table and everything that differs in its words, or in a number by more than the sum of both errors; exit code 1
 if anything does.
@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import re
 import subprocess
@@ -175,7 +176,7 @@ def answers(task: dict[str, Any]) -> dict[str, Any]:
     for number, model in task["servos"]:
         out.update(servo_answers(task["seed"], number, model, gains, first, task["tol"], task["limit"]))
     for name in task["gallery"]:
-        out.update(gallery_answers(name, task["tol"], task["limit"]))
+        out.update(gallery_answers(name, task["tol"], math.inf))
     return {"gains": gains, "answers": out}
 
 
@@ -250,7 +251,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--processors", nargs="+", default=PROCESSORS, help="the first one says at which gains")
     parser.add_argument("--tol", type=float, default=1e-6)
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
-    parser.add_argument("--limit", type=float, default=WORK, help="work after which an answer is given up")
+    parser.add_argument("--limit", type=float, default=WORK, help="work after which a servo is given up")
     parser.add_argument("--out", type=Path, help="file for all answers, JSON")
     parser.add_argument("--answer", action="store_true", help="what this script calls itself with")
     args = parser.parse_args(arguments)

@@ -42,6 +42,16 @@ def test_a_processor_is_an_environment(monkeypatch):
     assert there["OPENBLAS_CORETYPE"] == "Haswell" and there["NPY_DISABLE_CPU_FEATURES"]
 
 
+def test_what_is_known_to_end_is_not_given_up():
+    """The branch of canudas_gain.py takes more work than a servo is given: it was never compared."""
+    task = {"servos": [[0, "switch"]], "gallery": ["belt"], "seed": 1, "tol": 1e-6, "limit": 1.0, "gains": None}
+    said = processors.answers(task)["answers"]
+    assert {question: answer == processors.GIVEN_UP for question, answer in said.items()} == {
+        question: question.startswith("switch servo") for question in said
+    }
+    assert len(said) > 1
+
+
 @pytest.mark.slow
 def test_the_script(capsys, tmp_path):
     """Two servos and some cycles, in processes whose arithmetic rounds differently; and it does."""
