@@ -31,10 +31,10 @@ from ..uncertainty.set import Uncertainty, check_box
 from .border import BORDERS, Border, Scales, border, with_remedy
 from .price import LOOKED_PERIODS, MOST_WINDOWS, Verdict, task, verdict
 
-RECOMMENDED = 1.1
-"""What is recommended is this much more than the border: friction is seldom known better than to a tenth."""
-TIMES_THE_BORDER = (RECOMMENDED, 1.5, 2.0, 3.0)
-"""So many times the border is looked at: whether a larger size keeps hunting ended."""
+MARGIN = 0.1
+"""What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""
+LARGER = (1.5, 2.0, 3.0)
+"""So many times the border is looked at besides: whether a larger size keeps hunting ended."""
 ENDED = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
 MOST_DRAWN = 250
@@ -54,7 +54,7 @@ class Cure(Result):
         of which may be unstable, so that hunting may end with less; "none" where hunting goes on up to the last size
         that was looked at, "not found" where nobody knows.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
-    recommended : a tenth more of it.
+    recommended : more of it by the margin; of the worst servo's size where one was asked for, and found.
     rests : the set of rest positions at the recommended size, or at the last one that was looked at: corners (x1 [rad],
         torque of the motor [N m]) of a convex polygon; () where nobody knows.
     rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
@@ -152,6 +152,7 @@ class Cures(Result):
     ----------
     servo, model, gain : the problem; gain K [V/rad].
     amplitude, period : of the hunting cycle without a remedy [rad], [s].
+    margin : by how much more than the border is recommended, relatively.
     remedies : the rows, the cheapest first; behind them those that do not end hunting.
     best : the name of the cheapest that meets the demands; "" where none does.
 
@@ -163,6 +164,7 @@ class Cures(Result):
     """
 
     _quantities = ("model", "gain [V/rad]", "amplitude [rad]", "period [s]", "best")
+    _details = ("margin",)
 
     servo: Servo
     model: Model
@@ -171,6 +173,7 @@ class Cures(Result):
     period: float
     remedies: tuple[Cure, ...]
     best: str
+    margin: float = MARGIN
 
     def _columns(self) -> Columns:
         units = {"rest_error": "rad", "peak_torque": "Nm", "peak_voltage": "V", "settling": "s", "phase_margin": "deg"}
@@ -199,6 +202,7 @@ def remedies(
     only: Sequence[str] = (),
     max_error: float | None = None,
     max_torque: float | None = None,
+    margin: float = MARGIN,
     uncertainty: Uncertainty | None = None,
     options: Options | None = None,
     progress: Callable[[Cure], None] | None = None,
@@ -213,6 +217,8 @@ def remedies(
         names of the remedies that are looked at; default all that go with the friction model.
     max_error, max_torque
         demands: largest error at rest [rad], largest torque on a step of 1 rad [N m].
+    margin
+        how much more of a remedy than at its border is recommended, relatively; above 0.
     uncertainty
         what is uncertain of the servo: each row then has the size for the worst one.
     options
@@ -242,11 +248,12 @@ def remedies(
         remedy_name(name)
     error = math.inf if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
+    require("margin", margin, above=0, at_most=LARGER[-1])
     if uncertainty is not None:
         check_box(servo, uncertainty)
     options = options or Options(tol=1e-8)
     orbit = find_orbit(servo, model, gain, options=options)
-    asked = _Asked(loop_of(servo, model, gain), orbit, _on_the_cycle(orbit), options, uncertainty)
+    asked = _Asked(loop_of(servo, model, gain), orbit, _on_the_cycle(orbit), options, uncertainty, margin)
     rows = []
     for remedy in REMEDIES:
         if model in remedy.needs and (not only or remedy.name in only):
@@ -257,19 +264,20 @@ def remedies(
     ending = (row for row in rows if row.ends_hunting)
     meet = (row.name for row in ending if row.recommended_rest_error <= error and row.peak_torque <= torque)
     best = next(meet, "")
-    return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best)
+    return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best, margin)
 
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
     """What all rows are about: the loop without a remedy, its cycle and a state on it, how it is computed, what is
-    uncertain."""
+    uncertain, the margin."""
 
     loop: Loop
     orbit: HuntingOrbit
     start: dict[str, float]
     options: Options
     uncertainty: Uncertainty | None
+    margin: float
 
     @property
     def scales(self) -> Scales:
@@ -313,7 +321,9 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
             first=found.first,
         )  # fmt: skip
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
-    beyond = tuple(_more(size, absent, factor, remedy.sense) for factor in TIMES_THE_BORDER)
+    worst = _worst(asked, remedy, found)
+    least = worst if math.isfinite(worst) else size
+    beyond = tuple(_more(least, absent, factor, remedy.sense) for factor in (1 + asked.margin, *LARGER))
     recommended, last = beyond[0], found.orbit or asked.orbit
     mended = with_remedy(loop, remedy, recommended)
     rests = remedy.rest(recommended, numbers)
@@ -329,7 +339,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         lowest_factor=math.nan if linear is None else linear.lowest_factor,
         highest_factor=math.nan if linear is None else linear.highest_factor,
         moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
-        worst_size=_worst(asked, remedy, found), why=found.why, followed_to=size, first=found.first,
+        worst_size=worst, why=found.why, followed_to=size, first=found.first,
     )  # fmt: skip
 
 

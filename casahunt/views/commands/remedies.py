@@ -17,7 +17,7 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.price import TASK_STEP
-from ...design.remedies.remedies import ENDED, TIMES_THE_BORDER, Cure, Cures, remedies
+from ...design.remedies.remedies import ENDED, LARGER, MARGIN, Cure, Cures, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...export import plain
 from ...files import together, whole_text
@@ -69,6 +69,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
     )
+    command.add_argument("--margin", default=MARGIN, help=f"of what to choose, relative (default {MARGIN:g})")
     command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
     add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
 
@@ -78,12 +79,12 @@ def run(options: argparse.Namespace) -> int:
     model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options.quiet)
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
     limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
-    servo = servo_of(options)
+    margin, servo = positive("margin", options.margin), servo_of(options)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
 
     def computed() -> Cures:
         return remedies(
-            servo, model, gain, only=names, options=how, uncertainty=uncertainty,
+            servo, model, gain, only=names, options=how, uncertainty=uncertainty, margin=margin,
             progress=lambda row: say(stream, _as_it_is_found(row)), **limits,
         )  # fmt: skip
 
@@ -122,7 +123,7 @@ def _record(found: Cures, options: argparse.Namespace, limits: dict[str, float],
         said = _why_not(cure) if not cure.ends_hunting else "" if cure.keeps_it_ended else _not_kept(cure)
         row |= {"ends_hunting": cure.ends_hunting, "keeps_it_ended": cure.keeps_it_ended, "said": said}
     words = [options.servo] if options.servo else []
-    for name in ("gain", "model", "max_error", "max_torque", "uncertainty", "only", "set"):
+    for name in ("gain", "model", "max_error", "max_torque", "margin", "uncertainty", "only", "set"):
         given = getattr(options, name, None)
         for value in given if isinstance(given, list) else [given]:
             words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
@@ -175,7 +176,9 @@ def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
     if ending:
         yield ""
         yield "  ends it        the smallest size that does, or where less is more the largest"
-        yield "  choose         a tenth more of the remedy than that"
+        yield f"  choose         {100 * found.margin:g} % more of the remedy than that" + (
+            ", or than the worst servo of the set needs" if of_a_set else ""
+        )  # fmt: skip
         yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
         yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size; settling likewise"
 
@@ -214,7 +217,7 @@ def _why_not(row: Cure) -> str:
 
 def _not_kept(row: Cure) -> str:
     """At which larger sizes hunting has not ended."""
-    times = [f"{factor:g}" for factor, seen in zip(TIMES_THE_BORDER, row.stays, strict=True) if seen not in ENDED]
+    times = [f"{factor:g}" for factor, seen in zip(LARGER, row.stays[1:], strict=True) if seen not in ENDED]
     return f"with {' or '.join(times)} times as much that is not sure: a motion {_after(row)}"
 
 
