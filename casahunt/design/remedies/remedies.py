@@ -24,16 +24,16 @@ from ...servo.parts.linear import linear_margins
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of
 from ...servo.parts.remedy import Corners, Remedy
-from ...servo.parts.table import REMEDIES, remedy_name
+from ...servo.parts.table import REMEDIES, REMEDY_NAMES, remedy_name
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
 from .border import BORDERS, Border, Scales, border, with_remedy
 from .price import LOOKED_PERIODS, MOST_WINDOWS, Verdict, task, verdict
 
-MARGIN = 0.1
+MARGIN_TO_CHOOSE = 0.1
 """What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""
-LARGER = (1.5, 2.0, 3.0)
+LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
 ENDED = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
@@ -173,7 +173,7 @@ class Cures(Result):
     period: float
     remedies: tuple[Cure, ...]
     best: str
-    margin: float = MARGIN
+    margin: float = MARGIN_TO_CHOOSE
 
     def _columns(self) -> Columns:
         units = {"rest_error": "rad", "peak_torque": "Nm", "peak_voltage": "V", "settling": "s", "phase_margin": "deg"}
@@ -202,7 +202,7 @@ def remedies(
     only: Sequence[str] = (),
     max_error: float | None = None,
     max_torque: float | None = None,
-    margin: float = MARGIN,
+    margin: float = MARGIN_TO_CHOOSE,
     uncertainty: Uncertainty | None = None,
     options: Options | None = None,
     progress: Callable[[Cure], None] | None = None,
@@ -244,11 +244,10 @@ def remedies(
     """
     a_servo(servo)
     choice_of("model", model, MODELS)
-    for name in only:
-        remedy_name(name)
+    wanted = [remedy_name(name) for name in only] or list(REMEDY_NAMES)
     error = math.inf if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
-    require("margin", margin, above=0, at_most=LARGER[-1])
+    require("margin", margin, above=0, at_most=LARGER_SIZES[-1])
     if uncertainty is not None:
         check_box(servo, uncertainty)
     options = options or Options(tol=1e-8)
@@ -256,15 +255,14 @@ def remedies(
     asked = _Asked(loop_of(servo, model, gain), orbit, _on_the_cycle(orbit), options, uncertainty, margin)
     rows = []
     for remedy in REMEDIES:
-        if model in remedy.needs and (not only or remedy.name in only):
+        if model in remedy.needs and remedy.name in wanted:
             rows.append(_row(asked, remedy))
             if progress is not None:
                 progress(rows[-1])
     rows.sort(key=_price(task(asked.loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
-    ending = (row for row in rows if row.ends_hunting)
-    meet = (row.name for row in ending if row.recommended_rest_error <= error and row.peak_torque <= torque)
-    best = next(meet, "")
-    return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), best, margin)
+    within = (row.name for row in rows if row.recommended_rest_error <= error and row.peak_torque <= torque
+              and row.ends_hunting)  # fmt: skip
+    return Cures(servo, model, gain, orbit.amplitude, orbit.period, tuple(rows), next(within, ""), margin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +321,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
     worst = _worst(asked, remedy, found)
     least = worst if math.isfinite(worst) else size
-    beyond = tuple(_more(least, absent, factor, remedy.sense) for factor in (1 + asked.margin, *LARGER))
+    beyond = tuple(_more(least, absent, factor, remedy.sense) for factor in (1 + asked.margin, *LARGER_SIZES))
     recommended, last = beyond[0], found.orbit or asked.orbit
     mended = with_remedy(loop, remedy, recommended)
     rests = remedy.rest(recommended, numbers)

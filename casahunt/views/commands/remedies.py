@@ -17,7 +17,7 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.price import TASK_STEP
-from ...design.remedies.remedies import ENDED, LARGER, MARGIN, Cure, Cures, remedies
+from ...design.remedies.remedies import ENDED, LARGER_SIZES, MARGIN_TO_CHOOSE, Cure, Cures, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...export import plain
 from ...files import together, whole_text
@@ -69,7 +69,8 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
     )
-    command.add_argument("--margin", default=MARGIN, help=f"of what to choose, relative (default {MARGIN:g})")
+    more = f"of what to choose, relative (default {MARGIN_TO_CHOOSE:g})"
+    command.add_argument("--margin", default=MARGIN_TO_CHOOSE, help=more)
     command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
     add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
 
@@ -99,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
 
             page = remedies_page(record, pictures_remedies.page_images(found))
             options.outputs.write(_write, out, page, record)
-    lines = _lines(found, _within(limits), of_a_set=uncertainty is not None)
+    lines = remedy_lines(found, limits, of_a_set=uncertainty is not None)
     give(options, found, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
         complain("casahunt remedies", f"no remedy ends hunting{_within(limits)}; allow more, or look at the table")
@@ -156,7 +157,9 @@ def _within(limits: dict[str, float]) -> str:
     return f" with {' and '.join(said)}" if said else ""
 
 
-def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
+def remedy_lines(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> Iterator[str]:
+    """The table as text."""
+    within = _within(limits)
     yield (
         f"{found.model} servo at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
@@ -217,7 +220,7 @@ def _why_not(row: Cure) -> str:
 
 def _not_kept(row: Cure) -> str:
     """At which larger sizes hunting has not ended."""
-    times = [f"{factor:g}" for factor, seen in zip(LARGER, row.stays[1:], strict=True) if seen not in ENDED]
+    times = [f"{factor:g}" for factor, seen in zip(LARGER_SIZES, row.stays[1:], strict=True) if seen not in ENDED]
     return f"with {' or '.join(times)} times as much that is not sure: a motion {_after(row)}"
 
 
