@@ -76,7 +76,7 @@ def _check_read(parts: tuple[Part, ...], symbols: Symbols) -> None:
     wirings = (wiring_of(parts, modes, None) for modes in itertools.product(*[part.modes for part in parts]))
     read = set[str]().union(*(wiring.read(*symbols) for wiring in wirings))
     for part in parts:
-        gives = {name for law in (part, *(mode.law for mode in part.modes)) for name in law.gives}
+        gives = {*part.gives, *(name for mode in part.modes for name in mode.law.gives)}
         if gives and not gives & read:
             said = ", ".join(sorted(gives))
             raise InputError(f"{part.name} does nothing with these parts: none reads what it gives ({said})")

@@ -34,7 +34,8 @@ from pathlib import Path
 from typing import Any
 
 from ...checks import choice_of, to_error
-from ...design.remedies.remedies import Cures, remedies
+from ...design.remedies.cures import Cures
+from ...design.remedies.remedies import remedies
 from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tasks import TASK_STEPS
 from ...design.tune.tuning import Tuning, tune
