@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from .design.fold_map import FoldMap, fold_map
     from .design.record.file import Record, read_record
     from .design.record.measure import Measurement, measure, record_of
-    from .design.remedies.remedies import Cure, Cures, remedies
+    from .design.remedies.cures import Cure, Cures
+    from .design.remedies.remedies import remedies
     from .design.sensitivity import Sensitivities, fold_sensitivities
     from .design.tune.demands import Demands
     from .design.tune.tuning import Tuning, tune
@@ -81,7 +82,8 @@ _HOMES = {
     "design.fold_map": ("FoldMap", "fold_map"),
     "design.record.file": ("Record", "read_record"),
     "design.record.measure": ("Measurement", "measure", "record_of"),
-    "design.remedies.remedies": ("Cure", "Cures", "remedies"),
+    "design.remedies.cures": ("Cure", "Cures"),
+    "design.remedies.remedies": ("remedies",),
     "design.sensitivity": ("Sensitivities", "fold_sensitivities"),
     "design.tune.demands": ("Demands",),
     "design.tune.tuning": ("Tuning", "tune"),
