@@ -253,21 +253,24 @@ def step_along(
     began = time.perf_counter()
     moved = last.problem.moved
     u, lam, setting = predict(point, ds)
-    reached = not low <= moved(vary, lam) <= high
-    bound = high if moved(vary, lam) > high else low
-    if reached:  # land on the bound: shorten the step and hold the parameter there
+    bound = _bound_met(last.problem, vary, lam, low, high)
+    if bound is not None:  # land on it: shorten the step and hold the parameter there
         ds *= last.problem.distance(vary, bound) / lam
         u, lam, setting = predict(point, ds)
         lam = last.problem.distance(vary, bound)
     # Where Newton does not land on the bound, a shorter step costs a tenth of what IPOPT would.
-    how = replace(options, solver="newton") if reached and options.solver == "auto" else options
-    solved = corrected((point.t, u, setting), lam, last.problem, how, ds=ds, border=None if reached else point.row)
-    value = bound if reached else moved(vary, lam, solved.solution.parameter)
+    how = replace(options, solver="newton") if bound is not None and options.solver == "auto" else options
+    border = None if bound is not None else point.row
+    solved = corrected((point.t, u, setting), lam, last.problem, how, ds=ds, border=border)
+    value = moved(vary, lam, solved.solution.parameter) if bound is None else bound
     if not solved.status.ok or solved.estimate is None:
         return solved.complaint()
     slack = LANDED * abs(last.problem.unit(vary))
     if not low - slack <= value <= high + slack:
         return "the corrector left the range"
+    if bound is None:
+        bound = _bound_met(last.problem, vary, lam + solved.solution.parameter, low, high)
+        value = value if bound is None else bound
     orbit = orbit_of(solved, last.problem.with_value(vary, value), wall_s=time.perf_counter() - began)
     way = in_units_of(secant_direction(last, orbit, vary), last.scale, point.setting.scale)
     row = point.row
@@ -277,7 +280,13 @@ def step_along(
         row = with_other_phases(row, last.arcs[0].duration, orbit.arcs[0].duration)
     if not 0.3 * ds * float(row @ row) < float(way @ row) or np.linalg.norm(way) > ASTRAY_BY * ds:
         return "the corrector went to another part of the curve"
-    return orbit, solved, reached
+    return orbit, solved, bound is not None
+
+
+def _bound_met(problem: Problem, vary: str, lam: float, low: float, high: float) -> float | None:
+    """The bound that a step of lambda comes up to, but for rounding, or leads beyond; None where it stays inside."""
+    value = problem.moved(vary, lam + LANDED * float(np.sign(lam)))
+    return high if value > high else low if value < low else None
 
 
 def corrected(

@@ -28,7 +28,7 @@ class MarchFailure(Exception):
     ...         scale=np.ones(2), until=lambda segment: False, max_intervals=1,
     ...     )
     ... except MarchFailure as failure:
-    ...     print(failure)
+    ...     print(str(failure).partition(";")[0])
     mode 'slip': no exit after 0.262 s and 1 intervals
     """
 

@@ -48,6 +48,21 @@ def test_a_step_changes_the_parameter_by_no_more_than_it_may(stick_slip):
     assert len(follow(stick_slip, "belt", to=0.23, first_step=0.5).orbits) < len(branch.orbits)
 
 
+def test_steps_that_come_up_to_the_bound_but_for_rounding_land_on_it():
+    """Twenty steps of 0.03 from -0.3 add up to 0.29999999999999993; no step of 1e-16 is taken from there."""
+
+    def ring(x, p):
+        rate = 1 - x.x**2 - x.y**2
+        return {"x": rate * x.x - x.y, "y": rate * x.y + x.x, "z": p.lam * x.z - x.z**3}
+
+    system = System("ring", ("x", "y", "z"), {"lam": -0.3}, (Mode("smooth", ring),))
+    branch = follow(find_cycle(system, x=1.0, y=0.0, z=0.1), "lam", to=0.3, largest_step=0.1, first_step=0.1)
+    assert branch.end.kind == "range" and branch.values[-1] == 0.3
+    assert branch.values == pytest.approx(np.linspace(-0.3, 0.3, 21))
+    assert [special.kind for special in branch.special] == ["symmetry breaking"]  # the multiplier -exp(pi lam) of z
+    assert branch.special[0].value == pytest.approx(0, abs=1e-7)
+
+
 def test_a_branch_that_takes_too_long_ends_with_what_it_has(stick_slip):
     began = time.monotonic()
     branch = follow(stick_slip, "belt", to=0.9, largest_change=1e-4, max_points=10**6, time_limit=0.3)

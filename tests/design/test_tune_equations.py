@@ -102,7 +102,7 @@ def test_gain_margins_of_one_problem(servo, factor):
     def gain_of(each: Servo, cost: str, demand: str, off: float, lag: float) -> float:
         q = log_numbers(each)
         cut = Cut(each.replace(**{"servo.motor_gain": off * cm}), demand, 0.0)
-        point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (1e-3, 100.0), 1.1, [], [cut], lag))
+        point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (1e-3, 100.0), 1.1, [], [cut], lag, math.inf))
         assert point.converged and np.max(point.slack) < 1e-9
         return math.exp(point.k)
 
