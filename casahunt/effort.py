@@ -150,6 +150,14 @@ def interval() -> None:
         watch.add(MARCHED)
 
 
+def pieces(count: int) -> None:
+    """So many pieces of a sampled motion were computed, each of the work of an interval that is linearised."""
+    _in_time()
+    watch = _watch.get()
+    if watch is not None:
+        watch.add(count)
+
+
 def problem(intervals: int) -> None:
     """A boundary value problem is linearised."""
     _in_time()
