@@ -193,7 +193,16 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     what: the beginning of a refusal: what the file is.
     Raises InputError: no such file, not readable, too large, or not valid TOML.
     """
-    text = bounded(path, what, LARGEST_TOML)
+    return toml_tables(bounded(path, what, LARGEST_TOML), what)
+
+
+def toml_tables(text: bytes, what: str) -> dict[str, Any]:
+    """The tables of the text of a TOML file.
+
+    what: the beginning of a refusal. Raises InputError: too large, or not valid TOML.
+    """
+    if len(text) > LARGEST_TOML:
+        raise InputError(f"{what}: must have at most {LARGEST_TOML:g} bytes")
     try:
         return tomllib.loads(text.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
