@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from .design.fold_map import FoldMap, fold_map
     from .design.record.file import Record, read_record
     from .design.record.measure import Measurement, measure, record_of
-    from .design.remedies.remedies import Cure, Cures, remedies
+    from .design.remedies.cures import Cure, Cures
+    from .design.remedies.remedies import remedies
     from .design.sensitivity import Sensitivities, fold_sensitivities
     from .design.tune.demands import Demands
     from .design.tune.tuning import Tuning, tune
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from .servo.controller import Controller, Pid
     from .servo.delayed_loop import Margins, margins
     from .servo.denial import no_cycle
+    from .servo.drive import Drive
     from .servo.equilibria import Equilibria, equilibria
     from .servo.event_map.fixed_points import FixedPoints, fixed_points
     from .servo.find_fold import find_fold
@@ -64,8 +66,11 @@ if TYPE_CHECKING:
     from .servo.other_end import OtherEnd, other_end
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
+    from .servo.sampled.cause import Cause, cause_of
+    from .servo.sampled.motion import SampledMotion, simulate_sampled
+    from .servo.sampled.verdict import SampledVerdict
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
-    from .servo.servo import Servo, load
+    from .servo.servo import Servo, load, load_drive
     from .servo.simulation.simulate import simulate
     from .servo.simulation.trajectory import Trajectory
     from .servo.simulation.verdict import Verdict
@@ -81,7 +86,8 @@ _HOMES = {
     "design.fold_map": ("FoldMap", "fold_map"),
     "design.record.file": ("Record", "read_record"),
     "design.record.measure": ("Measurement", "measure", "record_of"),
-    "design.remedies.remedies": ("Cure", "Cures", "remedies"),
+    "design.remedies.cures": ("Cure", "Cures"),
+    "design.remedies.remedies": ("remedies",),
     "design.sensitivity": ("Sensitivities", "fold_sensitivities"),
     "design.tune.demands": ("Demands",),
     "design.tune.tuning": ("Tuning", "tune"),
@@ -99,6 +105,7 @@ _HOMES = {
     "servo.controller": ("Controller", "Pid"),
     "servo.delayed_loop": ("Margins", "margins"),
     "servo.denial": ("no_cycle",),
+    "servo.drive": ("Drive",),
     "servo.equilibria": ("Equilibria", "equilibria"),
     "servo.event_map.fixed_points": ("FixedPoints", "fixed_points"),
     "servo.find_fold": ("find_fold",),
@@ -107,8 +114,11 @@ _HOMES = {
     "servo.linear_loop": ("LinearLoop", "linear_loop"),
     "servo.lopsided": ("with_lopsided",),
     "servo.problem": ("Fold", "Orbit"),
+    "servo.sampled.cause": ("Cause", "cause_of"),
+    "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
+    "servo.sampled.verdict": ("SampledVerdict",),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
-    "servo.servo": ("Servo", "load"),
+    "servo.servo": ("Servo", "load", "load_drive"),
     "servo.other_end": ("OtherEnd", "other_end"),
     "servo.simulation.simulate": ("simulate",),
     "servo.simulation.trajectory": ("Trajectory",),
@@ -149,10 +159,12 @@ __all__ = [
     "Arc",
     "Basin",
     "Branch",
+    "Cause",
     "Controller",
     "Cure",
     "Cures",
     "Demands",
+    "Drive",
     "Equilibria",
     "FixedPoints",
     "Fold",
@@ -173,6 +185,8 @@ __all__ = [
     "OtherEnd",
     "Pid",
     "Record",
+    "SampledMotion",
+    "SampledVerdict",
     "Samples",
     "Sensitivities",
     "Servo",
@@ -186,6 +200,7 @@ __all__ = [
     "Verdict",
     "WorstCase",
     "basin",
+    "cause_of",
     "collect",
     "compare_uncertainty",
     "diagram",
@@ -200,6 +215,7 @@ __all__ = [
     "linear_loop",
     "load",
     "load_branch",
+    "load_drive",
     "load_orbit",
     "load_uncertainty",
     "margins",
@@ -214,6 +230,7 @@ __all__ = [
     "save_branch",
     "save_orbit",
     "simulate",
+    "simulate_sampled",
     "stable_range",
     "tune",
     "walk",

@@ -50,6 +50,10 @@ class GivenUp(Exception):
     """
 
 
+class Dropped(Exception):
+    """Nobody waits for the answer any more.  No NoOrbit, as `GivenUp`."""
+
+
 class WorkCount:
     """What has been done since a computation began, and what may be.
 
@@ -58,9 +62,11 @@ class WorkCount:
     work, motions, problems : what was done in all, motions begun, boundary value problems linearised.
     """
 
-    def __init__(self, tell: Callable[[str], None] | None, limit: float) -> None:
+    def __init__(
+        self, tell: Callable[[str], None] | None, limit: float, dropped: Callable[[], bool] | None = None
+    ) -> None:
         self.work = self.motions = self.problems = 0
-        self._tell, self._limit = tell, limit
+        self._tell, self._limit, self._dropped = tell, limit, dropped
         self._place: Callable[[], str] | None = None
         self._began = self._last = time.monotonic()
 
@@ -72,9 +78,11 @@ class WorkCount:
     def add(self, work: int) -> None:
         """Count, and tell where the computation is, if it is time to.
 
-        Raises GivenUp: beyond the limit.
+        Raises GivenUp: beyond the limit; Dropped: nobody waits for the answer any more.
         """
         self.work += work
+        if self._dropped is not None and self._dropped():
+            raise Dropped
         if self.work > self._limit:
             raise GivenUp(
                 f"given up, because no answer came after the work of {self.work:.1e} collocation intervals: "
@@ -121,13 +129,16 @@ def _in_time() -> None:
 
 
 @contextmanager
-def counting_work(tell: Callable[[str], None] | None, *, limit: float = float("inf")) -> Iterator[WorkCount]:
+def counting_work(
+    tell: Callable[[str], None] | None, *, limit: float = float("inf"), dropped: Callable[[], bool] | None = None
+) -> Iterator[WorkCount]:
     """Count what is computed inside.
 
     tell: hears every `EVERY` seconds where the computation is; None: nobody; limit: collocation intervals after which
-    it is given up. Raises GivenUp: beyond `limit`.
+    it is given up; dropped: says whether the answer is not waited for any more.
+    Raises GivenUp: beyond `limit`; Dropped: it is not.
     """
-    watch = WorkCount(tell, limit)
+    watch = WorkCount(tell, limit, dropped)
     token = _watch.set(watch)
     try:
         yield watch
@@ -148,6 +159,14 @@ def interval() -> None:
     watch = _watch.get()
     if watch is not None:
         watch.add(MARCHED)
+
+
+def pieces(count: int) -> None:
+    """So many pieces of a sampled motion were computed, each of the work of an interval that is linearised."""
+    _in_time()
+    watch = _watch.get()
+    if watch is not None:
+        watch.add(count)
 
 
 def problem(intervals: int) -> None:

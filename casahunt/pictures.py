@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .views.pictures.orbits import phase_portrait, time_traces
     from .views.pictures.plotting import save
     from .views.pictures.remedies import remedy_sizes, rest_positions
-    from .views.pictures.simulation import folded_record, motion
+    from .views.pictures.simulation import folded_record, motion, sampled_motion
     from .views.pictures.tune import operating_point, tasks
     from .views.pictures.uncertainty import histogram
 
@@ -45,6 +45,7 @@ __all__ = [
     "phase_portrait",
     "remedy_sizes",
     "rest_positions",
+    "sampled_motion",
     "save",
     "tasks",
     "time_traces",
@@ -62,7 +63,7 @@ __getattr__ = lazily(
         "views.pictures.orbits": ("phase_portrait", "time_traces"),
         "views.pictures.plotting": ("save",),
         "views.pictures.remedies": ("remedy_sizes", "rest_positions"),
-        "views.pictures.simulation": ("folded_record", "motion"),
+        "views.pictures.simulation": ("folded_record", "motion", "sampled_motion"),
         "views.pictures.tune": ("operating_point", "tasks"),
         "views.pictures.uncertainty": ("histogram",),
     },

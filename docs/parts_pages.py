@@ -78,7 +78,7 @@ def _page(title: str, about: str, own: dict[str, Part], cures: list[Remedy]) -> 
         unit = f" [{remedy.unit}]" if remedy.unit else ""
         lines += [
             "", f"As the remedy ``{name}`` its size is ``{remedy.size}``{unit}. Where the servo of Table 1 may then "
-            f"rest at K = {GAIN:g} V/rad, with the size to choose (or, where no size ends hunting, the last one looked at):",
+            f"rest at K = {GAIN:g} V/rad, with the size to choose (or, where none ends it, the last one looked at):",
             "", f".. image:: {_file(name)}", f"   :alt: error and torque at which the servo rests with {name}",
             "   :width: 340px",
         ]  # fmt: skip

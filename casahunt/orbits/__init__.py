@@ -12,6 +12,7 @@ event_passage.py where an expression turns or goes through zero inside a phase
 amplitude.py what is measured of a cycle, with the errors
 multiplier_mesh.py  the multipliers on meshes made for them
 orbit.py     Orbit and Arc: results as frozen numpy
+state_sensitivity.py the states at given times, and how they move with the parameters
 batched_multipliers.py the multipliers of many orbits
 restart.py   starting points for another phase sequence
 options.py   how orbits are computed
@@ -53,12 +54,13 @@ if TYPE_CHECKING:
     from .options import Options
     from .orbit import Arc, Orbit
     from .saved_cycle import load_orbit
+    from .state_sensitivity import StateSensitivity, state_sensitivity
     from .system_orbit import SystemOrbit
 
 __all__ = [
-    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "SystemOrbit",
-    "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined", "with_multipliers",
-    "write_archive",
+    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble",
+    "StateSensitivity", "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined",
+    "state_sensitivity", "with_multipliers", "write_archive",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -75,6 +77,7 @@ __getattr__ = lazily(
         "orbit": ("Arc", "Orbit"),
         "ensemble": ("OrbitEnsemble", "orbit_ensemble"),
         "batched_multipliers": ("with_multipliers",),
+        "state_sensitivity": ("StateSensitivity", "state_sensitivity"),
         "system_orbit": ("SystemOrbit",),
     },
 )

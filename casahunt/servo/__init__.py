@@ -4,6 +4,7 @@
 
 friction.py       friction records and laws
 controller.py     the controller in its two forms, by times and by gains
+drive.py          the drive as built: sample time, delay, encoder, as a record
 servo.py          the servo record; TOML in and out
 units.py          the units of its numbers
 linear_loop.py    the loop without dry friction: stability, poles, margins
@@ -19,6 +20,7 @@ denial.py         what proves that a servo has no cycle
 parts/            controllers, frictions, loads and remedies, of which a loop is made
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 simulation/       the motion from any initial state, and the verdict on its end
+sampled/          the loop as built: its motion, and quantisation told apart from stiction
 refused.py        what is refused before any cycle is sought: no problem, times too far apart, proofs
 strategies.py     ways to one end, tried in turn; what a refusal says of them
 cold_start.py     the cycles at one gain from motions or a scan, no branch followed

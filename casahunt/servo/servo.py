@@ -26,6 +26,7 @@ from ..checks import choice_of, floated, number, of_kind, quoted, require, sensi
 from ..errors import InputError
 from ..files import bounded
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
+from .drive import DRIVE_TABLE, Drive, drive_of_table
 from .friction import Friction
 
 PARAMETERS = (
@@ -192,7 +193,16 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     what: the beginning of a refusal: what the file is.
     Raises InputError: no such file, not readable, too large, or not valid TOML.
     """
-    text = bounded(path, what, LARGEST_TOML)
+    return toml_tables(bounded(path, what, LARGEST_TOML), what)
+
+
+def toml_tables(text: bytes, what: str) -> dict[str, Any]:
+    """The tables of the text of a TOML file.
+
+    what: the beginning of a refusal. Raises InputError: too large, or not valid TOML.
+    """
+    if len(text) > LARGEST_TOML:
+        raise InputError(f"{what}: must have at most {LARGEST_TOML:g} bytes")
     try:
         return tomllib.loads(text.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -206,7 +216,7 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
 def load(path: str | Path) -> Servo:
     """Read a servo from a TOML file with the tables [servo], [controller] and [friction].
 
-    Keys that the file leaves out keep the value of Table 1.
+    Keys that the file leaves out keep the value of Table 1.  A table [drive] is checked, and read by `load_drive`.
 
     Parameters
     ----------
@@ -237,6 +247,39 @@ def load(path: str | Path) -> Servo:
     return servo_of_tables(read_toml(path, what), what)
 
 
+def load_drive(path: str | Path) -> Drive | None:
+    """Read the drive as built from the table [drive] of a servo file.
+
+    Parameters
+    ----------
+    path
+        the file.
+
+    Returns
+    -------
+    Drive; None where the file has no such table.
+
+    Raises
+    ------
+    InputError : missing file, broken TOML, unknown key, no sample time, or a value out of range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import load_drive
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "servo.toml")
+    ...     _ = path.write_text("[drive]\\nsample_time = 0.001\\nencoder = 2000\\n")
+    ...     load_drive(path).encoder
+    2000.0
+    """
+    what = f"servo file {str(path)!r}"
+    tables = read_toml(path, what)
+    servo_of_tables(tables, what)
+    return drive_of_table(tables[DRIVE_TABLE]) if DRIVE_TABLE in tables else None
+
+
 def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:
     """The servo of the tables of a file.
 
@@ -251,8 +294,11 @@ def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:
 def _values(tree: Mapping[str, Any]) -> dict[str, float]:
     """{dotted key: value} of a parsed servo file."""
     values: dict[str, float] = {}
-    sections = sorted({key.split(".")[0] for key in KEYS})
+    sections = sorted({key.split(".")[0] for key in KEYS} | {DRIVE_TABLE})
     for section, table in tree.items():
+        if section == DRIVE_TABLE:
+            drive_of_table(table)
+            continue
         owner = [key.split(".")[0] for key in KEYS if key.split(".")[1] == section]
         if owner:
             raise InputError(f"{section} = {quoted(table)}: must stand in its table [{owner[0]}]")

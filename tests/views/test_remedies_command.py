@@ -36,7 +36,7 @@ def test_the_table_is_read_at_a_glance(capsys):
     said = " ".join(table.split())
     assert "feedforward hunting goes on up to 1, the last size looked at: it makes the friction of the slipping" in said
     assert "may stand still, with the size to choose" in said
-    assert "a tenth more of the remedy" in said and "step of 1 rad" in said
+    assert "10 % more of the remedy" in said and "step of 1 rad" in said
     assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1
     assert err.splitlines()[0].startswith("dead band: 0.043345724") and len(err.splitlines()) == 3  # as they are found
 

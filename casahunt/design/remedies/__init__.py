@@ -2,5 +2,6 @@
 
 border.py      the smallest size that ends it: where the branch of cycles in that size ends
 price.py       what it costs: errors at rest, a step simulated, motions from several starts
+cures.py       a row of the table, and the table
 remedies.py    the table of all remedies, and the sentence that names one
 """

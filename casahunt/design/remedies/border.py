@@ -127,8 +127,9 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
         branch = follow(cycle, remedy.size, to=last, options=replace(options, tol=tol), max_points=MOST_CYCLES)
         if (found := _told(branch, before, last, tol)) is not None:
             return replace(found, first=cycle)
+        same = before is not None and abs(branch.values[-1] - before.values[-1]) <= SIZE_KNOWN * abs(branch.values[-1])
         before = branch
-        if branch.end.kind == "points":
+        if same or branch.end.kind == "points":
             break
     went = f"followed from {branch.values[0]:.4g} to {branch.values[-1]:.4g} {remedy.unit}".rstrip()
     why = f"{went}: {branch.end}"

@@ -122,11 +122,13 @@ class Task:
 
 
 def task(loop: Loop, amplitude: float, period: float, rest_error: float) -> Task:
-    """The step of 1 rad from rest."""
-    within = max(rest_error, SETTLED_WITHIN * TASK_STEP)
+    """The step of 1 rad from rest; rest_error: the largest at rest; nan where that is not known: then this step's."""
+    within = float(np.fmax(rest_error, SETTLED_WITHIN * TASK_STEP))
     ended = fate(loop, loop.at_rest(-TASK_STEP), amplitude, period, within)
     if ended.verdict in ("undecided", "grows"):
         return Task(math.nan, math.nan, ended.verdict)
+    if math.isnan(rest_error) and ended.verdict == "rests":
+        within = max(within, abs(float(ended.position[-1])))
     outside = np.flatnonzero(np.abs(ended.position) > within)
     last = int(outside[-1]) if outside.size else 0
     settled = float(ended.times[last]) if last < ended.times.size - 1 else math.nan

@@ -107,7 +107,7 @@ class Round:
     folds: Sequence[HuntingFold]
     cuts: Sequence[Cut]
     lag: float
-    most: float
+    most: float = math.inf
 
 
 @alone

@@ -5,12 +5,13 @@ The controller is given by its gains, which are those of any PID: kp, ki and kd 
 
 from __future__ import annotations
 
+from ..controller import torque_gains_of_times
 from ..hunting import Model, called
 from ..servo import Servo, flatten
 from .inertia import INERTIA
 from .loop import Loop
 from .lugre import LUGRE
-from .pid import INTEGRATOR, PID_BY_GAINS
+from .pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from .switch import SWITCH
 
 FRICTIONS = {"switch": SWITCH, "lugre": LUGRE}
@@ -47,3 +48,14 @@ def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
     parts = (INERTIA, FRICTIONS[model], PID_BY_GAINS, INTEGRATOR)
     wanted = {name for part in parts for name in part.parameters}
     return Loop(parts, {name: value for name, value in numbers.items() if name in wanted}, f"{model} servo")
+
+
+def by_gains(loop: Loop) -> Loop:
+    """A loop whose PID is given by times, with that PID given by gains; any other loop as it is."""
+    if PID_BY_TIMES not in loop.parts:
+        return loop
+    parts = tuple(PID_BY_GAINS if part is PID_BY_TIMES else part for part in loop.parts)
+    kept = {name: loop.value(name) for part in parts for name in part.parameters if part is not PID_BY_GAINS}
+    kp, kd, ki = torque_gains_of_times(1.0, loop.value("lead_time"), loop.value("integral_time"))
+    own = {"kp": kp, "kd": kd, "ki": ki, "gain": loop.value("gain"), "motor_gain": loop.value("motor_gain")}
+    return Loop(parts, kept | own, loop.name)

@@ -56,6 +56,7 @@ def modes_of(parts: tuple[Part, ...], parameters: tuple[str, ...]) -> tuple[Mode
     signed = next((i for i, part in enumerate(parts) if any(m.sign is not None for m in part.modes)), None)
     x = SimpleNamespace(**{name: ca.SX.sym(name) for name in states})
     p = Numbers(**{name: ca.SX.sym(name) for name in parameters})
+    _check_read(parts, (x, p))
     return tuple(
         _mode(parts, modes, signed, (x, p)) for modes in itertools.product(*[part.modes for part in parts])
     )  # fmt: skip
@@ -68,6 +69,17 @@ def _check_events(parts: tuple[Part, ...]) -> None:
         for name in (*part.upon, *part.follows):
             if name not in events:
                 raise InputError(f"{part.name} does not go with these parts: none has the event {name!r} it waits for")
+
+
+def _check_read(parts: tuple[Part, ...], symbols: Symbols) -> None:
+    """Refuse a part that does nothing here: no motion depends on what it gives."""
+    wirings = (wiring_of(parts, modes, None) for modes in itertools.product(*[part.modes for part in parts]))
+    read = set[str]().union(*(wiring.read(*symbols) for wiring in wirings))
+    for part in parts:
+        gives = {*part.gives, *(name for mode in part.modes for name in mode.law.gives)}
+        if gives and not gives & read:
+            said = ", ".join(sorted(gives))
+            raise InputError(f"{part.name} does nothing with these parts: none reads what it gives ({said})")
 
 
 def wiring_of(parts: tuple[Part, ...], modes: Modes, signed: int | None) -> Wiring:

@@ -54,8 +54,9 @@ class Remedy:
     >>> leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
     >>> leak.size, leak.unit, leak.part
     ('leak', '1/s', <Part: leak>)
-    >>> round(leak.rest(0.25, {"static": 0.53, "kp": 1.28, "ki": 4.02}), 4)  # rad: |kp x1 + ki x1/leak| <= Fs
-    0.0305
+    >>> corner, _ = leak.rests(0.25, {"static": 0.53, "kp": 1.28, "ki": 4.02})  # |kp x1 + ki x1/leak| <= Fs
+    >>> round(corner[0], 4)  # rad
+    -0.0305
     """
 
     name: str
@@ -70,20 +71,6 @@ class Remedy:
     scale: str = "one"
     needs: tuple[str, ...] = ("switch", "lugre")
     why_not: str = ""
-
-    def rest(self, size: float, numbers: Mapping[str, float]) -> float:
-        """The largest error at which the servo may stand still.
-
-        Parameters
-        ----------
-        size, numbers
-            size of the remedy; numbers of the loop, with kp, kd and ki in torque.
-
-        Returns
-        -------
-        The largest |x1| of the set of rest positions [rad].
-        """
-        return max(abs(x1) for x1, _ in self.rests(size, numbers))
 
     @property
     def starts_at_one(self) -> bool:

@@ -113,7 +113,16 @@ class Wiring:
 
     def field(self, x: Any, p: Any) -> dict[str, Any]:
         """The derivative of every state."""
-        s, rates = Signals(self, x, p), {}
+        return self._rates(Signals(self, x, p), x, p)
+
+    def read(self, x: Any, p: Any) -> set[str]:
+        """The signals that the derivatives depend on, by way of others or not."""
+        signals = Signals(self, x, p)
+        self._rates(signals, x, p)
+        return {name for name in vars(signals) if not name.startswith("_")}
+
+    def _rates(self, s: Signals, x: Any, p: Any) -> dict[str, Any]:
+        rates = {}
         for part, law, sign in self.active:
             seen = p if sign is None else SignedParameters(p, sign)
             for state in part.states:

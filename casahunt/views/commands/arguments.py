@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ...checks import choice_of, quoted, sensible, shortened
 from ...errors import InputError
 from ...orbits import Options
+from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive, drive_of_table
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_overrides
 from .output import LINE_WIDTH, meanings, wrapped
@@ -25,8 +26,12 @@ if TYPE_CHECKING:
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "simulate")
+LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate")
 """Commands that take a loop of parts."""
+OF_DRIVE = f"{DRIVE_TABLE}."
+"""Keys of --set that are of the drive begin so."""
+DRIVE_WORDS = ("derivative", "integration")
+"""Keys of the drive whose values are words."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
@@ -185,13 +190,34 @@ def models_of(options: argparse.Namespace) -> list[Model]:
 
 def servo_of(options: argparse.Namespace) -> Servo:
     """The servo of the command line: file or Table 1, with the overrides."""
+    of_servo = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
     if options.servo is None:
-        return with_overrides(Servo(), options.set)
+        return with_overrides(Servo(), of_servo)
     tables, what = _tables(options), f"servo file {options.servo!r}"
     if LOOP_TABLE in tables:
         commands = " and ".join((", ".join(LOOP_COMMANDS[:-1]), LOOP_COMMANDS[-1]))
         raise InputError(f"{what}: is a loop of parts; of the commands {commands} take one")
-    return with_overrides(servo_of_tables(tables, what), options.set)
+    return with_overrides(servo_of_tables(tables, what), of_servo)
+
+
+def drive_of(options: argparse.Namespace) -> Drive | None:
+    """The drive of the command line: the table [drive] of the servo file, overrides, and the options called like its
+    keys; None without any, or with a sample time of 0, which is the continuous loop.
+
+    Raises InputError: one is wrong.
+    """
+    table = {} if options.servo is None else _tables(options).get(DRIVE_TABLE, {})
+    given: dict[str, Any] = {}
+    for text in options.set:
+        key, _, value = text.strip().partition("=")
+        if key.startswith(OF_DRIVE):
+            name = choice_of("key", key.strip(), [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
+            given[name.removeprefix(OF_DRIVE)] = value.strip()
+    given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key, None)) is not None}
+    numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in given.items()}
+    if not table and not numbers or numbers.get("sample_time") == 0:
+        return None
+    return drive_of_table(table, **numbers)
 
 
 def _tables(options: argparse.Namespace) -> dict[str, Any]:

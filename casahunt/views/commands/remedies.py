@@ -16,17 +16,18 @@ from pathlib import Path
 from typing import Any
 
 from ...checks import to_absolute_error
+from ...design.remedies.cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
 from ...design.remedies.price import TASK_STEP
-from ...design.remedies.remedies import ENDED, TIMES_THE_BORDER, Cure, Cures, remedies
+from ...design.remedies.remedies import LARGER_SIZES, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...export import plain
 from ...files import together, whole_text
 from ...results import tables_of
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
-from ...servo.servo import flatten
+from ...servo.servo import Servo, flatten
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
-from .arguments import add_command, add_out, gain_of, how_of, model_of, positive, servo_of
+from .arguments import add_command, add_out, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain, folder, progress, say
 from .output import give
 from .output_paths import keep_others
@@ -69,6 +70,8 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
     )
+    more = f"of what to choose, relative (default {MARGIN_TO_CHOOSE:g})"
+    command.add_argument("--margin", default=MARGIN_TO_CHOOSE, help=more)
     command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
     add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
 
@@ -76,14 +79,19 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where no remedy is within the limits."""
     model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options.quiet)
+    loop = loop_of(options)
+    if loop is not None:
+        left_out(options, "of a loop of parts it is not known", "uncertainty")
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
     limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
-    servo = servo_of(options)
+    margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
+
+    asked = servo if loop is None else loop
 
     def computed() -> Cures:
         return remedies(
-            servo, model, gain, only=names, options=how, uncertainty=uncertainty,
+            asked, model, gain, only=names, options=how, uncertainty=uncertainty, margin=margin,
             progress=lambda row: say(stream, _as_it_is_found(row)), **limits,
         )  # fmt: skip
 
@@ -93,12 +101,13 @@ def run(options: argparse.Namespace) -> int:
         with folder(options.out, FILES) as out:
             found = computed()
             say(stream, "drawing")
-            record = _record(found, options, limits, uncertain=uncertainty is not None)
+            given = flatten(servo) if loop is None else loop.parameters
+            record = _record(found, options, limits, given, uncertain=uncertainty is not None)
             from ..pictures import remedies as pictures_remedies
 
             page = remedies_page(record, pictures_remedies.page_images(found))
             options.outputs.write(_write, out, page, record)
-    lines = _lines(found, _within(limits), of_a_set=uncertainty is not None)
+    lines = remedy_lines(found, limits, of_a_set=uncertainty is not None)
     give(options, found, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
         complain("casahunt remedies", f"no remedy ends hunting{_within(limits)}; allow more, or look at the table")
@@ -115,21 +124,23 @@ def _write(out: Path, html: str, record: dict[str, Any]) -> None:
                 stream.write(text)
 
 
-def _record(found: Cures, options: argparse.Namespace, limits: dict[str, float], *, uncertain: bool) -> dict[str, Any]:
+def _record(
+    found: Cures, options: argparse.Namespace, limits: dict[str, float], own: dict[str, float], *, uncertain: bool
+) -> dict[str, Any]:
     """The object beside the page."""
     record: dict[str, Any] = plain(found)
     for row, cure in zip(record["remedies"], found.remedies, strict=True):
         said = _why_not(cure) if not cure.ends_hunting else "" if cure.keeps_it_ended else _not_kept(cure)
         row |= {"ends_hunting": cure.ends_hunting, "keeps_it_ended": cure.keeps_it_ended, "said": said}
     words = [options.servo] if options.servo else []
-    for name in ("gain", "model", "max_error", "max_torque", "uncertainty", "only", "set"):
+    for name in ("gain", "model", "max_error", "max_torque", "margin", "uncertainty", "only", "set"):
         given = getattr(options, name, None)
         for value in given if isinstance(given, list) else [given]:
             words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
     return record | {
         "advice": _advice(found, _within(limits)), "limits": limits, "task_step": TASK_STEP, "uncertain": uncertain,
-        "servo": flatten(found.servo), "command": shlex.join(["casahunt", "remedies", *words]),
-        "made": made(options.servo, options.set),
+        "parts": [part.name for part in found.loop.present], "servo": own,
+        "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
     }  # fmt: skip
 
 
@@ -155,9 +166,11 @@ def _within(limits: dict[str, float]) -> str:
     return f" with {' and '.join(said)}" if said else ""
 
 
-def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
+def remedy_lines(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> Iterator[str]:
+    """The table as text."""
+    within = _within(limits)
     yield (
-        f"{found.model} servo at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
+        f"{found.name} at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
     yield f"  {_advice(found, within)}"
@@ -175,18 +188,20 @@ def _lines(found: Cures, within: str, *, of_a_set: bool) -> Iterator[str]:
     if ending:
         yield ""
         yield "  ends it        the smallest size that does, or where less is more the largest"
-        yield "  choose         a tenth more of the remedy than that"
+        yield f"  choose         {100 * found.margin:g} % more of the remedy than that" + (
+            ", or than the worst servo of the set needs" if of_a_set else ""
+        )  # fmt: skip
         yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
         yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size; settling likewise"
 
 
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
-    def short(x: float, unknown: str) -> str:
-        return f"{x:.{PRICE_DIGITS}g}" if math.isfinite(x) else unknown
+    def short(x: float, unknown: str = "unknown") -> str:
+        return f"{x:.{PRICE_DIGITS}g}" if math.isfinite(x) else unknown if math.isnan(x) else "any"
 
     yield ROW.format(
-        row.name, "from" if row.recommended > row.size else "up to", short(row.size, ""), row.unit,
-        short(row.recommended, ""), short(row.recommended_rest_error, "any"), short(row.peak_torque, "unknown"),
+        row.name, "from" if row.recommended > row.size else "up to", short(row.size), row.unit,
+        short(row.recommended), short(row.recommended_rest_error), short(row.peak_torque),
         _settles(row.settling),
     ).rstrip()  # fmt: skip
     if not row.keeps_it_ended:
@@ -208,13 +223,13 @@ def _settles(time: float) -> str:
 def _why_not(row: Cure) -> str:
     """Why a remedy is none."""
     if not math.isfinite(row.size):
-        return {"none": "", "not found": "not found: "}[row.kind] + row.why
+        return ("not found: " if row.kind == "not found" else "") + row.why
     return f"no remedy: its cycle ends at {_exact(row)}, but the motion beyond {_after(row)}"
 
 
 def _not_kept(row: Cure) -> str:
     """At which larger sizes hunting has not ended."""
-    times = [f"{factor:g}" for factor, seen in zip(TIMES_THE_BORDER, row.stays, strict=True) if seen not in ENDED]
+    times = [f"{factor:g}" for factor, seen in zip(LARGER_SIZES, row.stays[1:], strict=True) if seen not in ENDED]
     return f"with {' or '.join(times)} times as much that is not sure: a motion {_after(row)}"
 
 
@@ -228,6 +243,6 @@ def _advice(found: Cures, within: str) -> str:
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
         return f"none of these remedies ends it{within}"
-    rests, torque = (f"{price:.{PRICE_DIGITS}g}" for price in (best.recommended_rest_error, best.peak_torque))
-    costs = f"{rests} rad at rest, {torque} N m on a step"
+    prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, "N m on a step")
+    costs = ", ".join(f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price))
     return f"cheapest remedy{within}: {best.name}, {_with(best.recommended, best.unit)} ({costs})"

@@ -11,7 +11,7 @@ which, at rest, a motion was followed that hunts: position, integral, time and, 
 bristle (null where none hunts); null without such a cycle, of which other_end_reason says why; events, a list of [time,
 name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where
 unknown); status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
-Those of a loop of parts: loops/simulate.py.
+Those of a loop of parts: loops/simulate.py; of the loop as built: sampled.py.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
-from .arguments import add_command, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
+from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain, counted
 from .loops.simulate import of_loop
 from .output import give
+from .sampled import add_drive, of_drive
 
 MOST_ROWS = 10_000_000
 """Of a table: a gigabyte, of which nobody reads more."""
@@ -54,6 +55,7 @@ def add(commands: Any) -> None:
     )
     command.add_argument("--regularised", action="store_true", help="switch with the report's stick band eta")
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
+    add_drive(command)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -71,12 +73,17 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("step: must be left out without --csv")
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
+    drive = drive_of(options)
     if loop is not None:
+        if drive is not None:
+            raise InputError("sample-time: must be left out, of a loop of parts only the continuous motion is computed")
         left_out(options, "a loop has its own friction, and its table is dense where the motion is fast", "regularised",
                  "step")  # fmt: skip
         return of_loop(options, loop, length, numbers)
     servo = servo_of(options)
     left_out(options, "it is of a loop of parts", "state")
+    if drive is not None:
+        return of_drive(options, servo, drive, length, numbers)
     began = time.perf_counter()
     found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)
     kind, other = found.verdict.kind, _other_end(found)

@@ -20,6 +20,7 @@ elasticities {parameter: per cent of the fold gain at the answer per per cent}; 
 before {gain, times (by which the gain grows), lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or
 --out is given;
 servo {key: value}: as given; rounds, evaluations, status, wall_s;
+where no gain will do, with --remedy: refused (why), and the keys of remedies.py;
 tol; made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
 """
 
@@ -33,13 +34,17 @@ from pathlib import Path
 from typing import Any
 
 from ...checks import choice_of, to_error
+from ...design.remedies.cures import Cures
+from ...design.remedies.remedies import remedies
 from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tasks import TASK_STEPS
 from ...design.tune.tuning import Tuning, tune
 from ...design.uncertainty.set import load_uncertainty
-from ...errors import InputError
+from ...errors import InputError, NoOrbit
 from ...export import columns_from
 from ...files import together, whole_text
+from ...results import tables_of
+from ...servo.parts.table import remedy_name
 from ...servo.units import GAIN_UNIT, unit_of
 from ..evidence.page import TITLE, evidence_page
 from ..evidence.record import before_tasks, evidence_record, made
@@ -47,6 +52,7 @@ from .arguments import add_command, add_out, finite, how_of, model_of, positive,
 from .console import complain, folder, progress, say, telling
 from .output import give
 from .output_paths import keep_others
+from .remedies import remedy_lines
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -70,6 +76,9 @@ def add(commands: Any) -> None:
     command.add_argument("--sample-time", default=0.0, help="of a zero-order hold, s (default 0)")
     command.add_argument("--max-torque", metavar="NM", help=f"on a step of {max(TASK_STEPS):g} rad, N m")
     command.add_argument("--gain", help="gain used now, for the simulated tasks before")
+    command.add_argument(
+        "--remedy", metavar="NAME", help="where no gain will do: the size of this remedy at the gain used now"
+    )
     add_out(command, lambda _: FILES, help="write the evidence: tune.html and tune.json")
 
 
@@ -78,19 +87,13 @@ def run(options: argparse.Namespace) -> int:
     model = model_of(options)
     cost = choice_of("cost", options.cost, COSTS)
     how = how_of(options)
-    demands = Demands(
-        margin=finite("margin", options.margin),
-        phase_margin=finite("phase-margin", options.phase_margin),
-        gain_margin=finite("gain-margin", options.gain_margin),
-        delay=finite("delay", options.delay),
-        sample_time=finite("sample-time", options.sample_time),
-        max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
-    )
+    demands = _demands(options)
     servo = servo_of(options)
     now = None if options.gain is None else positive("gain", options.gain)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
     free = [choice_of("free", name, NUMBERS) for name in options.free]
     bounds = bounds_of(options.bounds)
+    remedy = _remedy(options)
 
     stream = progress(options.quiet)
 
@@ -102,7 +105,15 @@ def run(options: argparse.Namespace) -> int:
             )  # fmt: skip
 
     if options.out is None:
-        tuning = tuned()
+        try:
+            tuning = tuned()
+        except NoOrbit as refusal:
+            if remedy is None or now is None:
+                raise
+            most = None if demands.max_torque == math.inf else demands.max_torque
+            found = remedies(servo, model, now, only=[remedy], max_torque=most, margin=demands.margin,
+                             uncertainty=uncertainty, options=how)  # fmt: skip
+            return _by_remedy(options, str(refusal), found, most)
         record = evidence_record(tuning, before_tasks(tuning, now) if now is not None else None, how)
         record |= {"tol": how.tol, "made": made(options.servo, options.set)}
     else:
@@ -124,6 +135,45 @@ def run(options: argparse.Namespace) -> int:
         reasons = "; ".join(tuning.verification.against)
         complain("casahunt tune", f"the verification speaks against this tuning; do not use it: {reasons}")
     return 1 if tuning.verification.against else 0
+
+
+def _demands(options: argparse.Namespace) -> Demands:
+    """What is asked for."""
+    return Demands(
+        margin=finite("margin", options.margin),
+        phase_margin=finite("phase-margin", options.phase_margin),
+        gain_margin=finite("gain-margin", options.gain_margin),
+        delay=finite("delay", options.delay),
+        sample_time=finite("sample-time", options.sample_time),
+        max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
+    )
+
+
+def _remedy(options: argparse.Namespace) -> str | None:
+    """The remedy that is asked for.  Raises InputError: it is none, or goes not with the rest."""
+    if options.remedy is None:
+        return None
+    name = remedy_name(options.remedy)
+    if options.gain is None:
+        raise InputError(f"remedy {name}: goes with --gain, the one used now")
+    if options.out is not None:
+        raise InputError(f"remedy {name}: goes without --out, whose page is of a gain; casahunt remedies has its own")
+    return name
+
+
+def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: float | None) -> int:
+    """The size of a remedy where no gain will do; returns the exit code."""
+
+    def lines() -> Iterator[str]:
+        yield f"no gain was found that will do: {refusal}"
+        yield "so the controller stays, with a remedy; the margins asked of the linear loop are not asked of it"
+        limits = {} if most is None else {"max_torque": most}
+        yield from remedy_lines(found, limits, of_a_set=options.uncertainty is not None)
+
+    give(options, {"refused": refusal} | found.to_dict(), lines(), table=tables_of([found]))
+    if not found.best:
+        complain("casahunt tune", "nor does this remedy; casahunt remedies looks at others")
+    return 0 if found.best else 1
 
 
 def _write(out: Path, html: str, record: dict[str, Any]) -> None:

@@ -6,7 +6,8 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
-from ...servo.units import GAIN_UNIT, unit_of
+from ...servo.parts.table import unit_of
+from ...servo.units import GAIN_UNIT
 from .fragments import Fragments, document, figure, made_line, table, words
 
 TITLE = "<title>casahunt remedies</title>"
@@ -40,8 +41,9 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     return document(TITLE, [
         *_answer(p),
         *(["<h2>What ends it, the cheapest first</h2>", table([*HEAD], [_row(p, i) for i in ending]),
-           f"<p class=dim>To choose: a tenth more of the remedy than ends hunting; torque, voltage and settling "
-           f"are those of a step of {p.n('task_step', 'g')} rad from rest with that size.</p>"] if ending else []),
+           f"<p class=dim>To choose: {p.n('margin', 'g', 100.0)} % more of the remedy than ends hunting"
+           f"{' of the worst servo of the set' if record['uncertain'] else ''}; torque, voltage and settling are those "
+           f"of a step of {p.n('task_step', 'g')} rad from rest with that size.</p>"] if ending else []),
         *_worst(p, ending),
         figures.get("sizes", ""),
         *_not_ending(p),
@@ -53,7 +55,7 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         "<h2>What this does not prove</h2><ul>",
         *[f"<li>{html.escape(sentence)}</li>" for sentence in PROVES_NOT],
         "</ul><h2>The servo as given</h2>",
-        table([], [[words(key), p.with_unit(f"servo/{key}", unit_of(key))] for key in record["servo"]]),
+        table([], [[words(key), p.with_unit(f"servo/{key}", unit_of(key.split(".")[-1]))] for key in record["servo"]]),
         f"<p class=dim>Computed by {p.text('command')}</p>",
     ])  # fmt: skip
 

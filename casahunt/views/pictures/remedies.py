@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from ...design.remedies.remedies import ENDED, Cure, Cures
+from ...design.remedies.cures import ENDED, Cure, Cures
 from ...errors import InputError, NoOrbit
 from .fold_curve import HEADROOM
 from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, png

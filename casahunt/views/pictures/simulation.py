@@ -14,6 +14,7 @@ from ...design.record.file import Record
 from ...design.record.measure import Measurement
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
+from ...servo.sampled.motion import SampledMotion
 from ...servo.simulation.trajectory import Trajectory
 from .orbits import rolled
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, align, legend, panels
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 PER_INTERVAL = 8
 """Points of a drawn line in each interval of a motion, which its polynomial bends once or twice."""
+MOST_DRAWN, SHORT_STICK = 20_000, 10
+"""Samples of a motion that are drawn; samples of a stick that is shown, more than."""
 MOST_DOTS = 20_000
 """Samples of a record that are drawn."""
 SHADE = "0.9"
@@ -68,6 +71,43 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     curves = trajectory.set_point + x[0], x[1], trajectory.torque(x)
     colour, static = LOOKS[trajectory.model].colour, trajectory.servo.friction.static
     return _three(axes, t, curves, sticks, name, colour, trajectory.set_point, (-static, static))
+
+
+def sampled_motion(found: SampledMotion, *, axes: Any = None) -> Array:
+    """As `motion`, of the loop as built; the torque is what each sample asks for.
+
+    Parameters
+    ----------
+    found
+        the motion.
+    axes
+        as of `motion`.
+
+    Returns
+    -------
+    The three axes.
+
+    Raises
+    ------
+    InputError : as `motion`.
+
+    Examples
+    --------
+    >>> from casahunt import Drive, Servo, simulate_sampled, pictures
+    >>> axes = pictures.sampled_motion(simulate_sampled(Servo(), 0.04, Drive(sample_time=1e-3, encoder=2000)))
+    >>> axes[2].get_xlabel()
+    'time [s]'
+    """
+    every = max(1, found.torque.size // MOST_DRAWN)
+    t, x, torque = found.times[:-1], found.states[:, :-1], found.torque
+    edges = np.flatnonzero(np.diff((x[1] == 0).astype(int)))
+    pieces = zip([0, *(edges + 1)], [*edges, t.size - 1], strict=True)
+    sticks = [(t[a], t[b]) for a, b in pieces if x[1, a] == 0 and b > a + SHORT_STICK]
+    kept = np.unique(np.concatenate([np.arange(0, t.size, every), edges]))
+    title = f"as built, {found.drive.sample_time:g} s, K = {found.gain:.4g}: {found.verdict.kind}"
+    curves = found.set_point + x[0, kept], x[1, kept], torque[kept]
+    static = found.servo.friction.static
+    return _three(axes, t[kept], curves, sticks, title, LOOKS[MODELS[0]].colour, found.set_point, (-static, static))
 
 
 def loop_motion(step: LoopMotion, set_point: float, title: str, *, axes: Any = None) -> Array:

@@ -90,6 +90,12 @@ def test_the_worst_servo_of_a_set_needs_more():
     assert found.worst_size == pytest.approx(other.size, rel=1e-8) and found.worst_size > found.size
 
 
+def test_what_is_recommended_is_more_than_the_worst_servo_needs():
+    found = row("dead band", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}), margin=0.2)
+    assert found.recommended == pytest.approx(1.2 * found.worst_size, rel=1e-12) and found.worst_size > found.size
+    assert found.recommended_rest_error == found.recommended and found.keeps_it_ended
+
+
 @pytest.mark.slow
 def test_the_worst_servo_is_that_of_all_corners():
     """More static and less Coulomb friction, to which the slopes point; of a dwell, which has no slopes, both ends."""
@@ -136,7 +142,7 @@ def test_the_price_of_gain_is_its_torque():
 
 @pytest.mark.parametrize(("how", "sentence"), [
     ({"only": ["brake"]}, "unknown remedy 'brake'"), ({"max_error": -1.0}, "max_error"),
-    ({"max_torque": math.nan}, "max_torque"),
+    ({"max_torque": math.nan}, "max_torque"), ({"margin": 0.0}, "margin"), ({"margin": math.nan}, "margin"),
 ])  # fmt: skip
 def test_what_is_refused(how, sentence):
     with pytest.raises(InputError, match=sentence):

@@ -1,0 +1,233 @@
+"""The computed cycle laid over records: least squares, or the likelihood of counts, by Levenberg and Marquardt.
+
+    y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (ln q_1 ... ln q_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
+
+tau, b, T, a: phase, offset, measured period and amplitude of each record.  x1 and its derivatives by q are those of the
+boundary value problem (orbits/state_sensitivity.py), so a step costs one solve and as many back substitutions as there
+are parameters:
+
+    (J'CJ + mu diag J'CJ) dz = J's,      s, C: score and curvature of the samples (likelihood.py)
+
+On the way the times are stretched to the period of the model, t T(q)/T, and the period counts as one datum: otherwise a
+period that is one per cent off would lay the tenth slip where there is none.  A step to where the model has no cycle,
+or to a larger deviance, is taken back and mu raised.
+
+Symbols: m samples, k parameters, z unknowns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import InputError, NoOrbit, Status
+from ...orbits import Options, refined, state_sensitivity
+from ...servo.cold_start import stable_at
+from ...servo.hunting import Model
+from ...servo.problem import HuntingOrbit
+from ...servo.refused import check_hunts, check_problem, check_times
+from ...servo.servo import Servo
+from .likelihood import Noise
+
+Array = np.ndarray
+
+LARGEST_CHANGE = 0.4
+"""Of a logarithm in one step: a model that is half as large is another cycle."""
+LEAST_PERIOD_ERROR = 1e-4
+"""Relative error below which a measured period is not trusted on the way."""
+FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-3, 8.0, 0.2, 1e8
+MOST_STEPS = 60
+SETTLED = 1e-3
+"""Decrease of the deviance that is expected of a next step, below which there is none: a thirtieth of a standard
+deviation."""
+CLOSE = 0.05
+"""Change of the logarithms up to which the cycle is sought from the last one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """One record as it is fitted.
+
+    Attributes
+    ----------
+    times, position : (m,) [s] from its middle, [rad].
+    gain : at which it was taken [V/rad].
+    period, period_error, amplitude : measured [s], relative, [rad].
+    quantum, noise : [rad] of the rounding, 0 where there is none; and about that of the noise.
+    shape : the waveform, measured at even phases (measure.py) [rad].
+    name : of the file.
+    """
+
+    times: Array
+    position: Array
+    gain: float
+    period: float
+    period_error: float
+    amplitude: float
+    quantum: float
+    noise: float
+    shape: Array
+    name: str
+
+    @property
+    def size(self) -> float:
+        """Noise and rounding as one standard deviation [rad]."""
+        return math.hypot(self.noise, self.quantum / math.sqrt(12), 1e-6 * self.amplitude)
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is fitted: records, the servo with its known parameters, the friction model, k free ones."""
+
+    records: tuple[Data, ...]
+    servo: Servo
+    model: Model
+    free: tuple[str, ...]
+    options: Options
+
+    def values(self, z: Array) -> dict[str, float]:
+        """The free parameters of the unknowns."""
+        return dict(zip(self.free, map(float, np.exp(z[: len(self.free)])), strict=True))
+
+    def servo_at(self, z: Array) -> Servo:
+        """The servo of the unknowns.  Raises InputError: there is none."""
+        return self.servo.replace(**self.values(z))
+
+    def own(self, i: int) -> slice:
+        """Where phase and offset of record i stand."""
+        return slice(len(self.free) + 2 * i, len(self.free) + 2 * i + 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The model at unknowns z: cycles, positions and derivatives (m, k + 2) for each record, deviance and its slopes."""
+
+    z: Array
+    orbits: tuple[HuntingOrbit, ...]
+    positions: tuple[Array, ...]
+    jacobians: tuple[Array, ...]
+    deviance: float
+    gradient: Array
+    curvature: Array
+
+
+def at(
+    question: Question, z: Array, noises: Sequence[Noise], near: Point | None = None, *, stretched: bool = False
+) -> Point | None:
+    """The model at z; None where it has no cycle there, or none was found."""
+    k = len(question.free)
+    try:
+        servo = question.servo_at(z)
+        orbits = tuple(
+            _cycle(question, servo, z, data.gain, i, near) for i, data in enumerate(question.records)
+        )  # fmt: skip
+    except (NoOrbit, InputError):
+        return None
+    deviance, gradient, curvature = 0.0, np.zeros(z.size), np.zeros((z.size, z.size))
+    positions, jacobians = [], []
+    for i, (data, orbit, noise) in enumerate(zip(question.records, orbits, noises, strict=True)):
+        x, J, log_period = _positions(question, orbit, data, z, question.own(i), stretched)
+        at_z = [*range(k), *range(k + 2 * i, k + 2 * i + 2)]
+        found = noise.slopes(data.position, x)
+        deviance += -2 * float(np.sum(found.value))
+        gradient[at_z] += J.T @ found.score
+        curvature[np.ix_(at_z, at_z)] += J.T @ (found.curvature[:, None] * J)
+        if stretched:
+            size = max(data.period_error, LEAST_PERIOD_ERROR)
+            off = math.log(data.period / orbit.period) / size
+            deviance += off**2
+            gradient[:k] += log_period * off / size
+            curvature[:k, :k] += np.outer(log_period, log_period) / size**2
+        positions.append(x)
+        jacobians.append(J)
+    if not np.isfinite(deviance):
+        return None
+    return Point(z, orbits, tuple(positions), tuple(jacobians), deviance, gradient, curvature)
+
+
+def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
+    k = len(q.free)
+    if near is not None and np.max(np.abs(z[:k] - near.z[:k]), initial=0.0) <= CLOSE:
+        if np.array_equal(z[:k], near.z[:k]):
+            return near.orbits[i]
+        try:
+            return refined(near.orbits[i], q.options, at=q.values(z))
+        except NoOrbit:
+            pass  # other phases, or too far: from nothing
+    return cycle_at(servo, q.model, gain, q.options)
+
+
+def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
+    """The stable cycle where motions lead to it.
+
+    What no motion leads to is not worth a search for the fold: the fit goes elsewhere.
+    Raises NoOrbit: they lead to none; InputError: the problem cannot be.
+    """
+    check_problem(servo, model, gain)
+    check_hunts(servo, model)
+    check_times(servo, model, gain)
+    orbit = stable_at(servo, model, gain, options=replace(options, solver="newton")).orbit
+    if orbit is None:
+        raise NoOrbit(f"no motion leads to a hunting cycle of the {model} servo at gain {gain:g}", Status.NOT_FOUND)
+    return orbit
+
+
+def _positions(
+    question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool
+) -> tuple[Array, Array, Array]:
+    """Positions (m,), their derivatives (m, k + 2) by the logarithms, phase and offset; those of ln T (k,)."""
+    tau, b = z[own]
+    factor = orbit.period / data.period if stretched else 1.0
+    way = data.times - tau * data.period
+    found = state_sensitivity(orbit, way * factor, question.free)
+    values = np.exp(z[: len(question.free)])
+    log_period = found.period_derivatives * values / orbit.period
+    J = np.empty((data.times.size, len(question.free) + 2))
+    J[:, :-2] = (found.derivatives[:, 0] * values[:, None]).T
+    if stretched:
+        J[:, :-2] += (found.rates[0] * way * factor)[:, None] * log_period
+    J[:, -2] = -found.rates[0] * data.period * factor
+    J[:, -1] = data.amplitude
+    return found.states[0] + b * data.amplitude, J, log_period
+
+
+def climb(
+    question: Question,
+    point: Point,
+    noises: Sequence[Noise],
+    *,
+    stretched: bool = False,
+    held: int | None = None,
+    settled: float = SETTLED,
+) -> Point:
+    """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
+    moving = np.array([i for i in range(point.z.size) if i != held])
+    mu, k = FIRST_DAMPING, len(question.free)
+    for _ in range(MOST_STEPS):
+        H, g = point.curvature[np.ix_(moving, moving)], point.gradient[moving]
+        diagonal = np.maximum(np.diag(H), 1e-12 * np.max(np.diag(H), initial=1e-300))
+        step = _solution(H + mu * np.diag(diagonal), g)
+        if mu <= FIRST_DAMPING and step @ g < settled:
+            return point
+        dz = np.zeros(point.z.size)
+        dz[moving] = step
+        dz *= min(1.0, LARGEST_CHANGE / max(float(np.max(np.abs(dz[:k]), initial=0.0)), 1e-300))
+        trial = at(question, point.z + dz, noises, point, stretched=stretched)
+        if trial is not None and trial.deviance <= point.deviance:
+            gained = point.deviance - trial.deviance
+            point, mu = trial, max(mu * LESS, 1e-9)
+            if gained < settled and mu <= 1.0:
+                return point
+        else:
+            mu = max(mu, 1e-4) * MORE
+            if mu > MOST_DAMPING:
+                return point
+    return point
+
+
+def _solution(A: Array, b: Array) -> Array:
+    scale = 1 / np.sqrt(np.diag(A))
+    return np.asarray(scale * np.linalg.lstsq(A * scale[:, None] * scale, b * scale, rcond=1e-15)[0])

@@ -1,0 +1,316 @@
+"""From records of a hunting servo to its friction: values, intervals, and whether the model explains what was measured.
+
+    records -> measured (design/record) -> starts -> stretched fit -> fit -> noise <-> fit -> intervals, judgement
+
+The parameters that are sought are free, all others those of the servo.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...checks import choice_of, of_kind, require
+from ...errors import InputError, NoOrbit, Status
+from ...export import Columns
+from ...orbits import Options
+from ...results import Result
+from ...servo.hunting import MODELS, Model
+from ...servo.problem import HuntingOrbit
+from ...servo.servo import Servo, a_servo, flatten
+from ...servo.units import unit_of
+from ..record.file import Record
+from ..record.measure import Measurement
+from ..uncertainty.set import Uncertainty
+from .fit import Array, Data, Point, Question, at, climb
+from .intervals import BetterFound, Interval, marginal_information, profile, student_95
+from .judgement import Judgement, further_gain, judged, untold
+from .likelihood import Noise, likeliest
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS, laid_over, starts
+from .suitable import suitable
+
+FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
+"""What is sought where nothing else is said."""
+MOST_BETTER = 4
+"""Better points that refits may come upon."""
+NOISE_SETTLED, NOISE_ROUNDS = 0.01, 6
+"""Change of the noise below which it is known, and fits until then at most."""
+UNBOUNDED = 10.0
+"""Factor at which an interval that nothing bounds ends in the uncertainty file."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
+    """Parameters of a servo as records tell them.
+
+    Attributes
+    ----------
+    model, servo : the friction model, and the servo with the values found.
+    intervals : (low, high) of each free parameter, 95 %; 0 and infinity where the records do not bound it.
+    covariance : (k, k) of the logarithms of the free parameters.
+    judgement : whether the model explains the records (judgement.py).
+    untold : combinations of parameters that the records do not tell, as their powers.
+    further : (gain [V/rad], information gained) of the record that would tell most besides; None where none would.
+    noises : standard deviation of the noise and quantum of the rounding of each record [rad].
+    orbits : the cycle of each record.
+    records : the records as they were fitted; times [s] from the middle of each.
+    residuals : (m,) of each record: position less model [rad].
+    phases : at which time of each record its cycle begins [s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record, Servo, find_orbit, identify
+    >>> t, states = find_orbit(Servo(), "switch", 0.04).sample(100)
+    >>> times = np.arange(0.0, 60.0, 0.02)
+    >>> record = Record(times, np.interp(times % t[-1], t, states[0]))
+    >>> found = identify([record], Servo(), 0.04, free=["friction.static"])
+    >>> round(found.values["friction.static"], 3)
+    0.53
+    """
+
+    _quantities = ("model", "values", "misfit = judgement.misfit", "explained = judgement.explained")
+    _details = ("untold", "scatter = judgement.scatter", "systematic = judgement.systematic", "servo")
+
+    model: Model
+    servo: Servo
+    intervals: Mapping[str, tuple[float, float]]
+    covariance: Array
+    judgement: Judgement
+    untold: Sequence[Mapping[str, float]]
+    further: tuple[float, float] | None
+    noises: tuple[Noise, ...]
+    orbits: tuple[HuntingOrbit, ...]
+    records: tuple[Data, ...] = field(repr=False)
+    residuals: tuple[Array, ...] = field(repr=False)
+    phases: tuple[float, ...] = field(repr=False)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The free parameters by name."""
+        own = flatten(self.servo)
+        return {name: own[name] for name in self.intervals}
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """The intervals as `fold_sensitivities`' neighbours take them; without bounds they end at a factor."""
+        return Uncertainty(
+            {
+                name: (low if low > 0 else value / UNBOUNDED, high if math.isfinite(high) else value * UNBOUNDED)
+                for (name, (low, high)), value in zip(self.intervals.items(), self.values.values(), strict=True)
+            }
+        )
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the records bound every parameter on both sides."""
+        return all(low > 0 and math.isfinite(high) for low, high in self.intervals.values())
+
+    def _more(self) -> dict[str, Any]:
+        values = self.values
+        return {
+            "parameters": {
+                name: {"value": values[name], "low": low, "high": high if math.isfinite(high) else None}
+                for name, (low, high) in self.intervals.items()
+            },
+            "further_gain": None if self.further is None else self.further[0],
+            "covariance_of_logarithms": self.covariance,
+            "records": [
+                {
+                    "name": data.name, "gain": data.gain, "samples": data.times.size, "period": orbit.period,
+                    "amplitude": orbit.amplitude, "noise": noise.sigma, "quantum": noise.quantum,
+                }
+                for data, orbit, noise in zip(self.records, self.orbits, self.noises, strict=True)
+            ],
+        }  # fmt: skip
+
+    def _columns(self) -> Columns:
+        values = self.values
+        return {
+            "parameter": list(values),
+            "unit": [unit_of(name) for name in values],
+            "value": list(values.values()),
+            "low": [low for low, _ in self.intervals.values()],
+            "high": [high for _, high in self.intervals.values()],
+        }
+
+
+def identify(
+    records: Sequence[Record],
+    servo: Servo,
+    gains: float | Sequence[float],
+    model: Model = "switch",
+    *,
+    free: Sequence[str] = FREE,
+    options: Options | None = None,
+    advise: bool = True,
+) -> Identification:
+    """The friction of a servo, or other parameters of it, from records of its hunting.
+
+    Parameters
+    ----------
+    records
+        one or several, each with three whole periods or more; positions about any mean.
+    servo
+        its known parameters, and values of the others to start from.
+    gains
+        the gain of all records, or of each [V/rad].
+    model
+        "switch" or "lugre".
+    free
+        the parameters that are sought.
+    options
+        tolerance of the computed cycles.
+    advise
+        look for the gain of a further record that would tell most besides.
+
+    Returns
+    -------
+    Identification.
+
+    Raises
+    ------
+    InputError : a record that cannot be fitted, a parameter that the model does not have, or a gain that does not fit.
+    NoOrbit : the fit failed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt import Record, Servo, find_orbit, identify
+    >>> t, states = find_orbit(Servo(), "switch", 0.04).sample(100)
+    >>> times = np.arange(0.0, 60.0, 0.02)
+    >>> record = Record(times, np.interp(times % t[-1], t, states[0]))
+    >>> identify([record], Servo(), 0.04, free=["friction.coulomb"]).judgement.explained
+    True
+    """
+    a_servo(servo)
+    choice_of("model", model, MODELS)
+    free = _free(free, servo, model)
+    each = [float(require("gain", g, above=0)) for g in (gains if isinstance(gains, Sequence) else [gains])]
+    each = each * len(records) if len(each) == 1 else each
+    if not len(records) or len(each) != len(records):
+        raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
+    data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(records, each, strict=True))
+    options = of_kind("options", options or Options(), Options)
+    return fitted(Question(data, servo, model, free, options), advise=advise)
+
+
+def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
+    """The free parameters.  Raises InputError: the model does not have one of them, or none is given."""
+    allowed = [n for n in servo.names if n != "gain" and (model == "lugre" or n not in _BRISTLE)]
+    of_kind("free", free, Sequence, "such as ['friction.static']")
+    names = (free,) if isinstance(free, str) else tuple(free)
+    for name in names:
+        if name in _BRISTLE and model != "lugre":
+            raise InputError(f"free = {name}: the {model} model has no such parameter; it is one of the lugre model")
+        choice_of("free", name, allowed)
+    if not names or len(set(names)) < len(names):
+        raise InputError("free: must be at least one parameter, each once")
+    return names
+
+
+_BRISTLE = ("friction.stiffness", "friction.damping")
+MOST_SAMPLES = 20_000
+"""Of a record that are fitted; of more, every second, third ... one."""
+
+
+def data_of(record: Record, m: Measurement, gain: float) -> Data:
+    """A measured record as it is fitted: its whole periods, behind the transient."""
+    inside = np.flatnonzero((record.times >= m.crossings[0]) & (record.times <= m.crossings[-1]))
+    inside = inside[:: -(-inside.size // MOST_SAMPLES)]
+    t = record.times[inside]
+    return Data(
+        t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period, m.period_error / m.period, m.amplitude,
+        m.quantum, m.noise, m.shape, record.name,
+    )  # fmt: skip
+
+
+def fitted(question: Question, *, advise: bool = True) -> Identification:
+    """The identification of suitable records.  Raises InputError: a gain that does not fit; NoOrbit: no fit."""
+    best, noises = _best(question)
+    J = marginal_information(best, len(question.free))
+    for _ in range(MOST_BETTER):
+        judgement = judged(question, best, noises)
+        freedom = sum(data.times.size for data in question.records) - best.z.size
+        rise = student_95(freedom) ** 2 * judgement.factor
+        try:
+            ends = [profile(question, best, noises, j, rise) for j in range(len(question.free))]
+            break
+        except BetterFound as better:
+            best, noises = _with_noise(question, climb(question, better.point, noises), noises)
+    else:
+        ends = [Interval(0.0, math.inf)] * len(question.free)
+    J = marginal_information(best, len(question.free))
+    return Identification(
+        model=question.model,
+        servo=best.orbits[0].servo,
+        intervals={name: (end.low, end.high) for name, end in zip(question.free, ends, strict=True)},
+        covariance=np.linalg.pinv(J, hermitian=True) * judgement.factor,
+        judgement=judgement,
+        untold=untold(question, J, judgement.factor),
+        further=further_gain(question, best, noises) if advise else None,
+        noises=tuple(noises),
+        orbits=best.orbits,
+        records=question.records,
+        residuals=tuple(d.position - x for d, x in zip(question.records, best.positions, strict=True)),
+        phases=tuple(float(best.z[question.own(i)][0]) * d.period for i, d in enumerate(question.records)),
+    )
+
+
+def _best(question: Question) -> tuple[Point, list[Noise]]:
+    """The likeliest point of those that the starts lead to, and the noise of each record."""
+    plain = [Noise(data.size, 0.0) for data in question.records]
+    best: Point | None = None
+    for z in starts(question):
+        point = at(question, z, plain, stretched=True)
+        if point is None:
+            continue
+        point = climb(question, point, plain, stretched=True)
+        point = at(question, point.z, plain, point)
+        if point is None:
+            continue
+        point = climb(question, point, plain)
+        if best is None or point.deviance < best.deviance:
+            best = point
+        if _good(question, best, plain):
+            break
+    if best is None:
+        raise _no_start(question)
+    return _with_noise(question, best, plain)
+
+
+def _good(question: Question, point: Point, noises: Sequence[Noise]) -> bool:
+    """Whether the rest is about noise: no other start can be better."""
+    off = [float(np.mean((d.position - x) ** 2)) for d, x in zip(question.records, point.positions, strict=True)]
+    return all(part < 1.5 * noise.variance for part, noise in zip(off, noises, strict=True))
+
+
+def _with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Point, list[Noise]]:
+    """Noise and fit in turn until both stay."""
+    found = list(noises)
+    for _ in range(NOISE_ROUNDS):
+        before = found
+        found = [
+            likeliest(d.position, x, d.quantum, d.size) for d, x in zip(question.records, point.positions, strict=True)
+        ]
+        again = at(question, point.z, found, point)
+        if again is None:
+            break
+        point = climb(question, again, found)
+        same = [abs(math.log(a.sigma / b.sigma)) < NOISE_SETTLED for a, b in zip(found, before, strict=True)]
+        if all(same) and [n.quantum for n in found] == [n.quantum for n in before]:
+            break
+    return point, found
+
+
+def _no_start(question: Question) -> Exception:
+    data = question.records[0]
+    return InputError(
+        f"gain = {data.gain:g}: does not fit {data.name}: with no friction that its amplitude {data.amplitude:.4g} rad "
+        f"and period {data.period:.4g} s allow does the {question.model} servo hunt there; are gain, servo and units "
+        "right?"
+    )

@@ -1,0 +1,116 @@
+"""Intervals of parameters by profile likelihood: how far one can go while the others make up for it.
+
+    D_j(z_j) = min of D over all other unknowns,    interval:  D_j - D_min <= t^2 f
+
+t: two-sided 95 % point of Student's distribution with the degrees of freedom that the samples leave; f >= 1: by how much
+the residuals scatter more than the noise says (judgement.py).  sqrt(D_j - D_min) is nearly linear in z_j: secants through
+the best point end in two or three refits, each from where the linear model says that the others will be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fit import Array, Point, Question, at, climb
+from .likelihood import Noise
+
+NORMAL_95 = 1.959964
+FARTHEST = math.log(10.0)
+"""A parameter that may be ten times as large or small is not told by the record."""
+MOST_REFITS = 8
+NEAR = 0.03
+"""Relative distance from the end of an interval, at which the secant is as good as a refit."""
+REFIT = 0.02
+"""Decrease of the deviance that ends a refit: half a per cent of the 3.84 of an interval."""
+BETTER = 0.05
+"""Decrease of the deviance below the best that shows that it was none."""
+FIRST_REACH = 0.5
+"""Of a logarithm: the first step is no longer, however little is known."""
+
+
+class BetterFound(Exception):
+    """A refit came out below the best point: climb from there."""
+
+    def __init__(self, point: Point) -> None:
+        super().__init__()
+        self.point = point
+
+
+@dataclass(frozen=True)
+class Interval:
+    """What a parameter may be: low, high; 0 and infinity where the record does not bound it."""
+
+    low: float
+    high: float
+
+
+def student_95(freedom: float) -> float:
+    """Two-sided 95 % point of Student's distribution, by the first terms of Cornish and Fisher's expansion."""
+    z, n = NORMAL_95, max(freedom, 3.0)
+    return z + (z**3 + z) / (4 * n) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
+
+
+def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, rise: float) -> Interval:
+    """The interval of parameter j in which the deviance rises by less than `rise`.
+
+    Raises BetterFound: a refit came out below the best point.
+    """
+    ends = [_end(question, best, noises, j, sign, rise) for sign in (-1, 1)]
+    return Interval(*(math.exp(best.z[j] + d) if math.isfinite(d) else (0.0 if d < 0 else math.inf) for d in ends))
+
+
+def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign: int, rise: float) -> float:
+    """How far ln q_j goes to one side; infinite where nothing bounds it."""
+    others = np.array([i for i in range(best.z.size) if i != j])
+    H = best.curvature
+    follow = np.zeros(best.z.size)
+    follow[others] = -np.linalg.lstsq(H[np.ix_(others, others)], H[others, j], rcond=1e-13)[0]
+    follow[j] = 1.0
+    bend = max(float(follow @ H @ follow), 1e-12)
+    wanted = math.sqrt(rise)
+    reach, point, done, height = min(math.sqrt(rise / bend), FIRST_REACH), best, 0.0, 0.0
+    wall = math.inf
+    for _ in range(MOST_REFITS):
+        step = sign * reach - (point.z[j] - best.z[j])
+        trial = at(question, point.z + step * follow, noises, point)
+        if trial is None:
+            wall = reach
+            reach = (done + reach) / 2
+            if wall - done < NEAR * wall:
+                return sign * wall  # the model has no cycle beyond
+            continue
+        trial = climb(question, trial, noises, held=j, settled=REFIT)
+        if trial.deviance < best.deviance - BETTER:
+            raise BetterFound(trial)
+        gone, rose = reach, math.sqrt(max(trial.deviance - best.deviance, 0.0))
+        if abs(rose / wanted - 1) < NEAR or done > 0 and (rose - wanted) * (height - wanted) < 0 and abs(gone - done) < (
+            0.2 * gone
+        ):
+            return sign * (gone + (wanted - rose) * _slope(gone, rose, done, height))
+        if rose < wanted:
+            point = trial
+        ahead = gone + (wanted - rose) * _slope(gone, rose, done, height)
+        if rose < wanted:
+            if gone >= FARTHEST:
+                return sign * math.inf
+            done, height = gone, rose
+        reach = min(max(ahead, 0.3 * gone), 3 * gone + 0.1, FARTHEST, (done + wall) / 2 if wall < math.inf else math.inf)
+    return sign * reach
+
+
+def _slope(gone: float, rose: float, done: float, height: float) -> float:
+    """d reach/d height, by the secant through the last two, or through the best point."""
+    if rose > height and gone != done:
+        return (gone - done) / (rose - height)
+    return gone / max(rose, 1e-6)
+
+
+def marginal_information(point: Point, k: int) -> Array:
+    """(k, k) curvature of half the deviance in the logarithms of the parameters, phases and offsets refitted."""
+    H = point.curvature
+    rest = H[k:, k:]
+    return np.asarray(H[:k, :k] - H[:k, k:] @ np.linalg.lstsq(rest, H[k:, :k], rcond=1e-13)[0])

@@ -1,0 +1,103 @@
+"""Where a fit starts: friction from the balances of a cycle, the rest from a few trials.
+
+Antisymmetric cycle, amplitude a, half period H, area A of half a wave, slip x ~ a sin(pi s/t_s) of duration t_s:
+
+    breakaway   Fs = kp a + ki (A/2 - a t_s/pi)                                      torque at the end of a stick
+    energy      mean F over the way = ki (A/2 - (1 - pi/4) a t_s/pi) - kd a pi^2/(4 t_s)     of a slip, x2 = 0 at both ends
+
+with A the integral of |x1| over half a period: the integrator goes from -A/2 to A/2.  The mean of F is that of
+Fc + (Fs - Fc) exp(-(v/vs)^2) + viscous v over the way, which gives Fc for each trial of vs and viscous.  So the values
+that the user states matter for vs and the viscous friction alone, and several of these are tried.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from ...errors import InputError, NoOrbit
+from ...servo.problem import HuntingOrbit
+from .fit import Array, Data, Question, cycle_at
+
+STATIC, COULOMB, VISCOUS, STRIBECK = (
+    "friction.static", "friction.coulomb", "friction.viscous", "friction.stribeck_velocity"
+)  # fmt: skip
+INNER, INNER_TIME = 0.8, 2 * math.asin(0.8) / math.pi
+"""Part of the amplitude within which a slip is timed, and the part of its duration that it is there."""
+FACTORS = (1.0, 0.3, 3.0)
+"""Of the values that are stated, where vs and viscous friction are tried."""
+OF_PEAK_SPEED = (0.05, 0.2)
+"""vs in units of the largest speed of a slip that are tried besides."""
+VISCOUS_SHARE = 0.1
+"""Share of the friction that is tried for the viscous one where the servo states none."""
+LEAST_COULOMB, MOST_COULOMB = 0.2, 0.995
+"""Coulomb friction in units of the static one, within which a trial lies."""
+GRID = 512
+"""Phases at which a cycle is compared with a waveform."""
+STARTS = 4
+"""Trials that are climbed from, the best first."""
+
+
+def trials(question: Question) -> Iterator[dict[str, float]]:
+    """Values of the free parameters that the balances allow, from the first record."""
+    data, servo, free = question.records[0], question.servo, question.free
+    kp, kd, ki = servo.torque_gains(data.gain)
+    a, half = data.amplitude, data.period / 2
+    area = half * float(np.mean(np.abs(data.shape)))
+    slip = max(float(np.mean(np.abs(data.shape) < INNER * a)), 1 / data.shape.size) * half / INNER_TIME
+    static = kp * a + ki * (area / 2 - a * slip / math.pi)
+    mean = ki * (area / 2 - (1 - math.pi / 4) * a * slip / math.pi) - kd * a * math.pi**2 / (4 * slip)
+    speed, peak = a * math.pi**2 / (4 * slip), a * math.pi / slip
+    Fs = static if STATIC in free else servo.friction.static
+    own_vs, own_viscous = servo.friction.stribeck_velocity, servo.friction.viscous
+    rates = [own_vs * f for f in FACTORS] + [peak * f for f in OF_PEAK_SPEED] if STRIBECK in free else [own_vs]
+    shares = [own_viscous * f for f in FACTORS] if own_viscous > 0 else [VISCOUS_SHARE * abs(mean) / speed]
+    for vs, viscous in product(rates, shares if VISCOUS in free else [own_viscous]):
+        u = np.linspace(-1, 1, 201)
+        share = float(np.mean(np.exp(-((peak / vs) ** 2) * (1 - u * u))))
+        left = (mean - viscous * speed - Fs * share) / max(1 - share, 0.05)
+        own = {STATIC: Fs, COULOMB: float(np.clip(left, LEAST_COULOMB * Fs, MOST_COULOMB * Fs)), VISCOUS: viscous,
+               STRIBECK: vs}  # fmt: skip
+        own_values = {name: question.servo.parameters(1.0)[question.servo.names.index(name)] for name in free}
+        yield {name: own.get(name, float(own_values[name])) for name in free}
+    yield {name: question.servo.parameters(1.0)[question.servo.names.index(name)] for name in free}
+
+
+def starts(question: Question) -> list[Array]:
+    """Unknowns from which the fit may start, the most promising first; none where no trial hunts."""
+    found = []
+    rough = question.options.rough()
+    for values in trials(question):
+        try:
+            servo = question.servo.replace(**values)
+            orbits = [cycle_at(servo, "switch", data.gain, rough) for data in question.records]
+        except (NoOrbit, InputError):
+            continue
+        z, off = [math.log(v) for v in values.values()], 0.0
+        for data, orbit in zip(question.records, orbits, strict=True):
+            tau, b, misfit = laid_over(orbit, data)
+            z += [tau, b]
+            off += misfit + abs(math.log(orbit.period / data.period)) + abs(math.log(orbit.amplitude / data.amplitude))
+        found.append((off, np.array(z)))
+    return [z for _, z in sorted(found, key=lambda each: each[0])[:STARTS]]
+
+
+def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:
+    """Phase (in periods, of the middle of the record) and offset (in amplitudes) that lay a cycle over a record, and
+    the rest of the waveform, relative: the best of all shifts by a part of a period."""
+    phase = np.arange(GRID) / GRID
+    times, states = orbit.sample()
+    x = np.interp(phase * orbit.period, times, states[0])
+    bins = np.floor(data.times / data.period % 1 * GRID).astype(int) % GRID
+    count = np.bincount(bins, minlength=GRID)
+    means = np.bincount(bins, data.position, GRID) / np.maximum(count, 1)
+    held = count > 0
+    y = np.interp(np.arange(GRID), np.flatnonzero(held), means[held], period=GRID)
+    b = float(y.mean())
+    like = np.fft.irfft(np.conj(np.fft.rfft(x)) * np.fft.rfft(y - b), GRID)
+    shift = int(np.argmax(like))
+    rest = float(np.sqrt(np.mean((y - b - np.roll(x, shift)) ** 2))) / data.amplitude
+    return shift / GRID, b / data.amplitude, rest

@@ -1,0 +1,204 @@
+"""The states of a cycle at given times, and how they move with its parameters.
+
+The equations G(u; p) = 0 of a transcription hold along lambda, which moves p along dp, with
+
+    G_u du/dlambda + G_p dp = 0
+
+(implicit function theorem: the Jacobian is Newton's own).  In phase k, which begins at s_k = T_1 + ... + T_{k-1}, the
+state at the time t is the polynomial of an interval, or a closed form, at tau = (t - s_k)/T_k:
+
+    dx/dlambda at fixed t = dP_k(tau) - f(x) (ds_k + tau dT_k),     dx/dlambda = flow_x dx_k + flow_p dp - f(x) ds_k,
+
+and after j of the computed pieces, of which each lasts H, x(t) = S^-j x(t - j H), so that -f(x) j dH comes besides.
+At an event the derivative at a fixed time jumps with f: there it is that of the phase which begins.
+
+Symbols: n states, m times, k parameters, N intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..checks import choice_of
+from ..collocation.transcription import Transcription
+from ..collocation.vectorised import OverArrays
+from ..compiled import kept
+from ..hybrid.system import VectorMode
+from ..results import Result
+from .orbit import Orbit, unknowns_of
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StateSensitivity(Result):
+    """The states of a cycle at m times, with their derivatives by k of its parameters.
+
+    Attributes
+    ----------
+    names : the k parameters.
+    times : (m,) [s] from the start of the first phase.
+    states, rates : (n, m) x and dx/dt there.
+    derivatives : (k, n, m) dx/dq at fixed times, per unit of the parameter q.
+    period_derivatives : (k,) dT/dq of the whole cycle.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle, state_sensitivity
+    >>> state_sensitivity(find_cycle(belt, "slip", x=0.0, v=0.0), [1.0, 2.0], ["static"])
+    <StateSensitivity: names (static), times 2>
+    """
+
+    _quantities = ("names", "times = times.size")
+    _details = ("states", "rates", "derivatives", "period_derivatives")
+
+    names: tuple[str, ...]
+    times: Array
+    states: Array
+    rates: Array
+    derivatives: Array
+    period_derivatives: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """How a cycle moves along the parameter vectors dp (k, np).
+
+    w (k, N, d + 1, n) of its interval polynomials, nodes (k, E + 1, n), durations (k, P).
+    """
+
+    transcription: Transcription
+    w: Array
+    nodes: Array
+    durations: Array
+    dp: Array
+
+
+def state_sensitivity(orbit: Orbit, times: Any, names: Sequence[str] = ()) -> StateSensitivity:
+    """The states of a cycle at given times, and their exact derivatives by parameters.
+
+    Parameters
+    ----------
+    orbit
+        the cycle.
+    times
+        (m,) [s] from the start of the first phase; the cycle goes on before and behind its period.
+    names
+        k parameters.
+
+    Returns
+    -------
+    StateSensitivity: states and rates (n, m), derivatives (k, n, m) at fixed times, and those of the period (k,).
+
+    Raises
+    ------
+    InputError : there is no such parameter.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle, state_sensitivity
+    >>> orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    >>> found = state_sensitivity(orbit, [1.0, 2.0], ["static"])
+    >>> found.states.shape, found.derivatives.shape, found.period_derivatives.round(3).tolist()
+    ((2, 2), (1, 2, 2), [7.917])
+    """
+    names = tuple(choice_of("parameter", name, orbit.problem.names) for name in names)
+    times = np.atleast_1d(np.asarray(times, float))
+    moves, n, count = _moves(orbit, names), len(orbit.cycle.states), len(names)
+    piece, dpiece = sum(arc.duration for arc in orbit.arcs), moves.durations.sum(axis=1)
+    pieces = np.floor(times / piece)
+    x, f = np.empty((n, times.size)), np.empty((n, times.size))
+    dx = np.empty((count, n, times.size))
+    starts = np.concatenate([[0.0], np.cumsum([arc.duration for arc in orbit.arcs])])
+    local = times - pieces * piece
+    number = np.clip(np.searchsorted(starts, local, side="right") - 1, 0, len(orbit.arcs) - 1)
+    for k in range(len(orbit.arcs)):
+        at = np.flatnonzero(number == k)
+        if at.size:
+            inside = np.clip(local[at] - starts[k], 0.0, orbit.arcs[k].duration)
+            x[:, at], f[:, at], dx[:, :, at] = _in_phase(orbit, k, inside, moves)
+            later = moves.durations[:, :k].sum(axis=1)
+            dx[:, :, at] -= later[:, None, None] * f[:, at]
+    dx -= (pieces * dpiece[:, None])[:, None, :] * f
+    _carry(orbit, pieces, x, f, dx)
+    return StateSensitivity(names, times, x, f, dx, dpiece * orbit.repeats)
+
+
+def _moves(orbit: Orbit, names: tuple[str, ...]) -> _Moves:
+    """The derivatives of all unknowns, per unit of each parameter."""
+    t, u, setting = unknowns_of(orbit)
+    fixed = t.system.border(parameter=1.0)
+    w, nodes, durations, ways = [], [], [], []
+    for name in names:
+        unit = orbit.problem.unit(name)
+        way = orbit.problem.direction(name) * unit
+        du, _ = t.linearise(u, replace(setting, dp=way)).tangent(fixed)
+        w.append(t.intervals_of(du).reshape(t.intervals, t.degree + 1, t.n) * setting.scale / unit)
+        nodes.append(t.nodes_of(du) * setting.scale / unit)
+        durations.append(t.durations_of(du) / unit)
+        ways.append(way / unit)
+    shapes = (t.intervals, t.degree + 1, t.n), (t.elements + 1, t.n), (t.phases,), (setting.p.size,)
+    parts = zip((w, nodes, durations, ways), shapes, strict=True)
+    return _Moves(t, *(np.array(part).reshape(len(names), *shape) for part, shape in parts))
+
+
+def _in_phase(orbit: Orbit, k: int, inside: Array, moves: _Moves) -> tuple[Array, Array, Array]:
+    """x, f (n, m) and the derivatives (k, n, m) at fixed times after the start of phase k."""
+    t, p = moves.transcription, orbit.problem.vector()
+    arc, mode = orbit.arcs[k], orbit.cycle.phases[k].mode
+    if mode.flow is not None:
+        x, f, by_start, by_p = _over(_flow(mode, t.n, p.size), arc.states[0, 0], inside, p)
+        through = np.einsum("abm,ka->kbm", by_start, moves.nodes[:, t.phase_start[k]])
+        return x, f, through + np.einsum("abm,ka->kbm", by_p, moves.dp)
+    s, tau = t.scheme, inside / arc.duration
+    i = np.clip(np.searchsorted(arc.breaks, tau, side="right") - 1, 0, len(arc.states) - 1)
+    matrix = s.interpolation((tau - arc.breaks[i]) / np.diff(arc.breaks)[i])
+    x = np.einsum("mj,mjn->nm", matrix, arc.states[i])
+    (f,) = _over(_field(mode, t.n, p.size), x, 0.0, p)
+    dx = np.einsum("mj,kmjn->knm", matrix, moves.w[:, t.phase_intervals(k)][:, i])
+    return x, f, dx - (moves.durations[:, k, None] * tau)[:, None, :] * f
+
+
+def _over(function: OverArrays, x: Array, times: Any, p: Array) -> list[Array]:
+    """The outputs of a function at many points: (rows, m), or (columns, rows, m) of a matrix."""
+    m = np.broadcast_shapes(np.shape(x[0]), np.shape(times))
+    found = [np.array([np.broadcast_to(each, m) for each in out]) for out in function(list(x), [times], list(p))]
+    return [out if i < 2 else out.reshape(-1, len(x), *m) for i, out in enumerate(found)]  # matrices by columns
+
+
+@kept(maxsize=64)
+def _field(mode: VectorMode, n: int, parameters: int) -> OverArrays:
+    x, t, p = ca.SX.sym("x", n), ca.SX.sym("t"), ca.SX.sym("p", parameters)
+    return OverArrays(ca.Function("f", [x, t, p], [ca.densify(mode.field(x, p, mode.sign))]))
+
+
+@kept(maxsize=64)
+def _flow(mode: VectorMode, n: int, parameters: int) -> OverArrays:
+    """A closed form, and its derivatives by the time, by the state at its start and by the parameters."""
+    assert mode.flow is not None
+    x, t, p = ca.SX.sym("x", n), ca.SX.sym("t"), ca.SX.sym("p", parameters)
+    end = mode.flow(x, t, p)
+    outputs = [end, *(ca.jacobian(end, by) for by in (t, x, p))]
+    return OverArrays(ca.Function("flow", [x, t, p], [ca.densify(each) for each in outputs]))
+
+
+def _carry(orbit: Orbit, pieces: Array, x: Array, f: Array, dx: Array) -> None:
+    """From the computed piece to that many pieces later, in place: x' = S^-1 (x + c) each time."""
+    cycle, repeats = orbit.cycle, orbit.repeats
+    back = np.linalg.inv(cycle.closure)
+    whole = np.allclose(np.linalg.matrix_power(back, repeats), np.eye(len(back))) and not cycle.shift
+    for count in np.unique(pieces % repeats if whole else pieces):
+        at = np.flatnonzero((pieces % repeats if whole else pieces) == count)
+        power = np.linalg.matrix_power(back, int(count))
+        moved = x[:, at].T
+        for _ in range(abs(int(count)) if cycle.shift else 0):
+            moved = cycle.opened(moved) if count > 0 else moved @ cycle.closure.T - np.array(cycle.shift)
+        x[:, at] = moved.T if cycle.shift else power @ x[:, at]
+        f[:, at], dx[:, :, at] = power @ f[:, at], power @ dx[:, :, at]

@@ -1,0 +1,8 @@
+"""The loop as built: a sampled controller and the exact motion of the servo between its samples.
+
+slip.py       a slip under constant torque, by its Taylor series
+loop.py       the difference equations, sample by sample, and whole sticks at once
+verdict.py    what a motion shows, and the pattern that hunting repeats
+motion.py     the motion as data
+cause.py      stiction or quantisation, and the dead band that ends it
+"""

@@ -1,0 +1,162 @@
+"""Why a drive hunts: stiction, which the continuous loop has too, or quantisation; and the dead band that ends it.
+
+The same motion is computed without any quantisation.  Quantisation is the cause
+
+    where that motion does not hunt, or in its second half moves by less than half a count,
+    or its hunting repeats after another number of swings, or differs by more than `DIFFERENT` in the mean time of two
+    swings or in amplitude: what is seen is then not what the servo does by its friction.
+
+An integrator that takes no notice of |e| <= dead_band ends either kind.  Readings are e = n q - theta_d, so that of all
+dead bands only those next to the sizes of readings differ: they are tried in order of size, by halving, from the start
+of the motion and from where it ended up; one ends hunting where both motions come to rest for ever, for it and for the
+`LARGER` readings beyond it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from ...results import Result
+from ..drive import Drive
+from .motion import SampledMotion, simulate_sampled
+from .verdict import SampledVerdict
+
+Array = np.ndarray
+
+DIFFERENT = 0.1
+"""Relative."""
+LARGER = 3
+"""Readings beyond a dead band that must end hunting too."""
+WIDEST = 8.0
+"""Dead bands in units of the largest error of the hunting, at most."""
+
+Kind = Literal["stiction", "quantisation", "not certain"]
+
+
+@dataclass(frozen=True, repr=False)
+class Cause(Result):
+    """Why a drive hunts.
+
+    Attributes
+    ----------
+    kind : "stiction", "quantisation", or "not certain".
+    sentence : what supports it.
+    without : what the motion does without quantisation.
+    counts : amplitude of the hunting in counts; nan without an encoder.
+    dead_band : the smallest one of the integrator that ends it [rad]; nan where none was found.
+
+    Examples
+    --------
+    >>> from casahunt import Drive, Friction, Pid, Servo, cause_of, simulate_sampled
+    >>> servo = Servo(inertia=0.012, motor_gain=4.2, controller=Pid(kp=1, ki=8, kd=0.05),
+    ...               friction=Friction(static=0.40, coulomb=0.30, stribeck_velocity=0.05, viscous=0.02))
+    >>> cause = cause_of(simulate_sampled(servo, 1.0, Drive(sample_time=1e-3, encoder=2000)))
+    >>> cause.kind, round(cause.without.period, 2)  # s
+    ('quantisation', 2.5)
+    """
+
+    _quantities = ("kind", "counts", "dead_band [rad]")
+    _details = ("sentence", "without = without.kind")
+
+    kind: Kind
+    sentence: str
+    without: SampledVerdict
+    counts: float
+    dead_band: float
+
+
+def cause_of(motion: SampledMotion) -> Cause | None:
+    """Why a motion hunts.
+
+    Parameters
+    ----------
+    motion
+        of a drive.
+
+    Returns
+    -------
+    Cause; None where it does not hunt, or its drive quantises nothing.
+    """
+    seen, drive = motion.verdict, motion.drive
+    if seen.kind != "hunting" or not drive.quantises:
+        return None
+    exact = _again(motion, drive.exact())
+    kind, sentence = _told_apart(seen, exact, drive.count)
+    counts = seen.amplitude / drive.count if drive.encoder else math.nan
+    return Cause(kind, sentence, exact.verdict, counts, smallest_dead_band(motion))
+
+
+def _told_apart(seen: SampledVerdict, exact: SampledMotion, count: float) -> tuple[Kind, str]:
+    """Kind and sentence; exact: the motion without quantisation; count: of the encoder [rad], or 0."""
+    without, x = exact.verdict, exact.states[0]
+    moved = float(np.ptp(x[x.size // 2 :]))
+    if without.kind != "hunting" and moved < count / 2:
+        how = f"moves by {moved / count:.1g} counts at most" if moved else "does not move"
+        return "quantisation", f"without quantisation the same loop {how} from {exact.times[x.size // 2]:.4g} s on"
+    if without.kind in ("at rest", "decaying"):
+        return "quantisation", f"without quantisation the same loop does not hunt: {without.sentence}"
+    if without.kind != "hunting":
+        return "not certain", f"without quantisation the same loop is {without.kind}: {without.sentence}"
+    mean, free = (verdict.period / (max(verdict.pattern, 2) / 2) for verdict in (seen, without))
+    hunts = f"without quantisation it hunts with {without.amplitude:.4g} rad and {without.period:.4g} s"
+    if seen.pattern != without.pattern:
+        how = f"in a pattern of {seen.pattern} swings" if seen.pattern else "in no pattern"
+        return "quantisation", f"{hunts}, repeating after {without.pattern or 'no number of'} swings; with it {how}"
+    off = max(abs(mean / free - 1), abs(seen.amplitude / without.amplitude - 1))
+    if off > DIFFERENT:
+        return "quantisation", f"{hunts}, which is {off:.0%} different"
+    return "stiction", f"{hunts}, {off:.1%} different"
+
+
+def _again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> SampledMotion:
+    """The motion with another drive, from its own start or from its end."""
+    x, v, w = motion.states[:, -1 if from_end else 0]
+    return simulate_sampled(
+        motion.servo, motion.gain, drive, set_point=motion.set_point, time=motion.duration,
+        position=motion.set_point + x, velocity=v, integral=w,
+    )  # fmt: skip
+
+
+def smallest_dead_band(motion: SampledMotion) -> float:
+    """The smallest dead band of the integrator that ends the hunting of a motion [rad]; nan where none was found."""
+    sizes = _sizes(motion)
+
+    def ends(i: int) -> bool:
+        drive = replace(motion.drive, dead_band=float(sizes[i]))
+        return all(_again(motion, drive, from_end=late).verdict.kind == "at rest" for late in (True, False))
+
+    low = -1  # sizes up to here do not end it
+    while low < sizes.size - 1:
+        high = low + 1
+        step = 1
+        while not ends(high):
+            low = high
+            if high == sizes.size - 1:
+                return math.nan
+            high, step = min(high + step, sizes.size - 1), 2 * step
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if ends(middle) else (middle, high)
+        beyond = [i for i in range(high + 1, min(high + 1 + LARGER, sizes.size)) if not ends(i)]
+        if not beyond:
+            return float(sizes[high])
+        low = beyond[-1]
+    return math.nan
+
+
+def _sizes(motion: SampledMotion) -> Array:
+    """Dead bands between the sizes of readings, in order [rad]; without an encoder a tenth apart."""
+    half = motion.states[0, motion.states.shape[1] // 2 :]
+    farthest = WIDEST * float(np.abs(half).max())
+    q, theta_d = motion.drive.count, motion.set_point
+    if not q:
+        first = motion.verdict.amplitude / 100
+        return first * 1.1 ** np.arange(1 + max(0, math.ceil(math.log(farthest / first) / math.log(1.1))))
+    n = np.arange(math.floor((theta_d - farthest) / q), math.ceil((theta_d + farthest) / q) + 2)
+    read = np.unique(np.abs(n * q - theta_d))
+    read = read[np.append(True, np.diff(read) > 1e-6 * q)]  # of both sides where the set point is on a count
+    return (read[1:] + read[:-1]) / 2

@@ -1,0 +1,170 @@
+"""What a sampled motion shows: hunting, rest, swings that die out or grow; and the pattern that hunting repeats.
+
+Turning points T_i [rad] are the extremes of the position between which it moves by more than `CLEAR` of its range in
+the second half of the motion; swings S_i = |T_{i+1} - T_i|.
+
+    at rest     it is stuck with nothing to integrate and a torque within static friction: proven (loop.py)
+    hunting     swings and the times that they take repeat within `REPEATED` (and half a count of the encoder) after a
+                pattern of p swings, p even, over two patterns, and do not drift: the period is that of the pattern.
+                Counts that do not lie the same way on both sides make patterns longer than two swings.
+                Or, without a pattern, at least `ENDLESS` swings in the second half of the motion get no smaller
+    decaying    each of the last `FALLING` swings is smaller than the one before, or it has stayed in the second half
+                of the motion within `NEAR` of Fs/kp
+    growing     the motion was given up far away from the set point
+    undecided   none of these
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ...results import Result
+
+Array = np.ndarray
+
+CLEAR = 0.25
+"""Part of the range of the position that it moves back by at a turning point, or more."""
+REPEATED, DRIFT = 2e-2, 1e-4
+"""Parts of the largest swing, and of the longest one: by which those of two patterns may differ, and if all differ one
+way."""
+NEAR = 1e-3
+"""Part of Fs/kp."""
+LONGEST_PATTERN = 16
+"""Swings."""
+ENDLESS, FALLING = 12, 4
+"""Swings that show hunting without a pattern, or decay."""
+SMALLER = 0.75
+"""Of two parts of an endless motion: the largest swing of the later one is at least so much of the earlier one's."""
+
+Kind = Literal["hunting", "decaying", "growing", "at rest", "undecided"]
+
+
+@dataclass(frozen=True, repr=False)
+class SampledVerdict(Result):
+    """What the end of a sampled motion shows.
+
+    Attributes
+    ----------
+    kind : "hunting", "decaying", "growing", "at rest" or "undecided".
+    sentence : what supports it, or what is missing.
+    amplitude : half of the largest swing, from turning point to turning point, of the pattern [rad]; nan where it does
+        not hunt.
+    period : of the whole pattern [s]; without one, mean time of two swings; nan likewise.
+    pattern : swings after which hunting repeats; 0 without a pattern.
+    swings : the last ones [rad], at most `LONGEST_PATTERN`.
+
+    Examples
+    --------
+    >>> from casahunt import Drive, Servo, simulate_sampled
+    >>> motion = simulate_sampled(Servo(), 0.04, Drive(sample_time=2e-3), time=150.0)
+    >>> motion.verdict.kind, motion.verdict.pattern, round(motion.verdict.period, 1)  # s
+    ('hunting', 2, 10.3)
+    """
+
+    _quantities = ("kind", "amplitude [rad]", "period [s]", "pattern")
+    _details = ("sentence", "swings")
+
+    kind: Kind
+    sentence: str
+    amplitude: float = math.nan
+    period: float = math.nan
+    pattern: int = 0
+    swings: tuple[float, ...] = ()
+
+
+def turning_points(x: Array, clear: float) -> Array:
+    """Indices at which a motion turns, having moved by more than `clear` since the last one, and moving back by it.
+
+    x: (n,) positions. Returns (m,) indices; the last one, from which it has not moved back, is not among them.
+    """
+    candidates = np.flatnonzero(np.diff(x))
+    if not candidates.size or not clear > 0:
+        return np.zeros(0, int)
+    moving = np.sign(np.diff(x)[candidates])
+    turns = np.concatenate([candidates[:1], candidates[1:][moving[1:] != moving[:-1]], candidates[-1:] + 1])
+    found: list[int] = []
+    low = high = int(turns[0])
+    sense = 0
+    for i in turns[1:].tolist():
+        low, high = (i if x[i] < x[low] else low), (i if x[i] > x[high] else high)
+        if sense >= 0 and x[high] - x[i] > clear:
+            found.append(high)
+            sense, low = -1, i
+        elif sense <= 0 and x[i] - x[low] > clear:
+            found.append(low)
+            sense, high = 1, i
+    return np.array(found, int)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What is known of the end of a motion besides its samples.
+
+    rests_since: when it came to rest for ever [s], nan where it did not; far: whether it was given up far away; waits:
+    what is said of a servo that is stuck; count: of the encoder [rad], or 0; unit: Fs/kp [rad].
+    """
+
+    rests_since: float
+    far: bool
+    waits: str
+    count: float
+    unit: float
+
+
+def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
+    """The verdict on a motion.
+
+    times, x: (n,) of the samples [s], [rad]; end: what else is known.
+    """
+    if not math.isnan(end.rests_since):
+        text = "it is stuck with nothing to integrate, and its torque stays within static friction"
+        return SampledVerdict("at rest", f"since {end.rests_since:.6g} s {text}: {x[-1]:+.4g} rad beside the set point")
+    if end.far:
+        return SampledVerdict("growing", f"it was followed only until {x[-1]:+.3g} rad beside the set point")
+    half = x[x.size // 2 :]
+    turns = turning_points(x, CLEAR * float(np.ptp(half)))
+    t, S = times[turns], np.abs(np.diff(x[turns]))
+    last = tuple(map(float, S[-LONGEST_PATTERN:]))
+    pattern = _pattern(S, np.diff(t), end.count / 2)
+    if pattern:
+        amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
+        count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
+        return SampledVerdict("hunting", f"{count}, in size and time", amplitude, period, pattern, last)
+    if not end.count and np.abs(half).max() <= NEAR * end.unit:
+        text = f"within {np.abs(half).max():.2g} rad of the set point since {times[-half.size]:.4g} s"
+        return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
+    if _falls(S[-FALLING - 1 :]):
+        text = f"the last {FALLING} swings are each smaller than the one before, {S[-1]:.3g} rad at the end"
+        return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
+    late = S[t[:-1] >= times[-1] / 2]
+    if late.size >= ENDLESS and late[late.size // 2 :].max() >= SMALLER * late[: late.size // 2].max():
+        text = f"{late.size} swings in the second half of the motion, which get no smaller and repeat in no pattern"
+        mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
+        return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last)
+    text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s; try a longer time{end.waits}"
+    return SampledVerdict("undecided", text, swings=last)
+
+
+def _pattern(S: Array, lasts: Array, grain: float) -> int:
+    """The shortest pattern in which the last swings repeat; 0: none.
+
+    S, lasts: (m,) swings [rad] and their times [s]; grain: what swings may differ by besides [rad].
+    """
+    for p in range(2, LONGEST_PATTERN + 1, 2):
+        if S.size < 2 * p + 2:  # two patterns, and what tells their drift
+            return 0
+        now, before = slice(-p - 2, None), slice(-2 * p - 2, -p)
+        change, later = S[now] - S[before], np.abs(lasts[now] - lasts[before])
+        size, longest = float(S[-p:].max()), float(lasts[-p:].max())
+        drifts = bool((change > 0).all() or (change < 0).all()) and float(np.abs(change).max()) > DRIFT * size
+        if np.abs(change).max() <= REPEATED * size + grain and later.max() <= REPEATED * longest and not drifts:
+            return p
+    return 0
+
+
+def _falls(S: Array) -> bool:
+    return S.size > FALLING and bool((np.diff(S) < 0).all())

@@ -1,0 +1,104 @@
+"""casahunt simulate of the loop as built: a sampled controller, an encoder, and what causes its hunting.
+
+Keys of the JSON object, the `to_dict` of the motion: gain, set_point, duration, verdict, reason, amplitude [rad],
+period [s] (of the whole pattern), pattern (swings after which hunting repeats; 0: in none), swings, rests_since [s],
+peak_torque [N m], number_of_stops, readings (lowest and highest count of the second half), drive {key: value},
+position, velocity, integral at the end; and cause (null where it does not hunt or nothing is quantised): kind
+("stiction", "quantisation", "not certain"), counts, dead_band [rad], sentence, without (the verdict without
+quantisation).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Mapping
+
+from ...checks import choice_of
+from ...errors import InputError
+from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
+from ...servo.hunting import MODELS
+from ...servo.sampled.cause import Cause, cause_of
+from ...servo.sampled.motion import SampledMotion, simulate_sampled
+from ...servo.servo import Servo
+from .arguments import Parser, gain_of, left_out
+from .output import give
+
+
+def add_drive(command: Parser) -> None:
+    """The options of the drive as built; each is called like its key in the table [drive]."""
+    group = command.add_argument_group("the loop as built (docs/howto/as_built.md)")
+    group.add_argument("--sample-time", metavar="S", help="of the controller in s; 0: the continuous loop")
+    group.add_argument("--delay", metavar="S", help="from a sample to its torque in s (default 0)")
+    group.add_argument("--encoder", metavar="COUNTS", help="per revolution (default: the position is read exactly)")
+    group.add_argument("--quantise-torque", metavar="NM", help="step of the torque in N m (default: none)")
+    group.add_argument("--derivative", metavar="WAY", help=f"{' (default) or '.join(DERIVATIVES)}")
+    group.add_argument("--filter-time", metavar="S", help="of the filtered derivative in s (default kd/kp/10)")
+    group.add_argument("--integration", metavar="RULE", help=f"{' (default) or '.join(INTEGRATIONS)}")
+    group.add_argument("--dead-band", metavar="RAD", help="error up to which nothing is integrated (default 0)")
+
+
+def of_drive(
+    options: argparse.Namespace, servo: Servo, drive: Drive, length: float, numbers: Mapping[str, float]
+) -> int:
+    """Simulate and print; returns the exit code.
+
+    numbers: of the command line: set_point, position, velocity, integral.
+    """
+    if choice_of("model", options.model or MODELS[0], MODELS) != MODELS[0]:
+        raise InputError(
+            "model = lugre: must be left out as built, between samples only Switch friction is computed; "
+            "--sample-time 0 simulates the continuous loop"
+        )
+    left_out(options, "the loop as built has an exact stick, and its table has every sample", "regularised", "step")
+    if numbers["bristle"]:
+        raise InputError("bristle: must be left out as built, Switch friction has none")
+    start = {key: numbers[key] for key in ("set_point", "position", "velocity", "integral")}
+    found = simulate_sampled(servo, gain_of(options), drive, time=length, **start)
+    cause = cause_of(found)
+    record = {**found.to_dict(table=False), "cause": cause}
+    table = found._columns() if options.csv else None
+    give(options, record, _lines(found, cause), table=table, picture=("simulation.sampled_motion", found))
+    return 0
+
+
+def _lines(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
+    drive, verdict, q = found.drive, found.verdict, found.drive.count
+    name = f"switch servo as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
+    yield f"{name}, {found.duration:.10g} s: {verdict.kind}"
+    yield f"  because          {verdict.sentence}"
+    yield f"  drive            {'; '.join(_drive(drive))}"
+    if verdict.kind == "hunting":
+        low, high = found.readings
+        counts = f", {verdict.amplitude / q:.3g} counts; the reading moves over {high - low}" if q else ""
+        yield f"  amplitude        {verdict.amplitude:.6g} rad{counts}"
+        of = "mean of two swings" if not verdict.pattern else f"of {verdict.pattern} swings"
+        yield f"  period           {verdict.period:.6g} s ({of}), frequency {1 / verdict.period:.4g} Hz"
+    if cause is not None:
+        yield f"  cause            {cause.kind}: {cause.sentence}"
+        yield f"  ends it          {_cure(cause, q)}"
+    x, v, _ = found.states[:, -1]
+    yield f"  at the end       position {found.set_point + x:.10g} rad, velocity {v:.6g} rad/s"
+    yield f"  largest torque   {found.peak_torque:.4g} N m, by {found.peak_torque / found.servo.motor_gain:.4g} V"
+    yield f"  computed         {found.times.size - 1} samples, {found.stops.size} stops, {found.wall_s:.2f} s"
+
+
+def _cure(cause: Cause, count: float) -> str:
+    if math.isnan(cause.dead_band):
+        return "no dead band of the integrator that was tried"
+    counts = f", {cause.dead_band / count:.4g} counts" if count else ""
+    return f"a dead band of the integrator of {cause.dead_band:.4g} rad{counts}"
+
+
+def _drive(drive: Drive) -> Iterator[str]:
+    yield f"{drive.sample_time:g} s"
+    if drive.delay:
+        yield f"delay {drive.delay:g} s"
+    if drive.encoder:
+        yield f"{drive.encoder:g} counts of {drive.count:.4g} rad"
+    if drive.quantise_torque:
+        yield f"torque by {drive.quantise_torque:g} N m"
+    yield f"derivative by {drive.derivative}"
+    yield f"integral by {drive.integration}"
+    if drive.dead_band:
+        yield f"dead band {drive.dead_band:g} rad"

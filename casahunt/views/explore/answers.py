@@ -1,0 +1,65 @@
+"""What the page shows of a state, in stages: the first numbers first, each stage as plain numbers and texts.
+
+    hunts     does it hunt: sentence, amplitude, period; one period of angle, velocity and torque
+    linear    friction curve, margins of the loop without dry friction
+    border    the gain, or the size of the remedy, at which hunting ends, and how far off that is
+    step      a step of the set point as simulated, with its largest torque
+    diagram   amplitude against gain, stable and unstable
+
+Each stage has so much work (effort.py), and is given up beyond it; what is not found is a sentence in its place
+(numbers.py).  What does not depend on the gain is kept for the next move, which as a rule changes that alone.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ... import effort
+from ...errors import InputError, NoOrbit
+from .kinds import LoopAnswers, ServoAnswers
+from .state import GAIN, SET_POINT, State
+
+STAGES = ("hunts", "linear", "border", "step", "diagram")
+MOST_WORK_OF_A_STAGE = 2e5
+"""Work (effort.py) of a stage: five seconds of a processor."""
+KEPT_SERVOS = 8
+"""Borders and diagrams that are kept."""
+
+
+class Answers:
+    """Answers one state after the other, and remembers what does not depend on the gain."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[Any, Any] = OrderedDict()
+
+    def of(self, state: State, dropped: Callable[[], bool] | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+        """(stage, what it shows) of a state, in order.
+
+        dropped: says whether nobody waits any more. Raises effort.Dropped: so it is.
+        """
+        problem = state.problem
+        kind: Any = (LoopAnswers if problem.loop is not None else ServoAnswers)(problem, self._memory(state))
+        for stage in STAGES:
+            if dropped is not None and dropped():
+                raise effort.Dropped
+            try:
+                with effort.counting_work(None, limit=MOST_WORK_OF_A_STAGE, dropped=dropped):
+                    found = getattr(kind, stage)()
+            except (NoOrbit, InputError, effort.GivenUp) as why:
+                found = {"why": str(why)}
+            except ArithmeticError as why:  # an extreme servo, beyond what was thought of
+                found = {"why": f"could not be computed: {why}"}
+            yield stage, found
+
+    def _memory(self, state: State) -> dict[str, Any]:
+        """What is known of the servo at whatever gain."""
+        values = tuple((key, value) for key, value in state.values.items() if key not in (GAIN, SET_POINT))
+        key = (values, state.model, state.remedy, repr(state.parts))
+        self._kept.setdefault(key, {})
+        self._kept.move_to_end(key)
+        while len(self._kept) > KEPT_SERVOS:
+            self._kept.popitem(last=False)
+        memory: dict[str, Any] = self._kept[key]
+        return memory

@@ -1,0 +1,337 @@
+"""The stages (answers.py) of a servo, by the verbs of a servo, and of a loop of parts, by those of a loop.
+
+    step          followed for three periods, or a hundred reset times where there is no cycle
+    diagram       from a twentieth of the fold gain, or from below the present one, round the fold and back
+    friction      F(v) = g(v) sgn v + sigma2 v, where it is Stribeck's
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from ...checks import to_error
+from ...continuation import Fold, follow
+from ...design.diagram import collect, diagram
+from ...design.remedies.border import BORDERS, Scales, border
+from ...errors import ComesToRest, NoOrbit
+from ...orbits import Options, Orbit
+from ...servo.cycles import motor_torque
+from ...servo.delayed_loop import Margins, margins
+from ...servo.find_fold import find_fold
+from ...servo.find_orbit import find_orbit
+from ...servo.parts import Loop, fold_in, loop_cycle, loop_motion
+from ...servo.parts.linear import linear_margins
+from ...servo.parts.verbs import FIRST_OFF
+from ...servo.simulation.simulate import simulate
+from ...servo.units import GAIN_UNIT
+from .numbers import brief, curve, ends_at, hunts, seen_number, sentence_of, shown_number
+from .state import Problem
+
+PERIODS_OF_A_STEP, RESETS_OF_A_STEP = 3.0, 100.0
+DRAWN_MOTION_TOLERANCE, MOTION_POINTS = 1e-4, 6
+"""Of the simulated step: a picture and a peak need no more."""
+CYCLE_POINTS = 8
+BELOW_THE_FOLD, BELOW_THE_GAIN = 20.0, 2.0
+"""A diagram begins so many times below the fold gain, or below a gain that is smaller still."""
+DIAGRAM_TOLERANCE, DIAGRAM_STEP, MOST_DIAGRAM_POINTS = 1e-4, 0.3, 120
+LOWER_GAINS = (0.5, 0.25, 0.1, 0.05)
+"""Parts of the gain at which a cycle of a loop is looked for, where it does not hunt at its own."""
+FAR_ABOVE = 1e3
+"""A branch of a loop is followed up to so many times the gain."""
+ROUGH = Options(tol=1e-6)
+"""Tolerance of the numbers of a loop."""
+DRAWN_SPEEDS, SPEED_POINTS = 10.0, 200
+"""Of the friction curve: up to so many Stribeck velocities."""
+
+
+class ServoAnswers:
+    """The stages of a servo without load and remedy."""
+
+    def __init__(self, problem: Problem, memory: dict[str, Any]) -> None:
+        self.problem, self.memory = problem, memory
+        self.orbit: Orbit | None = None
+        self.said = ""
+
+    def hunts(self) -> dict[str, Any]:
+        """Does it hunt."""
+        servo, model, gain = self.problem[:3]
+        assert servo is not None
+        try:
+            self.orbit = orbit = find_orbit(servo, model, gain)
+        except NoOrbit as why:
+            return self._no_cycle(why, proved=why.status is None)
+        times, states = orbit.sample(CYCLE_POINTS)
+        return self._cycle(orbit, times, states, motor_torque(states, servo.parameters(gain)))
+
+    def _no_cycle(self, why: NoOrbit, proved: bool) -> dict[str, Any]:
+        self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
+        if isinstance(why, ComesToRest):
+            self.said = "No hunting was found: from every start that was tried it comes to rest."
+        return {"verdict": "rests" if proved else "unknown", "sentence": self.said, "why": str(why)}
+
+    def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any) -> dict[str, Any]:
+        stable = bool(orbit.stable) if orbit.multipliers.trusted else None
+        self.said = hunts(orbit.amplitude, orbit.period, stable)
+        return {
+            "verdict": "hunts" if stable else "uneven" if stable is False else "can", "sentence": self.said,
+            "amplitude": shown_number(orbit.amplitude, orbit.amplitude_error),
+            "period": shown_number(orbit.period, orbit.period_error),
+            "cycle": curve(time=times, angle=states[0], velocity=states[1], torque=torque),
+        }  # fmt: skip
+
+    def linear(self) -> dict[str, Any]:
+        """Friction curve and margins."""
+        servo, _, gain = self.problem[:3]
+        assert servo is not None
+        f = servo.friction
+        numbers = {"static": f.static, "coulomb": f.coulomb, "stribeck_velocity": f.stribeck_velocity,
+                   "viscous": f.viscous}  # fmt: skip
+        return {"friction": friction_curve(numbers), **margins_shown(margins(servo, gain))}
+
+    def step(self) -> dict[str, Any]:
+        """A step of the set point."""
+        servo, model, gain, step = self.problem[:4]
+        assert servo is not None
+        motion = simulate(servo, model, gain, set_point=step, time=self._duration(), tol=DRAWN_MOTION_TOLERANCE)
+        times, states = motion.dense(MOTION_POINTS)
+        torque = motion.torque(states)
+        return {
+            "motion": curve(time=times, angle=motion.set_point + states[0], torque=torque),
+            "peak": seen_number(motion.peak_torque), "voltage": seen_number(motion.peak_voltage),
+            "ends": motion.verdict.kind,
+        }  # fmt: skip
+
+    def _duration(self) -> float:
+        if self.orbit is not None:
+            return PERIODS_OF_A_STEP * self.orbit.period
+        servo = self.problem.servo
+        assert servo is not None
+        return RESETS_OF_A_STEP * servo.controller.reset_time
+
+    def _fold(self) -> Fold[Any]:
+        """The fold, found once for all gains.  Raises NoOrbit."""
+        servo, model = self.problem[:2]
+        assert servo is not None
+        if "fold" not in self.memory:
+            self.memory["fold"] = find_fold(servo, model)
+        found: Fold[Any] = self.memory["fold"]
+        return found
+
+    def border(self) -> dict[str, Any]:
+        """The fold gain, and how far off it is."""
+        fold = self._fold()
+        return self._gain_border(fold.value, fold.value_error)
+
+    def _gain_border(self, value: float, error: float) -> dict[str, Any]:
+        gain = self.problem.gain
+        more = ends_at("the gain", GAIN_UNIT, value, gain)
+        return {
+            "gain": shown_number(value, error), "ratio": shown_number(value / gain, error),
+            "sentence": sentence_of((self.said, more)),
+        }  # fmt: skip
+
+    def diagram(self) -> dict[str, Any]:
+        """Amplitude against gain."""
+        servo, model, gain = self.problem[:3]
+        assert servo is not None
+        start = self._start()
+        if self.memory.get("diagram", {}).get("start") != start:
+            points = diagram(servo, model, start=start, options=Options(tol=DIAGRAM_TOLERANCE), monitors=(),
+                             largest_step=DIAGRAM_STEP)  # fmt: skip
+            branch = collect(servo, model, points)
+            fold = self.memory["fold"].orbit if "fold" in self.memory else None
+            self.memory["diagram"] = {"start": start, **branches_shown(branch.orbits, fold), "ended": branch.ended}
+        return {**self.memory["diagram"], "present": gain}
+
+    def _start(self) -> float:
+        """The gain at which the diagram begins: the same for most gains, so that a move along it computes nothing."""
+        gain = self.problem.gain
+        with suppress(NoOrbit):
+            start = self._fold().value / BELOW_THE_FOLD
+            while start > gain:
+                start /= BELOW_THE_GAIN
+            return start
+        return gain / BELOW_THE_GAIN
+
+
+class LoopAnswers(ServoAnswers):
+    """The stages of a loop of parts: of a servo with load or remedy, or of a file."""
+
+    _bare: Any = None
+    """The cycle of the servo without load and remedy, where one was found."""
+
+    @property
+    def loop(self) -> Loop:
+        """The loop."""
+        assert self.problem.loop is not None
+        return self.problem.loop
+
+    def hunts(self) -> dict[str, Any]:
+        """Does it hunt."""
+        try:
+            orbit = self._settled() if self.problem.servo is not None else loop_cycle(self.loop, options=ROUGH)
+        except NoOrbit as why:
+            return self._no_cycle(why, proved=False)
+        self.orbit = orbit
+        times, states = orbit.sample(CYCLE_POINTS)
+        names = self.loop.system.states
+        angle = next((states[names.index(name)] for name in self.loop.angles), states[0])
+        velocity = states[names.index("x2")] if "x2" in names else np.gradient(angle, times)
+        return self._cycle(orbit, times, np.array([angle, velocity]), loop_torque(self.loop, orbit, times, states))
+
+    def _settled(self) -> Any:
+        """The cycle on which a motion settles that starts on that of the servo alone.  Raises NoOrbit."""
+        servo, model, gain = self.problem[:3]
+        assert servo is not None
+        start = self.loop.at_rest(-FIRST_OFF)
+        with suppress(NoOrbit):
+            bare = self._bare = find_orbit(servo, model, gain)
+            start = self.loop.state(**on_the_cycle(bare))
+        return loop_cycle(self.loop, start=start, options=ROUGH)
+
+    def linear(self) -> dict[str, Any]:
+        """Friction curve and margins, where there are any."""
+        numbers, found = self.loop.parameters, linear_margins(self.loop)
+        known = {"static", "coulomb", "stribeck_velocity", "viscous"} <= set(numbers)
+        shown = {"friction": friction_curve(numbers)} if known else {}
+        if found is None:
+            return {**shown, "why": "with this part the loop is not linear: it has no margins"}
+        return {**shown, **margins_shown(found)}
+
+    def step(self) -> dict[str, Any]:
+        """A step of the set point."""
+        duration = PERIODS_OF_A_STEP * self.orbit.period if self.orbit is not None else self._longest()
+        found = loop_motion(self.loop, duration, start=self.loop.at_rest(-self.problem.step), tol=DRAWN_MOTION_TOLERANCE,
+                            per_interval=MOTION_POINTS)  # fmt: skip
+        angle = found.states[self.loop.system.states.index(self.loop.angles[-1])]
+        peak = float(np.abs(found.torque).max())
+        numbers = self.loop.parameters
+        shown = {
+            "motion": curve(time=found.times, angle=self.problem.step + angle, torque=found.torque),
+            "peak": seen_number(peak), "ends": "",
+        }
+        if "motor_gain" in numbers:
+            shown["voltage"] = seen_number(peak / numbers["motor_gain"])
+        return shown
+
+    def _longest(self) -> float:
+        """How long a motion is followed where there is no cycle."""
+        p = self.loop.parameters
+        reset = p["kp"] / p["ki"] if {"kp", "ki"} <= set(p) else p.get("integral_time", 1.0) + p.get("lead_time", 0.0)
+        return RESETS_OF_A_STEP * float(reset)
+
+    def border(self) -> dict[str, Any]:
+        """The gain at which hunting ends, and the size of the remedy that ends it at this gain."""
+        shown: dict[str, Any] = {}
+        try:
+            fold = fold_in(self._some_cycle(), "gain", options=ROUGH)
+            shown = self._gain_border(fold.value, fold.value_error)
+        except NoOrbit as why:
+            shown["why"] = str(why)
+        return shown | (self._remedy_border() if self.problem.remedy is not None else {})
+
+    def _some_cycle(self) -> Any:
+        """The cycle at this gain, or where none was found, at a lower one.  Raises NoOrbit: at none."""
+        if self.orbit is not None:
+            return self.orbit
+        for part in () if self.problem.remedy is not None else LOWER_GAINS:
+            with suppress(NoOrbit):
+                lower = self.loop.replace(gain=part * self.problem.gain)
+                return loop_cycle(lower, start=lower.at_rest(-FIRST_OFF), options=ROUGH)
+        raise NoOrbit("no hunting was found at this gain, from which its cycles could be followed")
+
+    def _remedy_border(self) -> dict[str, Any]:
+        """The smallest size of the remedy that ends hunting at this gain."""
+        remedy, without, bare = self.problem.remedy, self.problem.without, self._bare
+        assert remedy is not None and without is not None
+        if bare is None:
+            return {"remedy_why": "without the remedy no hunting was found either, that it could end"}
+        start, scales = without.state(**on_the_cycle(bare)), Scales(bare.amplitude, bare.period)
+        found = border(without, remedy, start, scales, ROUGH)
+        if found.kind not in BORDERS:
+            return {"remedy_why": found.why or f"hunting goes on up to {brief(found.size)} {remedy.unit}".rstrip()}
+        present = self.loop.value(remedy.size)
+        more = ends_at(f"the {remedy.name}", remedy.unit, found.size, present, remedy.sense)
+        return {
+            "size": shown_number(found.size, found.error / abs(found.size) if found.size else math.nan),
+            "size_unit": remedy.unit, "size_name": remedy.name, "sentence": sentence_of((self.said, more)),
+        }  # fmt: skip
+
+    def diagram(self) -> dict[str, Any]:
+        """Amplitude against gain, from a cycle down and up, round the fold and back."""
+        if "diagram" not in self.memory:
+            first = self._some_cycle()
+            gain = first.problem.value("gain")
+            low = gain / BELOW_THE_GAIN
+            how: dict[str, Any] = {"options": Options(tol=DIAGRAM_TOLERANCE), "monitors": (),
+                                   "largest_step": DIAGRAM_STEP, "max_points": MOST_DIAGRAM_POINTS}  # fmt: skip
+            below = follow(first, "gain", to=low, **how)
+            above = follow(first, "gain", to=gain * FAR_ABOVE, back=low, **how)
+            orbits = [*reversed(below.orbits[1:]), *above.orbits]
+            self.memory["diagram"] = {**branches_shown(orbits), "ended": above.ended}
+        return {**self.memory["diagram"], "present": self.problem.gain}
+
+
+def on_the_cycle(orbit: Any) -> dict[str, float]:
+    """A state of a servo's cycle away from events: in the middle of its stick, or of its first phase."""
+    stuck = next((arc for arc in orbit.arcs if arc.mode == "stick"), None)
+    states = (stuck or orbit.arcs[0]).states
+    state = dict(zip(orbit.problem.system.states, map(float, states[0, states.shape[1] // 2]), strict=True))
+    return state if stuck is None else state | {"x2": 0.0}  # not the rounding of zero, which would slip
+
+
+def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
+    """Amplitude against gain of cycles along a branch, as two curves: attracting and not.
+
+    fold: the cycle in which the two meet, where it is known; amplitudes fall along the branch.
+    """
+    gains = np.array([orbit.problem.value("gain") for orbit in orbits])
+    amplitudes = np.array([orbit.amplitude for orbit in orbits])
+    stable = np.array([bool(orbit.stable) for orbit in orbits])
+    if fold is not None:
+        turn = int(np.argmax(gains))
+        turn += bool(amplitudes[turn] > fold.amplitude)
+        gains = np.insert(gains, turn, fold.problem.value("gain"))
+        amplitudes, stable = np.insert(amplitudes, turn, fold.amplitude), np.insert(stable, turn, False)
+    curves = {}
+    for name, on in (("stable", stable), ("unstable", ~stable)):
+        # where the one becomes the other the point belongs to both: the curves have no gap
+        near = on | (np.roll(on, 1) & (np.arange(on.size) > 0)) if name == "stable" else on
+        curves[name] = curve(gain=np.where(near, gains, np.nan), amplitude=np.where(near, amplitudes, np.nan))
+    return curves
+
+
+def friction_curve(numbers: Any) -> dict[str, Any]:
+    """Friction torque against velocity, with the jump at standstill."""
+    Fs, Fc, vs = (numbers[name] for name in ("static", "coulomb", "stribeck_velocity"))
+    v = np.linspace(0, DRAWN_SPEEDS * vs, SPEED_POINTS)
+    F = Fc + (Fs - Fc) * np.exp(-((v / vs) ** 2)) + numbers["viscous"] * v
+    return curve(velocity=[*-v[::-1], *v], torque=[*-F[::-1], *F])
+
+
+def margins_shown(found: Margins) -> dict[str, Any]:
+    """The margins of the linear loop."""
+    shown: dict[str, Any] = {
+        "stable": found.stable,
+        "phase_margin": {"value": found.phase_margin, "text": to_error(found.phase_margin, 1e-3)},
+        "crossover": {"value": found.frequency, "text": brief(found.frequency)},
+    }  # fmt: skip
+    limits = [f"{brief(x)}" for x in (found.lowest_factor, found.highest_factor) if 0 < x < math.inf]
+    return {**shown, "factors": limits}
+
+
+def loop_torque(loop: Loop, orbit: Any, times: Any, states: Any) -> Any:
+    """Torque of the motor along a cycle of a loop, which may be closed by its mirror image (orbit.repeats = 2)."""
+    ends = np.cumsum([arc.duration for arc in orbit.arcs])
+    half = times.size if orbit.repeats == 1 else (times.size - 1) // 2
+    of = np.searchsorted(ends, times[:half], side="right").clip(max=len(ends) - 1)
+    torque = np.empty(half)
+    for i, arc in enumerate(orbit.arcs):
+        at = of == i
+        if at.any():
+            torque[at] = loop.signal("torque", arc.mode, states[:, :half][:, at])
+    return torque if orbit.repeats == 1 else np.concatenate([torque, -torque, torque[:1]])

@@ -1,0 +1,193 @@
+"""How far the loop as built is from the continuous one, over random servos.
+
+    python scripts/as_built.py order [--count 12]      as the sample time falls: fitted order of amplitude, period, fold
+    python scripts/as_built.py encoder [--count 100]   by the counts of the amplitude: how often it hunts, how different
+
+order: the sample time is a part of the time 1/omega of the loop, omega^2 = kp/J; no encoder, so that only sampling
+differs.  The continuous cycle is found_orbit's, the fold find_fold's.  A motion as built starts on the cycle and is
+followed for `PERIODS` periods; amplitude and period are means over all whole swings of its second half: samples do not
+fit the period.  The fold gain as built is where hunting that starts on the cycle next to the fold ends, by halving;
+it is compared with stable_range's, the largest gain with a stable cycle, beyond which no motion shows one.
+
+encoder: a servo at a part of its fold gain hunts in the continuous loop with an amplitude A.  A count of the encoder is
+A/c, c from `COUNTS`; the set point lies anywhere between two.  The same motion is computed with and without.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from casahunt import Drive, Friction, NoOrbit, Pid, Servo, find_fold, find_orbit, simulate_sampled, stable_range  # noqa: E402
+from casahunt.servo.sampled.verdict import turning_points  # noqa: E402
+
+Array = np.ndarray
+
+PARTS = (0.08, 0.04, 0.02, 0.01, 0.005)
+"""Sample times by 1/omega."""
+PERIODS = 20
+"""Of a motion that is followed."""
+COUNTS = (0.5, 1, 2, 3, 5, 8, 12, 20, 40, 80)
+"""Of the amplitude."""
+FOLD_STEPS = 10
+"""Halvings of the range in which the fold gain as built is looked for."""
+ENCODER_SAMPLE = 0.01
+"""Sample time by 1/omega beside an encoder."""
+
+
+def servo_of(seed: int) -> Servo:
+    """A random servo; K = 1 is a gain of its own scale."""
+    r = np.random.default_rng([seed, 4])
+
+    def spread(low: float, high: float) -> float:
+        return float(math.exp(r.uniform(math.log(low), math.log(high))))
+
+    J, Fc, omega = spread(0.003, 0.1), spread(0.1, 1.0), spread(5.0, 30.0)
+    kp = J * omega**2
+    return Servo(
+        inertia=J, motor_gain=kp, controller=Pid(kp=1.0, ki=omega * spread(0.15, 0.4), kd=spread(0.8, 1.6) / omega),
+        friction=Friction(static=Fc * spread(1.1, 1.6), coulomb=Fc, stribeck_velocity=spread(0.02, 0.1),
+                          viscous=spread(0.01, 0.1) * J * omega),
+    )  # fmt: skip
+
+
+def start_of(orbit: Any) -> dict[str, float]:
+    """Where a cycle is stuck, on the verge of its slip, as a start at the set point 0."""
+    x = orbit.arcs[0].states[0, 0]
+    return {"position": float(x[0]), "velocity": 0.0, "integral": float(x[2])}
+
+
+def means(motion: Any) -> tuple[float, float]:
+    """Mean amplitude [rad] and time of two swings [s] of the second half of a motion; nan where it does not swing."""
+    half = motion.times.size // 2
+    x, t = motion.states[0, half:], motion.times[half:]
+    turns = turning_points(x, 0.25 * float(np.ptp(x)))
+    if turns.size < 5:
+        return math.nan, math.nan
+    swings = np.abs(np.diff(x[turns]))
+    return float(swings.mean()) / 2, float(2 * (t[turns[-1]] - t[turns[0]]) / (turns.size - 1))
+
+
+def hunts_on(servo: Servo, gain: float, drive: Drive, start: dict[str, float], period: float, amplitude: float) -> bool:
+    """Whether hunting that starts on a cycle goes on."""
+    motion = simulate_sampled(servo, gain, drive, set_point=0.0, time=PERIODS * period, **start)
+    late = motion.states[0, 3 * motion.times.size // 4 :]
+    return float(np.ptp(late)) > amplitude and motion.verdict.kind in ("hunting", "undecided")
+
+
+def fold_as_built(servo: Servo, drive: Drive, fold: Any) -> float:
+    """The gain at which hunting ends, by halving between 0.6 and 1.2 times the continuous fold's."""
+    orbit = fold.orbit
+    low, high = 0.6 * fold.gain, 1.2 * fold.gain
+    start = start_of(orbit)
+    for _ in range(FOLD_STEPS):
+        middle = (low + high) / 2
+        hunts = hunts_on(servo, middle, drive, start, orbit.period, orbit.amplitude / 2)
+        low, high = (middle, high) if hunts else (low, middle)
+    return (low + high) / 2
+
+
+def order(count: int) -> Iterator[tuple[str, Array]]:
+    """Relative differences from the continuous loop of each servo: (3, len(PARTS)) amplitude, period, fold gain."""
+    seed = found = 0
+    while found < count:
+        seed += 1
+        servo = servo_of(seed)
+        try:
+            fold = find_fold(servo, "switch")
+            gain = 0.5 * fold.gain
+            orbit = find_orbit(servo, "switch", gain)
+        except NoOrbit:
+            continue
+        found += 1
+        rows, reference = np.empty((3, len(PARTS))), stable_range(fold).gain
+        omega = math.sqrt(servo.torque_gains(gain)[0] / servo.inertia)
+        for i, part in enumerate(PARTS):
+            drive = Drive(sample_time=part / omega)
+            motion = simulate_sampled(
+                servo, gain, drive, set_point=0.0, time=PERIODS * orbit.period, **start_of(orbit)
+            )
+            amplitude, period = means(motion)
+            ends = fold_as_built(servo, drive, fold)
+            rows[:, i] = amplitude / orbit.amplitude - 1, period / orbit.period - 1, ends / reference - 1
+        yield f"{seed:3d}", rows
+
+
+def fitted(errors: Array) -> float:
+    """The order of errors (m,) in the sample time."""
+    known = np.isfinite(errors) & (errors != 0)
+    if np.count_nonzero(known) < 3:
+        return math.nan
+    return float(np.polyfit(np.log(np.array(PARTS)[known]), np.log(np.abs(errors[known])), 1)[0])
+
+
+def encoder(count: int, seed: int) -> Iterator[tuple[float, float, str, int, float]]:
+    """(counts of the amplitude, share of the fold gain, verdict, pattern, largest relative difference)."""
+    r, done = np.random.default_rng([seed, 5]), 0
+    while done < count:
+        servo = servo_of(int(r.integers(10**6)))
+        share = float(r.uniform(0.2, 0.9))
+        try:
+            gain = share * find_fold(servo, "switch").gain
+            orbit = find_orbit(servo, "switch", gain)
+        except NoOrbit:
+            continue
+        done += 1
+        omega = math.sqrt(servo.torque_gains(gain)[0] / servo.inertia)
+        start = start_of(orbit)
+        exact = Drive(sample_time=ENCODER_SAMPLE / omega)
+        free = simulate_sampled(servo, gain, exact, set_point=0.0, time=PERIODS * orbit.period, **start)
+        if free.verdict.kind != "hunting":
+            continue
+        for counts in COUNTS:
+            q = orbit.amplitude / counts
+            offset = float(r.uniform(0, q))
+            drive = Drive(sample_time=ENCODER_SAMPLE / omega, encoder=2 * math.pi / q)
+            moved = start | {"position": start["position"] + offset}
+            motion = simulate_sampled(servo, gain, drive, set_point=offset, time=PERIODS * orbit.period, **moved)
+            off = np.abs(np.array(means(motion)) / np.array(means(free)) - 1).max()
+            yield counts, share, motion.verdict.kind, motion.verdict.pattern, float(off)
+
+
+def main() -> int:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("order", "encoder"))
+    parser.add_argument("--count", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    if options.what == "order":
+        print("relative differences at T omega = " + ", ".join(f"{part:g}" for part in PARTS) + "; order")
+        orders = []
+        for name, rows in order(options.count or 12):
+            orders.append([fitted(row) for row in rows])
+            for what, row, p in zip(("amplitude", "period", "fold gain"), rows, orders[-1], strict=True):
+                print(f"{name} {what:10s} {' '.join(f'{value:+9.2e}' for value in row)}  {p:5.2f}", flush=True)
+        print("median orders: " + ", ".join(map("{:.2f}".format, np.nanmedian(orders, 0))))
+        return 0
+    rows = list(encoder(options.count or 300, options.seed))
+    print("counts  hunts  rests  other  in 2 swings | of those that hunt, difference: median  90 %  over 10 %")
+    for counts in COUNTS:
+        own = [row for row in rows if row[0] == counts]
+        hunting = [row for row in own if row[2] == "hunting"]
+        off = np.array([row[4] for row in hunting] or [math.nan])
+        rests = sum(row[2] == "at rest" for row in own)
+        print(
+            f"{counts:6g} {len(hunting):6d} {rests:6d} {len(own) - len(hunting) - rests:6d} "
+            f"{sum(row[3] == 2 for row in hunting):12d} | {np.nanmedian(off):28.3f} {np.nanquantile(off, 0.9):6.3f} "
+            f"{np.mean(off > 0.1):8.2f}"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

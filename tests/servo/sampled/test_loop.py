@@ -1,0 +1,128 @@
+"""The difference equations and the motion between samples, against another program and by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from built_case import SERVO
+
+from casahunt import Drive, InputError, find_orbit, simulate_sampled
+from casahunt.servo.sampled.loop import SampledLoop
+from scripts import sampled
+
+@pytest.mark.parametrize("seed", [1, 7, 9, 10, 14, 17])
+def test_another_program_has_the_same_motion(seed):
+    found = sampled.compared(seed, 600)
+    assert found["off"] <= sampled.AGREES
+    assert found["horizon"] >= 400
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(50))
+def test_fifty_cases_of_another_program(seed):
+    found = sampled.compared(seed, sampled.SAMPLES)
+    assert found["off"] <= sampled.AGREES
+    assert found["horizon"] >= 1000
+
+
+def test_the_cases_have_all_that_a_drive_can():
+    """Or the comparison says nothing of it."""
+    drives = [sampled.case(seed)["drive"] for seed in range(50)]
+    assert {d.derivative for d in drives} == {"difference", "filtered"}
+    assert {d.integration for d in drives} == {"rectangle", "trapezoid"}
+    assert {bool(d.encoder) for d in drives} == {bool(d.quantise_torque) for d in drives} == {True, False}
+    assert {bool(d.dead_band) for d in drives} == {True, False}
+    late = {(int(d.delay // d.sample_time) > 0, d.delay % d.sample_time > 0) for d in drives}
+    assert late == {(False, False), (False, True), (True, False), (True, True)}
+
+
+DRIVES = (
+    Drive(sample_time=1e-3, encoder=2000),
+    Drive(sample_time=1e-3, encoder=2000, delay=2.4e-3, integration="trapezoid", derivative="filtered"),
+    Drive(sample_time=1e-3, delay=1e-3, quantise_torque=0.01, derivative="filtered", filter_time=0.02),
+)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_stick_taken_at_once_is_the_stick_sample_by_sample(drive):
+    """To the rounding of the filter's powers, where there are any."""
+    start = (-1.0, 0.0, 0.0)
+    at_once = SampledLoop(SERVO, 1.0, drive, 1.0, start).run(20000, math.inf)
+    slow = SampledLoop(SERVO, 1.0, drive, 1.0, start)
+    slow._stuck, slow.rests = (lambda k, samples: k), (lambda: False)
+    one_by_one = slow.run(20000, math.inf)
+    size = np.abs(one_by_one.states).max(axis=1)[:, None]
+    assert np.abs(at_once.states - one_by_one.states).max(axis=1) == pytest.approx(0, abs=1e-9)
+    assert (np.abs(at_once.states - one_by_one.states) / size).max() < 1e-9
+    assert at_once.torque == pytest.approx(one_by_one.torque, rel=1e-9, abs=1e-9)
+
+
+def test_what_rests_for_ever_rests_sample_by_sample():
+    """The proof of rest is not a claim: nothing moves in ten times as many samples."""
+    drive = Drive(sample_time=1e-3, encoder=2000, dead_band=0.02, derivative="filtered", delay=1.5e-3)
+    motion = simulate_sampled(SERVO, 1.0, drive, time=10.0)
+    assert motion.verdict.kind == "at rest" and 0 < motion.rests_since < 9
+    slow = SampledLoop(SERVO, 1.0, drive, 1.0, (-1.0, 0.0, 0.0))
+    slow._stuck, slow.rests = (lambda k, samples: k), (lambda: False)
+    states = slow.run(100000, math.inf).states
+    k = round(motion.rests_since / 1e-3)
+    assert np.ptp(states[0, k:]) == 0 and not states[1, k:].any()
+
+
+def test_it_is_not_at_rest_where_a_torque_on_its_way_breaks_it_away():
+    """Stuck with nothing to integrate, but what was asked for before is still to come."""
+    drive = Drive(sample_time=1e-3, delay=5e-3, encoder=2000, dead_band=1.0)
+    loop = SampledLoop(SERVO, 1.0, drive, 0.0, (0.0, 0.0, 0.0))
+    assert loop.rests()
+    loop.waiting[-1] = 0.41
+    assert not loop.rests()
+
+
+def test_torques_are_multiples_and_readings_are_counts():
+    motion = simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-3, encoder=2000, quantise_torque=0.01), time=5.0)
+    steps = motion.torque / 0.01
+    assert steps == pytest.approx(np.round(steps), abs=1e-9)
+    q = motion.drive.count
+    e = q * np.floor((1.0 + motion.states[0, :-1]) / q + 0.5) - 1.0
+    w = np.cumsum(1e-3 * e)
+    assert motion.states[2, 1:] == pytest.approx(w, abs=1e-12)
+
+
+def test_a_delay_of_whole_samples_shifts_the_torque():
+    """A motion from rest under a delay of three samples is the one without, three samples later, as long as it is
+    stuck: at the start nothing acts."""
+    late = simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-3, delay=3e-3), time=0.01)
+    assert not late.states[1, :4].any() and late.states[1, 4] > 0
+
+
+def test_the_continuous_cycle_is_its_limit():
+    """The error is of first order in the sample time: a tenth of it makes a tenth."""
+    orbit = find_orbit(SERVO, "switch", 1.0)
+    off = []
+    for T in (1e-3, 1e-4):
+        motion = simulate_sampled(SERVO, 1.0, Drive(sample_time=T), time=30.0)
+        off.append(motion.verdict.period / orbit.period - 1)
+    assert off[1] == pytest.approx(off[0] / 10, rel=0.2)
+
+
+@pytest.mark.parametrize("change, words", [
+    ({"sample_time": 0.0}, "drive.sample_time = 0: must be greater than 0"),
+    ({"encoder": 0.5}, "drive.encoder = 0.5: must be at least 1"),
+    ({"delay": 2.0}, "drive.delay = 2: must be at most 1"),
+    ({"derivative": "filterd"}, "did you mean 'filtered'"),
+    ({"integration": "tustin"}, "unknown drive.integration 'tustin'"),
+    ({"filter_time": 0.01}, "drive.filter_time: must be left out"),
+    ({"dead_band": -1.0}, "drive.dead_band = -1: must be at least 0"),
+])  # fmt: skip
+def test_a_drive_that_is_none_is_refused(change, words):
+    with pytest.raises(InputError) as refusal:
+        replace(Drive(sample_time=1e-3), **change)
+    assert words in str(refusal.value)
+
+
+def test_too_many_samples_are_refused():
+    with pytest.raises(InputError, match="between 1 and 5000000 samples"):
+        simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-6), time=100.0)

@@ -1,0 +1,62 @@
+"""A slip under a constant torque, against quadrature of the time that each speed takes."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from scipy.integrate import quad
+
+from casahunt.servo.sampled.slip import FAR, Slips
+
+J, FS, FC, VS, SIGMA2 = 0.012, 0.4, 0.3, 0.05, 0.02
+
+
+def rate(v: float, m: float) -> float:
+    """v' of a slip with v > 0."""
+    return (m - FC - (FS - FC) * math.exp(-((v / VS) ** 2)) - SIGMA2 * v) / J
+
+
+def until_stop(v: float, m: float) -> tuple[float, float]:
+    """(time, way) until a slip stops: dt = dv/v', dx = v dv/v'."""
+    pieces = [VS * k / 2 for k in range(1, 13) if VS * k / 2 < v]
+    how = {"points": pieces or None, "limit": 400, "epsabs": 0.0, "epsrel": 1e-13}
+    return tuple(-quad(lambda u, k=k: u**k / rate(u, m), 0, v, **how)[0] for k in (0, 1))
+
+
+@pytest.mark.parametrize("v", [1e-6, 0.01, 0.05, 0.3, 2.0])
+@pytest.mark.parametrize("m", [0.35, 0.0, -0.39, -6.0, -300.0])
+def test_a_slip_stops_when_and_where_its_speeds_say(v, m):
+    """Fast ones too, whose drop of the friction is passed in a small part of a step."""
+    if rate(0.0, m) >= 0 or m == 0.35 and v > 0.03:
+        pytest.skip("it does not stop")
+    time, way = until_stop(v, m)
+    slips = Slips(J, FS, FC, VS, SIGMA2)
+    x, end, stops = slips(0.0, v, m, 1.5 * time if m > -FS else time * (1 + 1e-9))
+    assert stops[0] == pytest.approx(time, rel=1e-11)
+    assert x == pytest.approx(way, rel=1e-11)
+    assert abs(end) <= abs(rate(0.0, m)) * time * 1e-8
+    mirrored = slips(0.0, -v, -m, stops[0])
+    assert mirrored[0] == pytest.approx(-way, rel=1e-11)
+
+
+def test_it_passes_the_drop_of_the_friction_however_fast_it_comes():
+    """A step from far above would not see the drop: its series does not show it."""
+    v = 4 * FAR * VS
+    time, way = until_stop(v, -11.6)
+    x, _, stops = Slips(J, FS, FC, VS, SIGMA2)(0.0, v, -11.6, 2 * time)
+    assert stops[0] == pytest.approx(time, rel=1e-12)
+
+
+def test_it_stays_stuck_up_to_static_friction_and_breaks_away_beyond():
+    slips = Slips(J, FS, FC, VS, SIGMA2)
+    assert slips(0.3, 0.0, FS, 1.0) == (0.3, 0.0, [])
+    x, v, stops = slips(0.3, 0.0, -FS - 1e-9, 1e-3)
+    assert x < 0.3 and not stops
+    assert v == pytest.approx(-1e-9 / J * 1e-3, rel=0.1)  # next to rest nothing has cancelled
+    assert slips(0.3, 0.0, -FS - 1e-9, 1e-3)[1] == v
+
+
+def test_a_reversal_goes_on_to_the_other_side():
+    x, v, stops = Slips(J, FS, FC, VS, SIGMA2)(0.0, 0.1, -6.0, 1e-3)
+    assert len(stops) == 1 and v < 0 and math.copysign(1.0, v) == -1

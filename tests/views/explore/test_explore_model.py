@@ -1,0 +1,304 @@
+"""What the page asks about and what it shows, without a browser: addresses, ranges, copies, stages."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from dataclasses import replace
+
+import pytest
+
+from casahunt import InputError, Servo, effort, find_fold, find_orbit, margins, remedies
+from casahunt.cli import main
+from casahunt.servo.parts import load_loop, loop_cycle
+from casahunt.views.explore import answers as stages
+from casahunt.views.explore.answers import STAGES, Answers
+from casahunt.views.explore.controls import HIDDEN, LUGRE_ALONE, choices_of, controls_of
+from casahunt.views.explore.copies import command_line, python, servo_file
+from casahunt.views.explore.presets import presets
+from casahunt.views.explore.state import (
+    FIRST_GAIN,
+    own_numbers,
+    remedies_for,
+    remedy_called,
+    state_of_address,
+    state_of_file,
+    state_of_servo,
+)
+from problems import table1
+
+LOOP = """
+[loop]
+parts = ["one inertia", "Switch friction", "PID by times", "integrator", "leak"]
+[values]
+gain = 0.04
+leak = 0.1
+"""
+TABLE = """
+[loop]
+parts = ["one inertia", {part = "friction table", velocity = [0.0, 0.02, 0.05, 1.0], torque = [0.5, 0.47, 0.44, 0.54]},
+         "PID by times", "integrator"]
+"""
+
+
+def turned(state, **values):
+    """The state with other numbers; dots are written as two underscores."""
+    return replace(state, values={**state.values, **{k.replace("__", "."): float(v) for k, v in values.items()}})
+
+
+TABLE1 = state_of_servo(table1.servo())
+
+
+def every_state():
+    yield "table 1", TABLE1
+    yield "by gains", TABLE1.choose("controller", "gains")
+    yield "load", turned(TABLE1, load_torque=0.1, spring=-0.2)
+    for model in ("switch", "lugre"):
+        for name in remedies_for(model):
+            yield f"{model} {name}", TABLE1.choose("model", model).choose("remedy", name)
+    yield "loop", state_of_file(LOOP)
+    yield "table", state_of_file(TABLE)
+    yield from presets().items()
+
+
+STATES = dict(every_state())
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """Called with a state and the names of stages: what these show."""
+
+    def show(state, *names):
+        monkeypatch.setattr(stages, "STAGES", names or STAGES)
+        return dict(Answers().of(state))
+
+    return show
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_an_address_reproduces_its_state(name):
+    assert state_of_address(STATES[name].address()) == STATES[name]
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_a_file_brings_the_same_problem_back(name):
+    """To the last bit: a servo its numbers, a loop its parts and theirs."""
+    problem = STATES[name].problem
+    again = state_of_file(servo_file(STATES[name]), gain=problem.gain).problem
+    if problem.loop is None:
+        assert again.servo == problem.servo and again.gain == problem.gain
+    else:
+        assert again.loop.present == problem.loop.present or name.startswith("table")
+        assert again.loop.parameters == problem.loop.parameters
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_every_number_has_a_control(name):
+    state, made = STATES[name], controls_of(STATES[name])
+    hidden = {*HIDDEN, *(() if state.model == "lugre" else LUGRE_ALONE)} if not state.is_loop else set()
+    assert {control.key for control in made} == set(state.values) - hidden
+    for control in made:
+        assert control.low < control.high and control.low <= control.value <= control.high or control.zero
+        assert not control.log or control.low > 0
+
+
+def test_choices():
+    assert choices_of(TABLE1)["remedy"]["chosen"] == "" and not choices_of(STATES["loop"])
+    assert TABLE1.choose("remedy", "freeze").choose("model", "lugre").remedy == ""  # freeze is for Switch alone
+    assert TABLE1.choose("remedy", "leak").choose("model", "lugre").remedy == "leak"
+    assert TABLE1.choose("remedy", "leak").choose("remedy", "") == TABLE1
+    with pytest.raises(InputError, match="parts of a loop"):
+        STATES["loop"].choose("model", "lugre")
+
+
+def test_the_form_of_the_controller_changes_no_controller():
+    asked = turned(TABLE1, controller__lead_time=0.1, controller__integral_time=0.3)
+    gains = asked.choose("controller", "gains")
+    back = gains.choose("controller", "times")
+    for state in (gains, back):
+        problem = state.problem
+        assert problem.servo.torque_gains(problem.gain) == pytest.approx(
+            asked.problem.servo.torque_gains(asked.problem.gain), rel=1e-12
+        )
+    with pytest.raises(InputError, match="complex"):
+        STATES["canudas"].choose("controller", "times")
+
+
+@pytest.mark.parametrize(
+    "address, said",
+    [
+        ("gain=-1", "gain = -1: must be greater than 0"),
+        ("gain=nan", "gain = nan"),
+        ("gain=inf", "gain = inf"),
+        ("gain=fast", "gain = 'fast'"),
+        ("step=0", "step = 0"),
+        ("friction.static=0.1", "friction.static = 0.1: must be at least 0.44"),
+        ("friction.statik=1", "did you mean 'friction.static'"),
+        ("spring=inf", "spring = inf"),
+        ("model=dahl", "unknown model"),
+        ("remedy=hope", "unknown remedy"),
+        ("remedy=leak&leak=-1", "leak = -1: must be at least 0"),
+        ("model=lugre&remedy=freeze", "unknown remedy"),
+        ("part=one+inertia&part=nothing", "unknown part"),
+        ("part={&gain=1", "must be the name of a part"),
+        ("&".join(f"a{i}=1" for i in range(1000)), "at most 200"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_a_sentence(address, said):
+    with pytest.raises(InputError, match=r"^.*" + said.replace("(", r"\(")):
+        assert state_of_address(address).problem
+
+
+def test_a_file_that_is_none_is_refused():
+    for text, said in (("[servo", "not valid TOML"), ("[x]\na = 1", "unknown section"), ("#" * 60000, "at most")):
+        with pytest.raises(InputError, match=said):
+            state_of_file(text)
+
+
+@pytest.mark.parametrize("name", ["table 1", "by gains", "canudas"])
+def test_the_command_line_and_the_python_give_the_numbers_of_the_page(name, capsys, shown):
+    state = STATES[name]
+    page = shown(state, "hunts")["hunts"]
+    words = command_line(state).split()
+    assert words[0] == "casahunt" and main([*words[1:], "--json", "--quiet"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    scope: dict = {}
+    with contextlib.redirect_stdout(None):
+        exec(python(state), scope)  # what the page offers to be copied
+    for key in ("amplitude", "period"):
+        assert page[key]["value"] == told[key] == getattr(scope["orbit"], key)
+
+
+def test_the_copies_of_a_loop_give_the_numbers_of_the_page(tmp_path, monkeypatch, capsys, shown):
+    monkeypatch.chdir(tmp_path)
+    state = turned(TABLE1.choose("remedy", "leak"), leak=0.1, gain=0.04)
+    page = shown(state, "hunts")["hunts"]
+    (tmp_path / "servo.toml").write_text(servo_file(state), encoding="utf-8")
+    scope: dict = {}
+    with contextlib.redirect_stdout(None):
+        exec(python(state), scope)
+    words = command_line(state).partition("#")[0].split()
+    assert main([*words[1:], "--json", "--quiet"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    truth = loop_cycle(load_loop(tmp_path / "servo.toml"))
+    for key in ("amplitude", "period"):
+        value = getattr(truth, key)
+        assert [page[key]["value"], told[key], getattr(scope["orbit"], key)] == pytest.approx([value] * 3, rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def told():
+    """The stages of Table 1 at the page's first gain."""
+    return dict(Answers().of(TABLE1))
+
+
+def test_the_stages_show_what_the_library_says(told):
+    servo = table1.servo()
+    orbit, fold = find_orbit(servo, "switch", FIRST_GAIN), find_fold(servo, "switch")
+    assert tuple(told) == STAGES
+    assert told["hunts"]["verdict"] == "hunts"
+    assert told["hunts"]["amplitude"]["value"] == orbit.amplitude
+    assert float(told["hunts"]["period"]["text"]) == pytest.approx(orbit.period, rel=1e-5)
+    assert told["hunts"]["amplitude"]["error"] == pytest.approx(orbit.amplitude * orbit.amplitude_error)
+    assert told["border"]["gain"]["value"] == fold.gain
+    assert told["border"]["ratio"]["value"] == pytest.approx(fold.gain / FIRST_GAIN)
+    assert told["linear"]["phase_margin"]["value"] == margins(servo, FIRST_GAIN).phase_margin
+    kp = servo.torque_gains(FIRST_GAIN)[0]
+    assert told["step"]["peak"]["value"] == pytest.approx(kp * 1.0, rel=1e-3)  # kp times the step, at its start
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+
+
+def test_the_curves_belong_to_the_numbers(told):
+    cycle, at = told["hunts"]["cycle"], told["diagram"]
+    assert max(map(abs, cycle["angle"])) == pytest.approx(told["hunts"]["amplitude"]["value"], rel=1e-4)
+    assert cycle["time"][-1] == pytest.approx(told["hunts"]["period"]["value"], rel=1e-5)
+    gains = [x for name in ("stable", "unstable") for x in at[name]["gain"] if x is not None]
+    assert max(gains) == pytest.approx(told["border"]["gain"]["value"], rel=1e-3) and min(gains) < FIRST_GAIN
+    # J x2' = m - F along the period: the torque is that of the motion
+    x, v, t = (cycle[name] for name in ("angle", "velocity", "time"))
+    assert sum(v[i] * (t[i + 1] - t[i]) for i in range(len(t) - 1)) == pytest.approx(x[-1] - x[0], abs=1e-3)
+    speed = told["linear"]["friction"]
+    assert max(speed["torque"]) <= 0.53 + 0.1 * max(speed["velocity"])
+
+
+def test_torque_along_a_loop_is_that_of_the_servo(told, shown):
+    """A servo as a loop, closed by its mirror image or, with a load, over the whole period."""
+    largest = max(told["hunts"]["cycle"]["torque"])
+    spring = shown(turned(TABLE1, spring=1e-9), "hunts")["hunts"]["cycle"]["torque"]
+    load = shown(turned(TABLE1, load_torque=0.2), "hunts")["hunts"]["cycle"]["torque"]
+    assert max(spring) == pytest.approx(largest, rel=1e-4) and min(spring) == pytest.approx(-largest, rel=1e-4)
+    assert (max(load) - min(load)) / 2 == pytest.approx(largest, rel=1e-4)
+    assert (max(load) + min(load)) / 2 == pytest.approx(0.2, rel=1e-3)  # the integrator carries it
+
+
+def test_where_it_does_not_hunt_the_evidence_is_said(shown):
+    told = shown(turned(TABLE1, gain=1.0), "hunts", "border")
+    assert told["hunts"]["verdict"] == "rests" and told["hunts"]["sentence"] == "It does not hunt at this gain."
+    assert "in a fold" in told["hunts"]["why"] and "amplitude" not in told["hunts"]
+    assert told["border"]["ratio"]["value"] < 1
+
+
+def test_what_is_not_found_is_a_sentence_in_its_place(shown):
+    """No hunting was found is not: there is none."""
+    told = shown(turned(TABLE1.choose("remedy", "leak"), leak=0.5), "hunts", "diagram")
+    assert told["hunts"]["verdict"] == "unknown" and told["hunts"]["sentence"].startswith("No hunting was found")
+    assert "why" in told["diagram"]
+
+
+def test_the_border_of_a_remedy_is_that_of_the_table_of_remedies(shown):
+    told = shown(turned(TABLE1.choose("remedy", "dead band"), gain=0.04, dead_band=0.01), "hunts", "border")
+    row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
+    assert told["border"]["size"]["value"] == pytest.approx(row.size, rel=1e-6)
+    assert told["border"]["size"]["value"] == pytest.approx(0.0433457242, rel=1e-5)
+    assert "4.33 times" in told["border"]["sentence"]
+
+
+def test_the_numbers_of_a_remedy():
+    assert own_numbers(remedy_called("dither", "switch")) == {"dither": 0.0}
+    assert list(own_numbers(remedy_called("hysteresis", "switch"))) == ["hysteresis", "enter_ratio"]
+
+
+def test_a_move_of_the_gain_computes_no_fold_and_no_diagram_again(monkeypatch):
+    asked = Answers()
+    first = dict(asked.of(TABLE1))
+    monkeypatch.setattr("casahunt.views.explore.kinds.find_fold", None)
+    monkeypatch.setattr("casahunt.views.explore.kinds.diagram", None)
+    second = dict(asked.of(turned(TABLE1, gain=0.2)))
+    assert second["border"]["gain"] == first["border"]["gain"]
+    assert second["diagram"]["stable"] == first["diagram"]["stable"] and second["diagram"]["present"] == 0.2
+
+
+def test_nobody_waits_for_an_answer_that_is_dropped():
+    calls = 0
+
+    def dropped() -> bool:
+        nonlocal calls
+        calls += 1
+        return calls > 20
+
+    with pytest.raises(effort.Dropped):
+        dict(Answers().of(TABLE1, dropped))
+    assert calls == 21
+
+
+def test_a_stage_that_goes_on_for_ever_is_given_up(monkeypatch):
+    monkeypatch.setattr(stages, "MOST_WORK_OF_A_STAGE", 50)
+    told = dict(Answers().of(TABLE1))
+    assert "given up" in told["step"]["why"] and told["linear"]["phase_margin"]["value"] > 0
+
+
+def test_kept_servos_are_few(monkeypatch):
+    monkeypatch.setattr(stages, "STAGES", ("linear",))
+    asked = Answers()
+    for i in range(3 * stages.KEPT_SERVOS):
+        list(asked.of(turned(TABLE1, friction__viscous=0.1 + i / 100)))
+    assert len(asked._kept) == stages.KEPT_SERVOS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STATES)
+def test_everything_has_an_answer(name, shown):
+    """Numbers that JSON has, whatever the model, the load, the remedy."""
+    told = shown(STATES[name])
+    assert tuple(told) == STAGES and json.dumps(told, allow_nan=False)
+    assert "sentence" in told["hunts"]
