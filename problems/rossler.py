@@ -3,7 +3,12 @@
     x' = -y - z,      y' = x + a y,      z' = b + z (x - c)
 
 With a = b = 0.2 the cycle of one turn flips near c = 2.83, that of two turns near c = 3.84; at c = 5.7, Rossler's own
-value, the motion is chaotic and the cycle of one turn is an unstable one inside of it.
+value, the motion is chaotic and the cycle of one turn is an unstable one inside of it.  At c = 2 sqrt(a b) the two
+equilibria meet, at x = c/2, z = -y = c/(2 a), where the Jacobian has the characteristic polynomial
+
+    s^3 + (c/2 - a) s^2 + (1 + c/(2 a) - a c/2) s,
+
+so that with a = b, c = 2 a they do so with eigenvalues 0, +-i omega: there the cycle of one turn shrinks to a point.
 
 Source: O. E. Rossler, An equation for continuous chaos, Physics Letters A 57 (1976) 397-398; the cascade, e.g., in
 S. H. Strogatz, Nonlinear Dynamics and Chaos, section 12.3.
@@ -78,6 +83,8 @@ def branches() -> Iterator[Course]:
     for turns, c in ((1, 2.5), (2, 3.5), (4, 4.0)):
         start = partial(find_cycle, SYSTEM, parameters={"c": c}, x=-c, y=0.0, z=0.0)
         yield Course(f"Rossler, turns: {turns}", start, "c", 5.0, (("flip", FLIPS[turns]),))
+    start = partial(find_cycle, SYSTEM, x=-2.5, y=0.0, z=0.0)
+    yield Course("Rossler, down", start, "c", 0.1, (), ("shrinks to a point",))
 
 
 def draw(found: Sequence[Found], ax: Any) -> None:

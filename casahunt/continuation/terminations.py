@@ -250,7 +250,7 @@ def _spaced(orbits: Sequence[Orbit], size_of: Callable[[Orbit], float], sign: in
     four, sizes = [orbits[-1]], [size_of(orbits[-1])]
     for orbit in reversed(orbits[:-1]):
         times = (size_of(orbit) / sizes[-1]) ** sign
-        if len(four) == 4 or times < 1:
+        if len(four) == 4 or times < 1 - LEAST_CHANGE:
             break
         if times >= 1 + SPACED:
             four.append(orbit)

@@ -179,7 +179,8 @@ class Returning:
         nodes = np.abs(motion[-1].w[:, : self.scale.size]).max(axis=0)
         self.scale = np.where(turns(self.system) > 0, self.scale, np.maximum(self.scale, nodes))
         if len(motion) > 1:
-            self.back = self.recurrences(self.near, lambda r: r.phases <= FEW_PHASES, motion)
+            last = motion[-1 - 2 * FEW_PHASES :]  # of which a mirrored half is looked at with the half before
+            self.back = self.recurrences(self.near, lambda r: r.phases <= FEW_PHASES, last)
         self.reached = self.confirmed(motion)
         return bool(self.back) or self.reached is not None
 

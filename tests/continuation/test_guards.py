@@ -251,6 +251,16 @@ def test_a_size_that_follows_a_power_leads_to_its_end(monkeypatch, power, sense,
     assert terminations.comes_to(astray, "K", stuck=True) is None  # AGREE
 
 
+def test_steps_that_shrink_to_nothing_hide_no_law(monkeypatch):
+    """Where no step leads on, the last orbits are one orbit but for rounding, in size as in the parameter."""
+    rounding = 1e-9 * (-1.0) ** np.arange(5)  # the last one is the largest of them
+    b = np.append(B, B[-1] * (1 + rounding))
+    end = terminations.comes_to(along(1 + 0.3 * b**2, b, 1 + b, 1.0, monkeypatch), "K", stuck=True)
+    assert end.kind == "shrinks to a point" and abs(end.value - 1) <= max(end.error, 1e-12)
+    grown = np.append(B, 2 * B[-1])
+    assert terminations.comes_to(along(1 + 0.3 * grown**2, grown, 1 + grown, 1.0, monkeypatch), "K", stuck=True) is None
+
+
 @pytest.mark.parametrize("lam", [2 - B, 1 + B**0.001, 1 - 0.3 * B + 0.6 * (B == B[-1])])
 def test_sizes_that_lead_nowhere(monkeypatch, lam):
     """The parameter goes on where the size is gone, or turns round: steps, not a law."""
