@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .design.fold_curve.curve import fold_curve
     from .design.fold_curve.data import FoldCurve
     from .design.fold_map import FoldMap, fold_map
+    from .design.identify.identify import Identification, identify
     from .design.record.file import Record, read_record
     from .design.record.measure import Measurement, measure, record_of
     from .design.remedies.cures import Cure, Cures
@@ -84,6 +85,7 @@ _HOMES = {
     "design.fold_curve.curve": ("fold_curve",),
     "design.fold_curve.data": ("FoldCurve",),
     "design.fold_map": ("FoldMap", "fold_map"),
+    "design.identify.identify": ("Identification", "identify"),
     "design.record.file": ("Record", "read_record"),
     "design.record.measure": ("Measurement", "measure", "record_of"),
     "design.remedies.cures": ("Cure", "Cures"),
@@ -172,6 +174,7 @@ __all__ = [
     "FoldEnsemble",
     "FoldMap",
     "Friction",
+    "Identification",
     "InputError",
     "LinearLoop",
     "Margins",
@@ -212,6 +215,7 @@ __all__ = [
     "fold_ensemble",
     "fold_map",
     "fold_sensitivities",
+    "identify",
     "linear_loop",
     "load",
     "load_branch",
