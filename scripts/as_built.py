@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from casahunt import Drive, Friction, NoOrbit, Pid, Servo, find_fold, find_orbit, simulate_sampled, stable_range  # noqa: E402
+from casahunt.servo.sampled.cause import told_apart  # noqa: E402
 from casahunt.servo.sampled.verdict import turning_points  # noqa: E402
 
 Array = np.ndarray
@@ -130,8 +131,8 @@ def fitted(errors: Array) -> float:
     return float(np.polyfit(np.log(np.array(PARTS)[known]), np.log(np.abs(errors[known])), 1)[0])
 
 
-def encoder(count: int, seed: int) -> Iterator[tuple[float, float, str, int, float]]:
-    """(counts of the amplitude, share of the fold gain, verdict, pattern, largest relative difference)."""
+def encoder(count: int, seed: int) -> Iterator[tuple[float, str, float]]:
+    """(counts of the amplitude, cause or what it does if it does not hunt, largest relative difference of the means)."""
     r, done = np.random.default_rng([seed, 5]), 0
     while done < count:
         servo = servo_of(int(r.integers(10**6)))
@@ -155,7 +156,8 @@ def encoder(count: int, seed: int) -> Iterator[tuple[float, float, str, int, flo
             moved = start | {"position": start["position"] + offset}
             motion = simulate_sampled(servo, gain, drive, set_point=offset, time=PERIODS * orbit.period, **moved)
             off = np.abs(np.array(means(motion)) / np.array(means(free)) - 1).max()
-            yield counts, share, motion.verdict.kind, motion.verdict.pattern, float(off)
+            hunts = motion.verdict.kind == "hunting"
+            yield counts, told_apart(motion.verdict, free, q)[0] if hunts else motion.verdict.kind, float(off)
 
 
 def main() -> int:
@@ -175,16 +177,16 @@ def main() -> int:
         print("median orders: " + ", ".join(map("{:.2f}".format, np.nanmedian(orders, 0))))
         return 0
     rows = list(encoder(options.count or 300, options.seed))
-    print("counts  hunts  rests  other  in 2 swings | of those that hunt, difference: median  90 %  over 10 %")
+    print("counts  rests  not decided  hunts  by quantisation  difference of the means: median  90 %")
     for counts in COUNTS:
         own = [row for row in rows if row[0] == counts]
-        hunting = [row for row in own if row[2] == "hunting"]
-        off = np.array([row[4] for row in hunting] or [math.nan])
-        rests = sum(row[2] == "at rest" for row in own)
+        causes = [row[1] for row in own]
+        hunting = [row for row in own if row[1] in ("stiction", "quantisation", "not certain")]
+        off = np.array([row[2] for row in hunting] or [math.nan])
         print(
-            f"{counts:6g} {len(hunting):6d} {rests:6d} {len(own) - len(hunting) - rests:6d} "
-            f"{sum(row[3] == 2 for row in hunting):12d} | {np.nanmedian(off):28.3f} {np.nanquantile(off, 0.9):6.3f} "
-            f"{np.mean(off > 0.1):8.2f}"
+            f"{counts:6g} {causes.count('at rest'):6d} {len(own) - len(hunting) - causes.count('at rest'):12d} "
+            f"{len(hunting):6d} {causes.count('quantisation'):16d} {np.nanmedian(off):32.3f} "
+            f"{np.nanquantile(off, 0.9):5.3f}"
         )
     return 0
 

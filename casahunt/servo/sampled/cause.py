@@ -3,8 +3,8 @@
 The same motion is computed without any quantisation.  Quantisation is the cause
 
     where that motion does not hunt, or in its second half moves by less than half a count,
-    or its hunting repeats after another number of swings, or differs by more than `DIFFERENT` in the mean time of two
-    swings or in amplitude: what is seen is then not what the servo does by its friction.
+    or by more than `DIFFERENT` it hunts with another amplitude, takes another mean time for two swings, or its swings
+    are more even: what is seen is then not what the servo does by its friction.
 
 An integrator that takes no notice of |e| <= dead_band ends either kind.  Readings are e = n q - theta_d, so that of all
 dead bands only those next to the sizes of readings differ: they are tried in order of size, by halving, from the start
@@ -85,12 +85,12 @@ def cause_of(motion: SampledMotion) -> Cause | None:
     if seen.kind != "hunting" or not drive.quantises:
         return None
     exact = _again(motion, drive.exact())
-    kind, sentence = _told_apart(seen, exact, drive.count)
+    kind, sentence = told_apart(seen, exact, drive.count)
     counts = seen.amplitude / drive.count if drive.encoder else math.nan
     return Cause(kind, sentence, exact.verdict, counts, smallest_dead_band(motion))
 
 
-def _told_apart(seen: SampledVerdict, exact: SampledMotion, count: float) -> tuple[Kind, str]:
+def told_apart(seen: SampledVerdict, exact: SampledMotion, count: float) -> tuple[Kind, str]:
     """Kind and sentence; exact: the motion without quantisation; count: of the encoder [rad], or 0."""
     without, x = exact.verdict, exact.states[0]
     moved = float(np.ptp(x[x.size // 2 :]))
@@ -101,15 +101,13 @@ def _told_apart(seen: SampledVerdict, exact: SampledMotion, count: float) -> tup
         return "quantisation", f"without quantisation the same loop does not hunt: {without.sentence}"
     if without.kind != "hunting":
         return "not certain", f"without quantisation the same loop is {without.kind}: {without.sentence}"
-    mean, free = (verdict.period / (max(verdict.pattern, 2) / 2) for verdict in (seen, without))
+    off = max(abs(seen.mean_period / without.mean_period - 1), abs(seen.amplitude / without.amplitude - 1))
     hunts = f"without quantisation it hunts with {without.amplitude:.4g} rad and {without.period:.4g} s"
-    if seen.pattern != without.pattern:
-        how = f"in a pattern of {seen.pattern} swings" if seen.pattern else "in no pattern"
-        return "quantisation", f"{hunts}, repeating after {without.pattern or 'no number of'} swings; with it {how}"
-    off = max(abs(mean / free - 1), abs(seen.amplitude / without.amplitude - 1))
-    if off > DIFFERENT:
-        return "quantisation", f"{hunts}, which is {off:.0%} different"
-    return "stiction", f"{hunts}, {off:.1%} different"
+    hunts = f"{hunts}, {off:.1%} different in the mean"
+    if seen.unevenness - without.unevenness > DIFFERENT:
+        low, high = min(seen.lasts), max(seen.lasts)
+        return "quantisation", f"{hunts}, and swings that take {without.lasts[-1]:.4g} s, not {low:.4g} to {high:.4g} s"
+    return ("quantisation" if off > DIFFERENT else "stiction"), hunts
 
 
 def _again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> SampledMotion:

@@ -101,6 +101,8 @@ class SampledLoop:
         self.states, self.torque = np.empty((3, samples + 1)), np.empty(samples)
         stops: list[float] = []
         k, slipped, rests_from = 0, 0, -1
+        effort.motion_begins()
+        effort.at(lambda: f"followed to sample {k} of {samples}")
         while k < samples and abs(self.x) <= farthest:
             if self.v == 0:
                 if self.rests():

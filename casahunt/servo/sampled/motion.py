@@ -93,7 +93,8 @@ class SampledMotion(Result):
     @cached_property
     def verdict(self) -> SampledVerdict:
         """What the end of the motion shows."""
-        unit = self.servo.friction.static / self.servo.torque_gains(self.gain)[0]
+        friction = self.servo.friction
+        unit = (friction.static - friction.coulomb) / self.servo.torque_gains(self.gain)[0]
         end = Ending(self.rests_since, self.far, self._waits(), self.drive.count, unit)
         return judge(self.times, self.states[0], end)
 
