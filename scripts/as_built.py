@@ -7,7 +7,7 @@ order: the sample time is a part of the time 1/omega of the loop, omega^2 = kp/J
 differs.  The continuous cycle is found_orbit's, the fold find_fold's.  A motion as built starts on the cycle and is
 followed for `PERIODS` periods; amplitude and period are means over all whole swings of its second half: samples do not
 fit the period.  The fold gain as built is where hunting that starts on the cycle next to the fold ends, by halving;
-it is compared with stable_range's, the largest gain with a stable cycle, beyond which no motion shows one.
+it is compared with the end of stable_range's first range, beyond which motions go to no symmetric cycle any more.
 
 encoder: a servo at a part of its fold gain hunts in the continuous loop with an amplitude A.  A count of the encoder is
 A/c, c from `COUNTS`; the set point lies anywhere between two.  The same motion is computed with and without.
@@ -39,8 +39,8 @@ PERIODS = 20
 """Of a motion that is followed."""
 COUNTS = (0.5, 1, 2, 3, 5, 8, 12, 20, 40, 80)
 """Of the amplitude."""
-FOLD_STEPS = 10
-"""Halvings of the range in which the fold gain as built is looked for."""
+FOLD_STEPS, LOWEST, HIGHEST = 11, 0.7, 1.15
+"""Halvings of the range, in gains of the continuous fold, in which the fold gain as built is looked for."""
 ENCODER_SAMPLE = 0.01
 """Sample time by 1/omega beside an encoder."""
 
@@ -86,9 +86,9 @@ def hunts_on(servo: Servo, gain: float, drive: Drive, start: dict[str, float], p
 
 
 def fold_as_built(servo: Servo, drive: Drive, fold: Any) -> float:
-    """The gain at which hunting ends, by halving between 0.6 and 1.2 times the continuous fold's."""
+    """The gain at which hunting ends, by halving."""
     orbit = fold.orbit
-    low, high = 0.6 * fold.gain, 1.2 * fold.gain
+    low, high = LOWEST * fold.gain, HIGHEST * fold.gain
     start = start_of(orbit)
     for _ in range(FOLD_STEPS):
         middle = (low + high) / 2
@@ -110,7 +110,7 @@ def order(count: int) -> Iterator[tuple[str, Array]]:
         except NoOrbit:
             continue
         found += 1
-        rows, reference = np.empty((3, len(PARTS))), stable_range(fold).gain
+        rows, reference = np.empty((3, len(PARTS))), stable_range(fold).ranges[0][1]
         omega = math.sqrt(servo.torque_gains(gain)[0] / servo.inertia)
         for i, part in enumerate(PARTS):
             drive = Drive(sample_time=part / omega)
@@ -132,7 +132,7 @@ def fitted(errors: Array) -> float:
 
 
 def encoder(count: int, seed: int) -> Iterator[tuple[float, str, float]]:
-    """(counts of the amplitude, cause or what it does if it does not hunt, largest relative difference of the means)."""
+    """(counts of the amplitude, cause, or what it does if it does not hunt, largest difference of the means)."""
     r, done = np.random.default_rng([seed, 5]), 0
     while done < count:
         servo = servo_of(int(r.integers(10**6)))
@@ -157,7 +157,7 @@ def encoder(count: int, seed: int) -> Iterator[tuple[float, str, float]]:
             motion = simulate_sampled(servo, gain, drive, set_point=offset, time=PERIODS * orbit.period, **moved)
             off = np.abs(np.array(means(motion)) / np.array(means(free)) - 1).max()
             hunts = motion.verdict.kind == "hunting"
-            yield counts, told_apart(motion.verdict, free, q)[0] if hunts else motion.verdict.kind, float(off)
+            yield counts, told_apart(motion.verdict, free.verdict)[0] if hunts else motion.verdict.kind, float(off)
 
 
 def main() -> int:

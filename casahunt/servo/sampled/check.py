@@ -1,12 +1,12 @@
 """Whether a servo with given numbers comes to rest in the loop as built, from a few starts and at a few set points.
 
-    set points  on a count of the encoder, a quarter of one beside it, and half-way between two: on a count the error that
-                is read can be 0, half-way it cannot
+    set points  on a count of the encoder, a quarter of one beside it, and half-way between two: on a count the error
+                that is read can be 0, half-way it cannot
     starts      a step of 1 rad; and at rest beside the set point by what the proportional torque holds, Fs/kp
 
-Each motion is followed `WOUND_UP` times as long as the integral takes from one breakaway to the other, 2 Fs/(ki |e|), at
-the error of half a count q/2 or at that of hunting by stiction, about (Fs - Fc)/kp, whichever is smaller, but no longer
-than `MOST_CHECKED` samples: a motion that rests is proven to (loop.py), of others the end is judged.
+Each motion is followed `WOUND_UP` times as long as the integral takes from one breakaway to the other, 2 Fs/(ki |e|),
+at the error of half a count q/2 or at that of hunting by stiction, about (Fs - Fc)/kp, whichever is smaller, but no
+longer than `MOST_CHECKED` samples: a motion that rests is proven to (loop.py), of others the end is judged.
 What still hunts gets the dead band of the integrator that ends it at the set points of this check.
 """
 
@@ -28,11 +28,11 @@ WOUND_UP = 20.0
 """Times that the integral is wound up from one side to the other in a motion that is followed."""
 LEAST_DROP = 1e-2
 """Part of Fs that the drop Fs - Fc counts for at least, in that time."""
-MORE = 1.1
+WIDER_BAND = 1.1
 """Of the smallest dead band at one set point: readings of another one may lie on its edge."""
 MOST_CHECKED = 1_000_000
 """Samples of a motion of the check."""
-STEP = 1.0
+SET_POINT_STEP = 1.0
 """Of the first start [rad]."""
 BY_BADNESS = ("at rest", "decaying", "undecided", "hunting", "growing")
 
@@ -81,6 +81,13 @@ def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     Returns
     -------
     AsBuilt.
+
+    Examples
+    --------
+    >>> from casahunt import Drive, Servo, as_built
+    >>> found = as_built(Servo(), 2.0, Drive(sample_time=1e-3, encoder=2000))
+    >>> found.kind, round(found.dead_band, 5)  # rad: it hunts by counts
+    ('hunting', 0.00173)
     """
     motions = _motions(servo, gain, drive)
     worst = max(motions, key=lambda motion: BY_BADNESS.index(motion.verdict.kind))
@@ -88,8 +95,9 @@ def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     if kind in BY_BADNESS[:2]:
         how = "comes to rest for ever" if kind == "at rest" else "dies out"
         return AsBuilt(kind, f"every one of {count} motions {how}", math.nan, worst)
-    beside = f"{_offset(worst):g} of a count beside a reading" if drive.encoder else f"{worst.set_point:g} rad"
-    text = f"with the set point {beside} it is {kind}: {worst.verdict.sentence}"
+    beside = worst.set_point / drive.count if drive.encoder else 0.0
+    where = f"{beside:g} of a count beside a reading" if beside else "on a reading" if drive.encoder else "0"
+    text = f"with the set point {where} it is {kind}: {worst.verdict.sentence}"
     cause = cause_of(worst)
     if cause is None:
         return AsBuilt(kind, text, math.nan, worst)
@@ -105,19 +113,15 @@ def _motions(servo: Servo, gain: float, drive: Drive) -> list[SampledMotion]:
     length = max(WOUND_UP * 2 * static / (ki * error), drive.sample_time)
     length = min(length, MOST_CHECKED * drive.sample_time)
     found = []
-    for offset, beside in product(OFFSETS if q else (0.0,), (STEP, static / kp)):
-        set_point = offset * q
-        found.append(simulate_sampled(servo, gain, drive, set_point=set_point, position=set_point - beside, time=length))
+    for offset, beside in product(OFFSETS if q else (0.0,), (SET_POINT_STEP, static / kp)):
+        at = offset * q
+        found.append(simulate_sampled(servo, gain, drive, set_point=at, position=at - beside, time=length))
     return found
-
-
-def _offset(motion: SampledMotion) -> float:
-    return motion.set_point / motion.drive.count
 
 
 def _ending(servo: Servo, gain: float, drive: Drive, first: float) -> float:
     """The dead band that ends it at all set points, from that of one of them; nan where none does."""
-    band = MORE * first
+    band = WIDER_BAND * first
     for _ in range(len(OFFSETS) * 2):
         if math.isnan(band):
             return band
@@ -128,5 +132,5 @@ def _ending(servo: Servo, gain: float, drive: Drive, first: float) -> float:
         cause = cause_of(left[0])
         if cause is None or not cause.dead_band > band:
             return math.nan
-        band = MORE * cause.dead_band
+        band = WIDER_BAND * cause.dead_band
     return math.nan
