@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.cause import Cause, cause_of
+    from .servo.sampled.check import AsBuilt, as_built
     from .servo.sampled.motion import SampledMotion, simulate_sampled
     from .servo.sampled.verdict import SampledVerdict
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
@@ -117,6 +118,7 @@ _HOMES = {
     "servo.lopsided": ("with_lopsided",),
     "servo.problem": ("Fold", "Orbit"),
     "servo.sampled.cause": ("Cause", "cause_of"),
+    "servo.sampled.check": ("AsBuilt", "as_built"),
     "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
     "servo.sampled.verdict": ("SampledVerdict",),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
@@ -159,6 +161,7 @@ def __dir__() -> list[str]:
 
 __all__ = [
     "Arc",
+    "AsBuilt",
     "Basin",
     "Branch",
     "Cause",
@@ -202,6 +205,7 @@ __all__ = [
     "Uncertainty",
     "Verdict",
     "WorstCase",
+    "as_built",
     "basin",
     "cause_of",
     "collect",

@@ -235,11 +235,11 @@ def servo_of(options: argparse.Namespace) -> Servo:
     return with_overrides(servo_of_tables(tables, what), of_servo)
 
 
-def drive_of(options: argparse.Namespace) -> Drive | None:
-    """The drive of the command line: the table [drive] of the servo file, overrides, and the options called like its
-    keys; None without any, or with a sample time of 0, which is the continuous loop.
+def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive | None:
+    """The drive of the command line: the table [drive] of the servo file and overrides; None without any, or with a
+    sample time of 0, which is the continuous loop.
 
-    Raises InputError: one is wrong.
+    by_options: also by the options of the command that are called like its keys. Raises InputError: one is wrong.
     """
     table = {} if options.servo is None else _tables(options).get(DRIVE_TABLE, {})
     given: dict[str, Any] = {}
@@ -248,7 +248,8 @@ def drive_of(options: argparse.Namespace) -> Drive | None:
         if key.startswith(OF_DRIVE):
             name = choice_of("key", key.strip(), [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
             given[name.removeprefix(OF_DRIVE)] = value.strip()
-    given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key, None)) is not None}
+    if by_options:
+        given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key)) is not None}
     numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in given.items()}
     if not table and not numbers or numbers.get("sample_time") == 0:
         return None
