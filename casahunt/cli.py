@@ -43,6 +43,7 @@ COMMANDS = (
     "record",
     "uncertainty",
     "tune",
+    "explore",
     "glossary",
 )
 """Each is a module of views/commands, loaded when it is called or when all of them are listed."""

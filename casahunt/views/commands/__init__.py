@@ -6,6 +6,6 @@ arguments.py   the arguments that they share, read and checked
 console.py     what else they share: progress, files, how numbers are shown
 loops/         what they do with a loop of parts
 orbit.py, diagram.py, fold.py, fold_curve.py, fold_map.py, loop.py, equilibria.py, map.py, basin.py, simulate.py,
-record.py, uncertainty.py, remedies.py, tune.py, glossary.py
+record.py, uncertainty.py, remedies.py, tune.py, explore.py, glossary.py
 completion.py  what the shell offers at the TAB key
 """

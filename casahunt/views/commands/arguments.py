@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "simulate")
+LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "simulate", "explore")
 """Commands that take a loop of parts."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
