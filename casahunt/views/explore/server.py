@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import threading
 from contextlib import suppress
 from functools import partial
@@ -68,7 +69,7 @@ class Server:
         page()  # whatever is not installed is said before anything begins
         self._spare: list[Worker] = []
         self._pages: set[Any] = set()
-        self._sockets, self.port = _listening(host, port)
+        self._socket, self.port = _listening(host, port)
         self.loop: Any = None
         self._begun = threading.Event()
 
@@ -97,7 +98,7 @@ class Server:
         httpserver, ioloop = (extra(f"tornado.{name}", "explore", "explore") for name in ("httpserver", "ioloop"))
         self.loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
         served = httpserver.HTTPServer(self._application(), max_body_size=LONGEST_MESSAGE)
-        served.add_sockets(self._sockets)
+        served.add_socket(self._socket)
         self._spare.append(Worker(_to_nobody))
         tended = ioloop.PeriodicCallback(self._tend, TENDED_EVERY)
         tended.start()
@@ -164,19 +165,20 @@ def _to_nobody(number: int, stage: str, shown: dict[str, Any]) -> None:
     """What nobody hears any more."""
 
 
-def _listening(host: str, port: int | None) -> tuple[Any, int]:
-    """Sockets, and the port: the one that was asked for, or the first free one.  Raises InputError: it is taken."""
-    netutil = extra("tornado.netutil", "explore", "explore")
-    tried = range(FIRST_PORT, FIRST_PORT + PORTS_TRIED) if port is None else [port]
-    for one in tried:
+def _listening(host: str, port: int | None) -> tuple[socket.socket, int]:
+    """A socket, and its port: the one that was asked for, or the first free one.  Raises InputError: it is taken."""
+    why = ""
+    for one in range(FIRST_PORT, FIRST_PORT + PORTS_TRIED) if port is None else [port]:
         try:
-            sockets = netutil.bind_sockets(one, address=host)
+            family, *_, at = socket.getaddrinfo(host, one, type=socket.SOCK_STREAM)[0]
+            made = socket.create_server(at[:2], family=family)
         except OSError as error:
             why = error.strerror or str(error)
             continue
-        return sockets, sockets[0].getsockname()[1]
-    asked = f"port = {port}" if port is not None else f"ports {tried[0]} to {tried[-1]}"
-    raise InputError(f"{asked}: cannot be listened at ({why}); give another --port")
+        made.setblocking(False)
+        return made, made.getsockname()[1]
+    asked = f"port = {port}" if port is not None else f"ports from {FIRST_PORT} on"
+    raise InputError(f"{asked} at {host}: cannot be listened at ({why}); give another --port")
 
 
 def _files(server: Server) -> Any:
