@@ -230,6 +230,14 @@
     if (span) { if (value) span.location = value; span.visible = Boolean(value); }
   };
 
+  // What a figure can do the sliders can too: the Tab key passes it over.
+  const passedOver = (at) => {
+    for (const inside of at.querySelectorAll("*")) {
+      if (inside.tabIndex >= 0) inside.tabIndex = -1;
+      if (inside.shadowRoot) passedOver(inside.shadowRoot);
+    }
+  };
+
   // Figures ------------------------------------------------------------------------------------------------------
   const embed = async () => {
     const items = JSON.parse(byId("items").textContent);
@@ -238,6 +246,7 @@
       const found = await Bokeh.embed.embed_item(item, `${name}-plot`);
       const roots = [...found];
       views[name] = {view: roots[0], document: roots[0].model.document};
+      passedOver(byId(`${name}-plot`));
     }
     const choose = (event) => {
       if (frozen || !(event.x > 0)) return;

@@ -43,6 +43,8 @@ SPARE, SPARE_AFTER = 1, 3.0
 so that it does not compete with a page's first answer."""
 TENDED_EVERY = 1000
 """Milliseconds between two looks at the workers."""
+FAREWELL = 0.1
+"""Seconds for the pages to hear that the server ends."""
 TRY_AGAIN_LATER = 1013
 """The websocket's code for it."""
 HEADERS = {
@@ -108,9 +110,12 @@ class Server:
         finally:
             tended.stop()
             served.stop()
+            workers = [*self._spare, *(shown.worker for shown in self._pages if shown.worker)]
             for shown in list(self._pages):
                 shown.close()
-            for worker in [*self._spare, *(shown.worker for shown in self._pages if shown.worker)]:
+            await asyncio.sleep(FAREWELL)
+            await served.close_all_connections()
+            for worker in workers:
                 worker.close()
 
     def _application(self) -> Any:
