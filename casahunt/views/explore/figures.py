@@ -78,6 +78,9 @@ def _drawn(name: str) -> Any:
         for branch, colour, dash in (("stable", BLUE, "solid"), ("unstable", ORANGE, "dashed")):
             source = models.ColumnDataSource({"gain": [], "amplitude": []}, name=branch)
             figure.line("gain", "amplitude", source=source, color=colour, line_dash=dash, line_width=2)
+        for name_of, alpha in (("now", 1.0), ("reach", 0.0)):  # the present cycle; its gain, where there is none
+            source = models.ColumnDataSource({"gain": [], "amplitude": []}, name=name_of)
+            figure.scatter("gain", "amplitude", source=source, color=GREY, size=9, alpha=alpha)
         for at, look in (("present", {"line_width": 3}), ("border", {"line_dash": "dotted"})):
             figure.add_layout(models.Span(location=1, dimension="height", name=at, line_color=GREY, **look))
         figure.xaxis.axis_label, figure.yaxis.axis_label = "gain K [V/rad]", "swing [rad]"

@@ -155,17 +155,18 @@
   };
   const NUMBERS = [
     ["hunts", "amplitude", "swing to either side", "rad"], ["hunts", "period", "period", "s"],
-    ["border", "gain", "hunting ends at gain", "V/rad"], ["border", "ratio", "that is, times the gain", ""],
+    ["border", "gain", "hunting ends at gain", "V/rad"], ["border", "ratio", "that is, times the present gain", ""],
     ["border", "size", "hunting ends at", ""], ["step", "peak", "largest torque of the step", "N m"],
     ["step", "voltage", "largest voltage", "V"], ["linear", "phase_margin", "phase margin, without dry friction", "°"],
     ["linear", "crossover", "crossover", "rad/s"],
   ];
+  const inPlace = (what) => ({rests: "none: it does not hunt", unknown: "not found"})[what.verdict] || what.why;
   const numbers = (stage) => {
     const what = shown[stage];
     for (const [place_of, [of, key, name, unit]] of NUMBERS.entries()) {
       if (of !== stage) continue;
       let box = byId(`number-${key}`);
-      const why = key === "size" ? what.remedy_why : what.why;
+      const why = key === "size" ? what.remedy_why : inPlace(what);
       if (key === "size" && !what.size && !why) { if (box) box.remove(); continue; }
       if (!box) {
         box = element("div", {id: `number-${key}`, "data-stage": stage, style: `order: ${place_of}`}, element("dt"), element("dd"));
@@ -191,18 +192,29 @@
     if (what.sentence) byId("sentence").textContent = what.sentence;
     if (stage === "hunts") byId("why").textContent = what.why || "";
     numbers(stage);
-    for (const [key, figures] of CURVES[stage] || []) for (const name of figures) draw(name, key, what[key], stage, what.why);
+    for (const [key, figures] of CURVES[stage] || []) for (const name of figures) draw(name, key, what[key], inPlace(what));
     if (stage === "step") locate("set point", Number(new URLSearchParams(address).get("step")));
     if (stage === "border") locate("border", what.gain ? what.gain.value : null);
     if (stage === "diagram") {
-      draw("diagram", "stable", what.stable, stage, what.why);
-      draw("diagram", "unstable", what.unstable, stage, what.why);
+      draw("diagram", "stable", what.stable, what.why);
+      draw("diagram", "unstable", what.unstable, what.why);
     }
     if (stage === "hunts") locate("present", gainNow());
+    if (stage === "hunts" || stage === "diagram") mark();
+  };
+  // The present cycle as a point, and where there is none, nothing to be seen at its gain: it belongs to the picture.
+  const mark = () => {
+    const {hunts, diagram} = shown, found = hunts && hunts.amplitude ? hunts.amplitude.value : null;
+    const some = ["stable", "unstable"].flatMap((name) => (diagram && diagram[name] ? diagram[name].amplitude : []));
+    const amplitude = found || some.find((x) => x !== null);
+    for (const [name, there] of [["now", found], ["reach", amplitude]]) {
+      const source = model("diagram", name);
+      if (source) source.data = there ? {gain: [gainNow()], amplitude: [there]} : {gain: [], amplitude: []};
+    }
   };
   const gainNow = () => Number(new URLSearchParams(address).get("gain"));
   const model = (figure, name) => views[figure] && views[figure].document.get_model_by_name(name);
-  const draw = (figure, key, columns, stage, why) => {
+  const draw = (figure, key, columns, why) => {
     const box = byId(`${figure}-figure`);
     box.classList.remove("stale");
     const missing = box.querySelector(".missing");

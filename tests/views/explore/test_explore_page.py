@@ -254,8 +254,12 @@ def test_fifty_quick_moves(page):
 def test_what_is_not_found_is_said_in_its_place(page):
     page.type("gain", 1.0)
     assert page.text("#sentence").startswith("It does not hunt") and "in a fold" in page.text("#why")
-    assert "in a fold" in page.text("#number-amplitude dd")
-    assert page.text("#angle-figure .missing")
+    for place in ("#number-amplitude dd", "#number-period dd", "#angle-figure .missing", "#phase-figure .missing"):
+        assert page.text(place) == "none: it does not hunt"
+    page.moved(lambda: page.at.locator("#c-remedy").select_option("leak"))
+    page.type("gain", 0.1)
+    page.type("leak", 0.5)
+    assert page.text("#number-amplitude dd") == "not found" and "No hunting was found" in page.text("#sentence")
 
 
 def test_copies(page, tmp_path):
