@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
+import re
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -239,3 +241,12 @@ def test_from_python():
         assert "<iframe" in page._repr_html_() and "&amp;" in page._repr_html_()
     finally:
         page.close()
+
+
+def test_the_page_of_the_docs_runs():
+    """Its block of Python; what it shows is a page."""
+    text = (Path(__file__).parents[3] / "docs" / "howto" / "explore.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    scope: dict = {}
+    exec(code, scope)  # the code is our own
+    scope["page"].close()
