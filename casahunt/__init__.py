@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from .servo.simulation.trajectory import Trajectory
     from .servo.simulation.verdict import Verdict
     from .servo.stable_range import StableRange, stable_range
+    from .views.explore.notebook import explore
 
 _HOMES = {
     "continuation.special_points": ("Missed", "SpecialPoint"),
@@ -128,6 +129,7 @@ _HOMES = {
     "servo.simulation.trajectory": ("Trajectory",),
     "servo.simulation.verdict": ("Verdict",),
     "servo.stable_range": ("StableRange", "stable_range"),
+    "views.explore.notebook": ("explore",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 _OTHER_NAMES = {
@@ -212,6 +214,7 @@ __all__ = [
     "compare_uncertainty",
     "diagram",
     "equilibria",
+    "explore",
     "find_fold",
     "find_orbit",
     "fixed_points",

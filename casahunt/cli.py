@@ -44,6 +44,7 @@ COMMANDS = (
     "identify",
     "uncertainty",
     "tune",
+    "explore",
     "glossary",
 )
 """Each is a module of views/commands, loaded when it is called or when all of them are listed."""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate")
+LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate", "explore")
 """Commands that take a loop of parts."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
