@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .design.fold_curve.curve import fold_curve
     from .design.fold_curve.data import FoldCurve
     from .design.fold_map import FoldMap, fold_map
+    from .design.identify.identify import Identification, identify
     from .design.record.file import Record, read_record
     from .design.record.measure import Measurement, measure, record_of
     from .design.remedies.cures import Cure, Cures
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.cause import Cause, cause_of
+    from .servo.sampled.check import AsBuilt, as_built
     from .servo.sampled.motion import SampledMotion, simulate_sampled
     from .servo.sampled.verdict import SampledVerdict
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
@@ -75,6 +77,7 @@ if TYPE_CHECKING:
     from .servo.simulation.trajectory import Trajectory
     from .servo.simulation.verdict import Verdict
     from .servo.stable_range import StableRange, stable_range
+    from .views.explore.notebook import explore
 
 _HOMES = {
     "continuation.special_points": ("Missed", "SpecialPoint"),
@@ -84,6 +87,7 @@ _HOMES = {
     "design.fold_curve.curve": ("fold_curve",),
     "design.fold_curve.data": ("FoldCurve",),
     "design.fold_map": ("FoldMap", "fold_map"),
+    "design.identify.identify": ("Identification", "identify"),
     "design.record.file": ("Record", "read_record"),
     "design.record.measure": ("Measurement", "measure", "record_of"),
     "design.remedies.cures": ("Cure", "Cures"),
@@ -115,6 +119,7 @@ _HOMES = {
     "servo.lopsided": ("with_lopsided",),
     "servo.problem": ("Fold", "Orbit"),
     "servo.sampled.cause": ("Cause", "cause_of"),
+    "servo.sampled.check": ("AsBuilt", "as_built"),
     "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
     "servo.sampled.verdict": ("SampledVerdict",),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
@@ -124,6 +129,7 @@ _HOMES = {
     "servo.simulation.trajectory": ("Trajectory",),
     "servo.simulation.verdict": ("Verdict",),
     "servo.stable_range": ("StableRange", "stable_range"),
+    "views.explore.notebook": ("explore",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 _OTHER_NAMES = {
@@ -157,6 +163,7 @@ def __dir__() -> list[str]:
 
 __all__ = [
     "Arc",
+    "AsBuilt",
     "Basin",
     "Branch",
     "Cause",
@@ -172,6 +179,7 @@ __all__ = [
     "FoldEnsemble",
     "FoldMap",
     "Friction",
+    "Identification",
     "InputError",
     "LinearLoop",
     "Margins",
@@ -199,12 +207,14 @@ __all__ = [
     "Uncertainty",
     "Verdict",
     "WorstCase",
+    "as_built",
     "basin",
     "cause_of",
     "collect",
     "compare_uncertainty",
     "diagram",
     "equilibria",
+    "explore",
     "find_fold",
     "find_orbit",
     "fixed_points",
@@ -212,6 +222,7 @@ __all__ = [
     "fold_ensemble",
     "fold_map",
     "fold_sensitivities",
+    "identify",
     "linear_loop",
     "load",
     "load_branch",

@@ -41,14 +41,16 @@ COMMANDS = (
     "basin",
     "simulate",
     "record",
+    "identify",
     "uncertainty",
     "tune",
+    "explore",
     "glossary",
 )
 """Each is a module of views/commands, loaded when it is called or when all of them are listed."""
-SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map", "remedies")
+SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map", "remedies", "identify")
 """Commands with lines of their own about where they are."""
-ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record")
+ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record", "identify")
 """Commands that compute one thing; the others go on as long as there is more, and keep what they have."""
 PIPE_CLOSED = 141
 """Exit code where nobody reads the output any more, as of a process that SIGPIPE ends: 128 + 13."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .views.pictures.fold import elasticities
     from .views.pictures.fold_curve import fold_curves
     from .views.pictures.fold_map import fold_map
+    from .views.pictures.identify import fitted_records
     from .views.pictures.loop import bode
     from .views.pictures.orbits import phase_portrait, time_traces
     from .views.pictures.plotting import save
@@ -35,6 +36,7 @@ __all__ = [
     "diagram",
     "elasticities",
     "equilibria",
+    "fitted_records",
     "fold_curves",
     "fold_map",
     "folded_record",
@@ -59,6 +61,7 @@ __getattr__ = lazily(
         "views.pictures.fold": ("elasticities",),
         "views.pictures.fold_curve": ("fold_curves",),
         "views.pictures.fold_map": ("fold_map",),
+        "views.pictures.identify": ("fitted_records",),
         "views.pictures.loop": ("bode",),
         "views.pictures.orbits": ("phase_portrait", "time_traces"),
         "views.pictures.plotting": ("save",),

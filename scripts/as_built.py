@@ -7,7 +7,7 @@ order: the sample time is a part of the time 1/omega of the loop, omega^2 = kp/J
 differs.  The continuous cycle is found_orbit's, the fold find_fold's.  A motion as built starts on the cycle and is
 followed for `PERIODS` periods; amplitude and period are means over all whole swings of its second half: samples do not
 fit the period.  The fold gain as built is where hunting that starts on the cycle next to the fold ends, by halving;
-it is compared with stable_range's, the largest gain with a stable cycle, beyond which no motion shows one.
+it is compared with the end of stable_range's first range, beyond which motions go to no symmetric cycle any more.
 
 encoder: a servo at a part of its fold gain hunts in the continuous loop with an amplitude A.  A count of the encoder is
 A/c, c from `COUNTS`; the set point lies anywhere between two.  The same motion is computed with and without.
@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from casahunt import Drive, Friction, NoOrbit, Pid, Servo, find_fold, find_orbit, simulate_sampled, stable_range  # noqa: E402
+from casahunt.servo.sampled.cause import told_apart  # noqa: E402
 from casahunt.servo.sampled.verdict import turning_points  # noqa: E402
 
 Array = np.ndarray
@@ -38,8 +39,8 @@ PERIODS = 20
 """Of a motion that is followed."""
 COUNTS = (0.5, 1, 2, 3, 5, 8, 12, 20, 40, 80)
 """Of the amplitude."""
-FOLD_STEPS = 10
-"""Halvings of the range in which the fold gain as built is looked for."""
+FOLD_STEPS, LOWEST, HIGHEST = 11, 0.7, 1.15
+"""Halvings of the range, in gains of the continuous fold, in which the fold gain as built is looked for."""
 ENCODER_SAMPLE = 0.01
 """Sample time by 1/omega beside an encoder."""
 
@@ -85,9 +86,9 @@ def hunts_on(servo: Servo, gain: float, drive: Drive, start: dict[str, float], p
 
 
 def fold_as_built(servo: Servo, drive: Drive, fold: Any) -> float:
-    """The gain at which hunting ends, by halving between 0.6 and 1.2 times the continuous fold's."""
+    """The gain at which hunting ends, by halving."""
     orbit = fold.orbit
-    low, high = 0.6 * fold.gain, 1.2 * fold.gain
+    low, high = LOWEST * fold.gain, HIGHEST * fold.gain
     start = start_of(orbit)
     for _ in range(FOLD_STEPS):
         middle = (low + high) / 2
@@ -109,7 +110,7 @@ def order(count: int) -> Iterator[tuple[str, Array]]:
         except NoOrbit:
             continue
         found += 1
-        rows, reference = np.empty((3, len(PARTS))), stable_range(fold).gain
+        rows, reference = np.empty((3, len(PARTS))), stable_range(fold).ranges[0][1]
         omega = math.sqrt(servo.torque_gains(gain)[0] / servo.inertia)
         for i, part in enumerate(PARTS):
             drive = Drive(sample_time=part / omega)
@@ -130,8 +131,8 @@ def fitted(errors: Array) -> float:
     return float(np.polyfit(np.log(np.array(PARTS)[known]), np.log(np.abs(errors[known])), 1)[0])
 
 
-def encoder(count: int, seed: int) -> Iterator[tuple[float, float, str, int, float]]:
-    """(counts of the amplitude, share of the fold gain, verdict, pattern, largest relative difference)."""
+def encoder(count: int, seed: int) -> Iterator[tuple[float, str, float]]:
+    """(counts of the amplitude, cause, or what it does if it does not hunt, largest difference of the means)."""
     r, done = np.random.default_rng([seed, 5]), 0
     while done < count:
         servo = servo_of(int(r.integers(10**6)))
@@ -155,7 +156,8 @@ def encoder(count: int, seed: int) -> Iterator[tuple[float, float, str, int, flo
             moved = start | {"position": start["position"] + offset}
             motion = simulate_sampled(servo, gain, drive, set_point=offset, time=PERIODS * orbit.period, **moved)
             off = np.abs(np.array(means(motion)) / np.array(means(free)) - 1).max()
-            yield counts, share, motion.verdict.kind, motion.verdict.pattern, float(off)
+            hunts = motion.verdict.kind == "hunting"
+            yield counts, told_apart(motion.verdict, free.verdict)[0] if hunts else motion.verdict.kind, float(off)
 
 
 def main() -> int:
@@ -175,16 +177,16 @@ def main() -> int:
         print("median orders: " + ", ".join(map("{:.2f}".format, np.nanmedian(orders, 0))))
         return 0
     rows = list(encoder(options.count or 300, options.seed))
-    print("counts  hunts  rests  other  in 2 swings | of those that hunt, difference: median  90 %  over 10 %")
+    print("counts  rests  not decided  hunts  by quantisation  difference of the means: median  90 %")
     for counts in COUNTS:
         own = [row for row in rows if row[0] == counts]
-        hunting = [row for row in own if row[2] == "hunting"]
-        off = np.array([row[4] for row in hunting] or [math.nan])
-        rests = sum(row[2] == "at rest" for row in own)
+        causes = [row[1] for row in own]
+        hunting = [row for row in own if row[1] in ("stiction", "quantisation", "not certain")]
+        off = np.array([row[2] for row in hunting] or [math.nan])
         print(
-            f"{counts:6g} {len(hunting):6d} {rests:6d} {len(own) - len(hunting) - rests:6d} "
-            f"{sum(row[3] == 2 for row in hunting):12d} | {np.nanmedian(off):28.3f} {np.nanquantile(off, 0.9):6.3f} "
-            f"{np.mean(off > 0.1):8.2f}"
+            f"{counts:6g} {causes.count('at rest'):6d} {len(own) - len(hunting) - causes.count('at rest'):12d} "
+            f"{len(hunting):6d} {causes.count('quantisation'):16d} {np.nanmedian(off):32.3f} "
+            f"{np.nanquantile(off, 0.9):5.3f}"
         )
     return 0
 

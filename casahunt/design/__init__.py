@@ -13,4 +13,5 @@ uncertainty/        the fold gain of uncertain parameters: linear, sampled, wors
 remedies/           what stops the hunting, how large, at what price
 tune/               gain and controller times of least cost that do not hunt
 record/             amplitude and frequency of a measured or simulated motion
+identify/           friction from records
 """

@@ -298,7 +298,8 @@ class RemedyMotion:
 
     def cycles(self) -> list[float]:
         """Fixed points of P at which it sticks: brackets of a grid, and those beside its largest surpluses."""
-        grid = list(np.geomspace(1e-3, 10.0, MAP_POINTS))
+        widest = max(10.0, 3 * self.scaled) if self.remedy == "error dead band" else 10.0
+        grid = list(np.geomspace(1e-3, widest, MAP_POINTS))
         if self.remedy in BANDS:
             grid = sorted([*grid, *(self.scaled * (1 + k) for k in np.geomspace(BESIDE_EDGE, 1, MAP_POINTS // 2))])
         values = [self.surplus(a) for a in grid]

@@ -97,7 +97,7 @@ def test_every_argument_of_words_or_files_is_completed():
     assert offers["orbit", "set"]("friction.static") == ["friction.static="]
     assert len(offers["simulate", "set"]("")) == len(KEYS)
     assert type(offers["simulate", "time"]).__name__ == "SuppressCompleter"
-    assert {"file", "servo", "uncertainty", "csv", "plot", "save"} == set(completion.FILES)
+    assert {"file", "records", "servo", "uncertainty", "csv", "plot", "save"} == set(completion.FILES)
 
 
 def test_nothing_is_imported_for_it_unasked():

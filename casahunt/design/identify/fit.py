@@ -39,9 +39,9 @@ LARGEST_CHANGE = 0.4
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
 FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-3, 8.0, 0.2, 1e8
-MOST_STEPS = 60
-SETTLED = 1e-3
-"""Decrease of the deviance that is expected of a next step, below which there is none: a thirtieth of a standard
+MOST_STEPS = 30
+SETTLED = 0.01
+"""Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
 CLOSE = 0.05
 """Change of the logarithms up to which the cycle is sought from the last one."""
@@ -103,7 +103,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The model at unknowns z: cycles, positions and derivatives (m, k + 2) for each record, deviance and its slopes."""
+    """The model at z: cycles, positions and derivatives (m, k + 2) for each record; the deviance and its slopes."""
 
     z: Array
     orbits: tuple[HuntingOrbit, ...]
@@ -219,7 +219,7 @@ def climb(
         if trial is not None and trial.deviance <= point.deviance:
             gained = point.deviance - trial.deviance
             point, mu = trial, max(mu * LESS, 1e-9)
-            if gained < settled and mu <= 1.0:
+            if gained < settled and mu <= FIRST_DAMPING:
                 return point
         else:
             mu = max(mu, 1e-4) * MORE

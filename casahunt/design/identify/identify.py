@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ...checks import choice_of, of_kind, require
-from ...errors import InputError, NoOrbit, Status
+from ...errors import InputError
 from ...export import Columns
 from ...orbits import Options
 from ...results import Result
@@ -27,17 +27,24 @@ from ..record.file import Record
 from ..record.measure import Measurement
 from ..uncertainty.set import Uncertainty
 from .fit import Array, Data, Point, Question, at, climb
-from .intervals import BetterFound, Interval, marginal_information, profile, student_95
+from .intervals import BetterFound, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import Noise, likeliest
-from .start import COULOMB, STATIC, STRIBECK, VISCOUS, laid_over, starts
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS, starts
 from .suitable import suitable
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
 """What is sought where nothing else is said."""
 MOST_BETTER = 4
 """Better points that refits may come upon."""
-NOISE_SETTLED, NOISE_ROUNDS = 0.01, 6
+WIDE = 0.3
+"""Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
+SAME, RIVAL = 1.0, 30.0
+"""Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
+SMOOTH = 0.1
+"""Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
+and differently on every mesh."""
+NOISE_SETTLED, NOISE_ROUNDS = 0.03, 4
 """Change of the noise below which it is known, and fits until then at most."""
 UNBOUNDED = 10.0
 """Factor at which an interval that nothing bounds ends in the uncertainty file."""
@@ -196,7 +203,7 @@ def identify(
         raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
     data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(records, each, strict=True))
     options = of_kind("options", options or Options(), Options)
-    return fitted(Question(data, servo, model, free, options), advise=advise)
+    return fitted(Question(data, servo, model, free, options.finer(SMOOTH)), advise=advise)
 
 
 def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
@@ -232,18 +239,16 @@ def data_of(record: Record, m: Measurement, gain: float) -> Data:
 def fitted(question: Question, *, advise: bool = True) -> Identification:
     """The identification of suitable records.  Raises InputError: a gain that does not fit; NoOrbit: no fit."""
     best, noises = _best(question)
-    J = marginal_information(best, len(question.free))
-    for _ in range(MOST_BETTER):
+    for tries in range(MOST_BETTER + 1):
         judgement = judged(question, best, noises)
         freedom = sum(data.times.size for data in question.records) - best.z.size
         rise = student_95(freedom) ** 2 * judgement.factor
         try:
-            ends = [profile(question, best, noises, j, rise) for j in range(len(question.free))]
+            last = tries == MOST_BETTER
+            ends = [profile(question, best, noises, j, rise, strict=not last) for j in range(len(question.free))]
             break
         except BetterFound as better:
             best, noises = _with_noise(question, climb(question, better.point, noises), noises)
-    else:
-        ends = [Interval(0.0, math.inf)] * len(question.free)
     J = marginal_information(best, len(question.free))
     return Identification(
         model=question.model,
@@ -262,41 +267,44 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
 
 
 def _best(question: Question) -> tuple[Point, list[Noise]]:
-    """The likeliest point of those that the starts lead to, and the noise of each record."""
+    """The likeliest point of those that the starts lead to, and the noise of each record.
+
+    Starts are gone from until two of them lead to one point, with rounding as an error like any other; what may then
+    still be the likeliest is told by the counts.
+    """
     plain = [Noise(data.size, 0.0) for data in question.records]
-    best: Point | None = None
+    ends: list[Point] = []
     for z in starts(question):
         point = at(question, z, plain, stretched=True)
-        if point is None:
-            continue
-        point = climb(question, point, plain, stretched=True)
-        point = at(question, point.z, plain, point)
+        if point is not None:
+            point = at(question, climb(question, point, plain, stretched=True).z, plain, point)
         if point is None:
             continue
         point = climb(question, point, plain)
-        if best is None or point.deviance < best.deviance:
-            best = point
-        if _good(question, best, plain):
+        again = any(abs(point.deviance - end.deviance) < SAME for end in ends)
+        ends.append(point)
+        if again:
             break
-    if best is None:
+    if not ends:
         raise _no_start(question)
-    return _with_noise(question, best, plain)
-
-
-def _good(question: Question, point: Point, noises: Sequence[Noise]) -> bool:
-    """Whether the rest is about noise: no other start can be better."""
-    off = [float(np.mean((d.position - x) ** 2)) for d, x in zip(question.records, point.positions, strict=True)]
-    return all(part < 1.5 * noise.variance for part, noise in zip(off, noises, strict=True))
+    ends.sort(key=lambda end: end.deviance)
+    likely = [ends[0]]
+    for end in ends[1:]:
+        if SAME < end.deviance - likely[-1].deviance and end.deviance - ends[0].deviance < RIVAL:
+            likely.append(end)
+    found = [_with_noise(question, end, plain) for end in likely]
+    return min(found, key=lambda each: each[0].deviance)
 
 
 def _with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Point, list[Noise]]:
     """Noise and fit in turn until both stay."""
     found = list(noises)
-    for _ in range(NOISE_ROUNDS):
-        before = found
+    for turn in range(NOISE_ROUNDS):
+        before, least = found, WIDE if turn == 0 else 0.0
         found = [
             likeliest(d.position, x, d.quantum, d.size) for d, x in zip(question.records, point.positions, strict=True)
         ]
+        found = [replace(n, sigma=max(n.sigma, least * n.quantum)) for n in found]
         again = at(question, point.z, found, point)
         if again is None:
             break

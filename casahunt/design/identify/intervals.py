@@ -2,9 +2,9 @@
 
     D_j(z_j) = min of D over all other unknowns,    interval:  D_j - D_min <= t^2 f
 
-t: two-sided 95 % point of Student's distribution with the degrees of freedom that the samples leave; f >= 1: by how much
-the residuals scatter more than the noise says (judgement.py).  sqrt(D_j - D_min) is nearly linear in z_j: secants through
-the best point end in two or three refits, each from where the linear model says that the others will be.
+t: two-sided 95 % point of Student's distribution with the degrees of freedom that the samples leave; f >= 1: by how
+much the residuals scatter more than the noise says (judgement.py).  sqrt(D_j - D_min) is nearly linear in z_j: secants
+through the best point end in two or three refits, each from where the linear model says that the others will be.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ NEAR = 0.03
 """Relative distance from the end of an interval, at which the secant is as good as a refit."""
 REFIT = 0.02
 """Decrease of the deviance that ends a refit: half a per cent of the 3.84 of an interval."""
-BETTER = 0.05
+BETTER = 0.1
 """Decrease of the deviance below the best that shows that it was none."""
+LONGEST_STRIDE = 3.0
+"""Factor by which a step outwards may be longer than the last one."""
 FIRST_REACH = 0.5
 """Of a logarithm: the first step is no longer, however little is known."""
 
@@ -54,16 +56,19 @@ def student_95(freedom: float) -> float:
     return z + (z**3 + z) / (4 * n) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
 
 
-def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, rise: float) -> Interval:
+def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, rise: float, *, strict: bool) -> Interval:
     """The interval of parameter j in which the deviance rises by less than `rise`.
 
-    Raises BetterFound: a refit came out below the best point.
+    strict: a refit that comes out below the best point is an exception.
+    Raises BetterFound: it did.
     """
-    ends = [_end(question, best, noises, j, sign, rise) for sign in (-1, 1)]
+    ends = [_end(question, best, noises, j, sign, rise, strict) for sign in (-1, 1)]
     return Interval(*(math.exp(best.z[j] + d) if math.isfinite(d) else (0.0 if d < 0 else math.inf) for d in ends))
 
 
-def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign: int, rise: float) -> float:
+def _end(
+    question: Question, best: Point, noises: Sequence[Noise], j: int, sign: int, rise: float, strict: bool
+) -> float:
     """How far ln q_j goes to one side; infinite where nothing bounds it."""
     others = np.array([i for i in range(best.z.size) if i != j])
     H = best.curvature
@@ -71,42 +76,41 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     follow[others] = -np.linalg.lstsq(H[np.ix_(others, others)], H[others, j], rcond=1e-13)[0]
     follow[j] = 1.0
     bend = max(float(follow @ H @ follow), 1e-12)
-    wanted = math.sqrt(rise)
-    reach, point, done, height = min(math.sqrt(rise / bend), FIRST_REACH), best, 0.0, 0.0
-    wall = math.inf
+    wanted, point, wall = math.sqrt(rise), best, math.inf
+    below, above = (0.0, 0.0), (math.inf, math.inf)
+    reach = min(wanted / math.sqrt(bend), FIRST_REACH)
     for _ in range(MOST_REFITS):
-        step = sign * reach - (point.z[j] - best.z[j])
-        trial = at(question, point.z + step * follow, noises, point)
+        trial = at(question, point.z + (sign * reach - (point.z[j] - best.z[j])) * follow, noises, point)
         if trial is None:
-            wall = reach
-            reach = (done + reach) / 2
-            if wall - done < NEAR * wall:
+            wall, reach = reach, (below[0] + reach) / 2
+            if wall - below[0] < NEAR * wall:
                 return sign * wall  # the model has no cycle beyond
             continue
         trial = climb(question, trial, noises, held=j, settled=REFIT)
-        if trial.deviance < best.deviance - BETTER:
+        if strict and trial.deviance < best.deviance - BETTER:
             raise BetterFound(trial)
-        gone, rose = reach, math.sqrt(max(trial.deviance - best.deviance, 0.0))
-        if abs(rose / wanted - 1) < NEAR or done > 0 and (rose - wanted) * (height - wanted) < 0 and abs(gone - done) < (
-            0.2 * gone
-        ):
-            return sign * (gone + (wanted - rose) * _slope(gone, rose, done, height))
-        if rose < wanted:
-            point = trial
-        ahead = gone + (wanted - rose) * _slope(gone, rose, done, height)
-        if rose < wanted:
-            if gone >= FARTHEST:
+        seen = reach, math.sqrt(max(trial.deviance - best.deviance, 0.0))
+        if abs(seen[1] / wanted - 1) < NEAR:
+            return sign * seen[0] * wanted / seen[1]
+        if seen[1] > wanted:
+            above = seen
+        else:
+            below, point = seen, trial
+            if reach >= FARTHEST:
                 return sign * math.inf
-            done, height = gone, rose
-        reach = min(max(ahead, 0.3 * gone), 3 * gone + 0.1, FARTHEST, (done + wall) / 2 if wall < math.inf else math.inf)
+        reach = _next(below, above, wanted, wall)
+        if above[0] < math.inf and above[0] - below[0] < NEAR * above[0]:
+            break
     return sign * reach
 
 
-def _slope(gone: float, rose: float, done: float, height: float) -> float:
-    """d reach/d height, by the secant through the last two, or through the best point."""
-    if rose > height and gone != done:
-        return (gone - done) / (rose - height)
-    return gone / max(rose, 1e-6)
+def _next(below: tuple[float, float], above: tuple[float, float], wanted: float, wall: float) -> float:
+    """Where the rise is expected that is wanted, from (reach, root of the rise) on both sides of it."""
+    if above[0] < math.inf:
+        slope = (above[1] - below[1]) / (above[0] - below[0])
+        return below[0] + (wanted - below[1]) / slope
+    ahead = below[0] * min(wanted / max(below[1], 1e-6), LONGEST_STRIDE)
+    return min(ahead, FARTHEST, (below[0] + wall) / 2)
 
 
 def marginal_information(point: Point, k: int) -> Array:

@@ -1,6 +1,6 @@
 """Does the model explain the record, what can the record not tell, and which further one would?
 
-Standardised residuals, whatever the rounding: s_i/sqrt(I_i), score over its expected size, of mean zero and variance one.
+Standardised residuals, whatever the rounding: s_i/sqrt(I_i), score over its expected size, of mean 0 and variance 1.
 
     misfit     sum over parts of a period (sum s)^2/(sum I), over their number less that of the unknowns: 1 of noise
     scatter    the same over consecutive stretches of time: above 1 where noise lasts longer than a sample
@@ -29,6 +29,8 @@ PARTS = 40
 """Of a period over which residuals are summed."""
 IMPROBABLE = 1e-3
 """Probability of so large a misfit of a model that is right, below which it is said not to explain the record."""
+NEGLIGIBLE = 0.003
+"""Systematic residual, relative to the amplitude, of a model that is good enough: records without noise show less."""
 UNSURE = 0.01
 """The same below which the intervals are widened."""
 UNTOLD = 0.25
@@ -51,7 +53,7 @@ class Judgement:
     ----------
     misfit : of the model, 1 where the residual is noise.
     scatter : of stretches of time.
-    explained : the misfit may be chance.
+    explained : the misfit may be chance, or is negligible.
     systematic : what is left over a period, relative to the amplitude (root mean square, noise taken off).
     factor : by which the rise of the deviance at the ends of intervals is multiplied.
     """
@@ -86,7 +88,8 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     misfit, chance = _ratio(parts, unknowns)
     scatter, other = _ratio(stretches, unknowns)
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
-    return Judgement(misfit, scatter, chance >= IMPROBABLE, math.sqrt(left / size), factor)
+    systematic = math.sqrt(left / size)
+    return Judgement(misfit, scatter, chance >= IMPROBABLE or systematic < NEGLIGIBLE, systematic, factor)
 
 
 def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:

@@ -2,8 +2,8 @@
 
 Antisymmetric cycle, amplitude a, half period H, area A of half a wave, slip x ~ a sin(pi s/t_s) of duration t_s:
 
-    breakaway   Fs = kp a + ki (A/2 - a t_s/pi)                                      torque at the end of a stick
-    energy      mean F over the way = ki (A/2 - (1 - pi/4) a t_s/pi) - kd a pi^2/(4 t_s)     of a slip, x2 = 0 at both ends
+    breakaway   Fs = kp a + ki (A/2 - a t_s/pi)                                   torque at the end of a stick
+    energy      mean of F over the way = ki (A/2 - (1 - pi/4) a t_s/pi) - kd a pi^2/(4 t_s)     of a whole slip
 
 with A the integral of |x1| over half a period: the integrator goes from -A/2 to A/2.  The mean of F is that of
 Fc + (Fs - Fc) exp(-(v/vs)^2) + viscous v over the way, which gives Fc for each trial of vs and viscous.  So the values

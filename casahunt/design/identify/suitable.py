@@ -33,9 +33,10 @@ def suitable(record: Record) -> Measurement:
         )
     for end in (record.position.max(), record.position.min()):
         if _clipped(record, found, float(end)):
+            share = float(np.mean(record.position == end))
             raise InputError(
-                f"{record.name}: its positions are clipped at {end:.6g} rad, where {np.mean(record.position == end):.0%} "
-                "of the samples lie exactly; record with a larger range"
+                f"{record.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie "
+                "exactly; record with a larger range"
             )
     return found
 

@@ -10,7 +10,6 @@ lines read once more one by one, to name the line and the cell.
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,6 +21,7 @@ from ...errors import InputError
 from ...export import Columns
 from ...files import bounded
 from ...results import Result
+from .layout import Layout, column_of, layout_of, text_of
 from .units import Quantity, Unit, parsed_unit, quantity_of, split_header, stated_unit
 
 Array = np.ndarray
@@ -67,10 +67,14 @@ class Reading:
     Attributes
     ----------
     time, position : the two columns.
+    preamble : number of lines above header and samples that were left out.
+    decimal : the decimal sign.
     """
 
     time: Column
     position: Column
+    preamble: int = 0
+    decimal: str = "."
 
     @property
     def sentence(self) -> str:
@@ -85,6 +89,10 @@ class Reading:
             }[column.origin]
             converted = f", converted to {base}" if unit.factor != 1 else ""
             parts.append(f"{noun} from column {column.name}, {how}{converted}")
+        if self.preamble:
+            parts.append(f"left out: {self.preamble} line{'s' * (self.preamble > 1)} of preamble")
+        if self.decimal == ",":
+            parts.append("commas taken as decimal signs")
         return "; ".join(parts)
 
 
@@ -148,12 +156,20 @@ class Record(Result):
         return {"time_s": self.times, "position_rad": self.position}
 
 
-def read_record(path: str | Path, *, time_unit: str | None = None, position_unit: str | None = None) -> Record:
+def read_record(
+    path: str | Path,
+    *,
+    time_unit: str | None = None,
+    position_unit: str | None = None,
+    time_column: str | None = None,
+    position_column: str | None = None,
+    skip: int | None = None,
+) -> Record:
     """Read a CSV file with times and positions, and convert them to s and rad.
 
     Commas, semicolons, tabs or blanks separate the columns; lines that begin with # are comments.  With a header,
     the columns named time (or t) and position (or pos, theta, angle) are taken, in the units stated there; otherwise
-    the first two.
+    the first two.  A preamble above the header is left out, and commas are decimal signs where they do not separate.
 
     Parameters
     ----------
@@ -161,6 +177,10 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
         the file.
     time_unit, position_unit
         units of the columns, a name or a number of s or rad; None: as the header states, or s and rad.
+    time_column, position_column
+        the columns, by their headers or their numbers from 1; None: as their names say.
+    skip
+        lines to leave out; None: none but a preamble.
 
     Returns
     -------
@@ -191,11 +211,13 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
     }
     read = bounded(path, name, LARGEST_RECORD)
     try:
-        head = _head(read, name)
-        columns = _columns(name, head)
+        head = _head(read, name, skip or 0)
+        columns = _columns(name, head, time_column, position_column)
         reading = Reading(
             _column("time", columns[0], head.header, stated["time"], name),
             _column("angle", columns[1], head.header, stated["angle"], name),
+            head.preamble,
+            head.decimal,
         )
         values = _samples(read, name, head, columns)
     except UnicodeDecodeError:
@@ -205,28 +227,54 @@ def read_record(path: str | Path, *, time_unit: str | None = None, position_unit
         return Record(t * reading.time.unit.factor, y * reading.position.unit.factor, name, reading)
 
 
-def _text(read: bytes) -> io.TextIOWrapper:
-    """The lines of a file: read again and again, which a pipe is not."""
-    return io.TextIOWrapper(io.BytesIO(read), encoding="utf-8-sig")
-
-
 @dataclass(frozen=True)
 class _Head:
-    """What stands above the samples: the delimiter, the header or None, the first row, lines to skip."""
+    """What stands above the samples: the delimiter, the header or None, the first row, lines to skip; and how many
+    of these are a preamble, and the decimal sign."""
 
     delimiter: str | None
     header: list[str] | None
     first: list[str]
     skip: int
+    preamble: int = 0
+    decimal: str = "."
 
 
-def _head(read: bytes, name: str) -> _Head:
+def _head(read: bytes, name: str, skip: int) -> _Head:
+    """What stands above the samples, with or without a preamble (layout.py)."""
+    found = layout_of(read, skip)
+    if found is None or not (found.preamble or found.decimal == "," or skip):
+        return _plain_head(read, name)
+    header: list[str] | None = None
+    if found.header:
+        header, below = found.header[0], found.header[-1]
+        if len(found.header) == 2:
+            header = _with_units(header, below) if _units(header, below) else below
+    preamble = found.preamble + (len(found.header) == 2 and header == found.header[-1])
+    width = len(found.header[0]) if found.header else 0
+    first = _first_row(read, name, found)
+    return _Head(found.delimiter, header, first or [""] * width, found.first, preamble + skip, found.decimal)
+
+
+def _first_row(read: bytes, name: str, found: Layout) -> list[str]:
+    with text_of(read) as stream:
+        for i, line in enumerate(stream, 1):
+            if i > found.first and line.strip() and not line.lstrip().startswith("#"):
+                return _cells(name, i, line.rstrip("\r\n"), found.delimiter)
+    return []
+
+
+def _with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    return [f"{a} [{b.strip('[]() ')}]" for a, b in zip(names, units, strict=True)]
+
+
+def _plain_head(read: bytes, name: str) -> _Head:
     """The header is the first line without a number, with a line of units below it if there is one; or the last
     comment above the samples, as numpy.savetxt writes it."""
     comment = ""
     names: list[str] | None = None
     delimiter: str | None = None
-    with _text(read) as stream:
+    with text_of(read) as stream:
         for i, line in enumerate(stream, 1):
             text = line.strip()
             if not text or text.startswith("#"):
@@ -237,7 +285,7 @@ def _head(read: bytes, name: str) -> _Head:
             cells = _cells(name, i, line.rstrip("\r\n"), delimiter)
             if any(_float(cell) is not None for cell in cells) or (names is not None and not _units(names, cells)):
                 return _Head(delimiter, names or _commented(comment, delimiter, cells), cells, i - 1)
-            names = cells if names is None else [f"{a} [{b.strip('[]() ')}]" for a, b in zip(names, cells, strict=True)]
+            names = cells if names is None else _with_units(names, cells)
     if names is not None and len(names) < 2:
         raise _one_column(name, names)
     raise InputError(f"{name}: must hold samples, but {'is empty' if names is None else 'has a header only'}")
@@ -271,8 +319,10 @@ def _cells(name: str, number: int, line: str, delimiter: str | None) -> list[str
 
 def _samples(read: bytes, name: str, head: _Head, columns: tuple[int, int]) -> Array:
     """(m, 2) values of the columns."""
+    if head.decimal == ",":
+        read = read.replace(b",", b".")
     try:
-        with _text(read) as stream:
+        with text_of(read) as stream:
             values = np.loadtxt(
                 stream, delimiter=head.delimiter, usecols=columns, ndmin=2, quotechar='"', skiprows=head.skip
             )
@@ -281,7 +331,7 @@ def _samples(read: bytes, name: str, head: _Head, columns: tuple[int, int]) -> A
     except ValueError:
         pass  # a cell that numpy cannot read: the walk below names it, or reads it
     rows = []
-    with _text(read) as stream:
+    with text_of(read) as stream:
         for i, line in enumerate(stream, 1):
             if i > head.skip and line.strip() and not line.lstrip().startswith("#"):
                 row = _cells(name, i, line.rstrip("\r\n"), head.delimiter)
@@ -296,8 +346,28 @@ def _float(cell: str) -> float | None:
         return None
 
 
-def _columns(name: str, head: _Head) -> tuple[int, int]:
-    """Indices of time and position."""
+def _columns(name: str, head: _Head, time: str | None, position: str | None) -> tuple[int, int]:
+    """Indices of time and position, as they are asked for or named."""
+    if time is None and position is None:
+        return _named_columns(name, head)
+    width = len(head.header or head.first)
+    asked = [None if a is None else column_of(name, w, a, head.header, width) for w, a in
+             (("time", time), ("position", position))]  # fmt: skip
+    taken = [i for i in asked if i is not None]
+    if len(taken) == 1:
+        if head.header is None:
+            taken = [i if i is not None else int(taken[0] == 0) for i in asked]
+        else:
+            missing = "time" if asked[0] is None else "position"
+            names, quantity = (_TIME, "time") if missing == "time" else (_POSITION, "angle")
+            own = _matching(head.header, names, quantity)  # type: ignore[arg-type]
+            if own is None:
+                raise InputError(f"{name}: has no column {missing!r} (columns: {', '.join(head.header)})")
+            taken = [i if i is not None else own for i in asked]
+    return taken[0], taken[1]
+
+
+def _named_columns(name: str, head: _Head) -> tuple[int, int]:
     for cells in (head.header, head.first):
         if cells is not None and len(cells) < 2:
             raise _one_column(name, cells)

@@ -18,7 +18,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from ...continuation import Branch, follow
+from ...continuation import FOLD, Branch, follow
 from ...errors import NoOrbit
 from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
@@ -36,6 +36,8 @@ SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 end hunting already."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
+TURN_KNOWN = 1e-4
+"""Relative distance of two cycles above which what lies between them is no border."""
 BRANCH_TOLERANCES = (1e-9, 1e-10, 1e-8, 1e-7)
 """Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
 the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
@@ -124,8 +126,9 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
             return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
     before = None
     for tol in BRANCH_TOLERANCES:
-        branch = follow(cycle, remedy.size, to=last, options=replace(options, tol=tol), max_points=MOST_CYCLES)
-        if (found := _told(branch, before, last, tol)) is not None:
+        branch = follow(cycle, remedy.size, to=last, monitors=(FOLD,), options=replace(options, tol=tol),
+                        max_points=MOST_CYCLES)  # fmt: skip
+        if (found := _told(branch, before, last, tol) or _turned(branch, remedy.sense)) is not None:
             return replace(found, first=cycle)
         same = before is not None and abs(branch.values[-1] - before.values[-1]) <= SIZE_KNOWN * abs(branch.values[-1])
         before = branch
@@ -134,6 +137,19 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
     went = f"followed from {branch.values[0]:.4g} to {branch.values[-1]:.4g} {remedy.unit}".rstrip()
     why = f"{went}: {branch.end}"
     return Border("not found", float(branch.values[-1]), math.nan, cycle, branch.orbits[-1], {}, why)
+
+
+def _turned(branch: Branch[SystemOrbit], sense: int) -> Border | None:
+    """The border where a branch turns, between two of its cycles, but no cycle is computed to its tolerance."""
+    values = branch.values
+    i = int(np.argmax(sense * values))
+    missed = next((each.meaning for each in branch.missed if each.kind == FOLD.kind), "")
+    if not missed or not 0 < i < values.size - 1:
+        return None
+    value, error = float(values[i]), float(np.abs(np.diff(values[i - 1 : i + 2])).max())
+    if error > TURN_KNOWN * abs(value):
+        return None
+    return Border("fold", value, error, None, branch.orbits[i], {}, missed)
 
 
 def _told(branch: Branch[SystemOrbit], before: Branch[SystemOrbit] | None, last: float, tol: float) -> Border | None:
@@ -154,5 +170,5 @@ def _told(branch: Branch[SystemOrbit], before: Branch[SystemOrbit] | None, last:
         apart, mu = abs(value - float(before.values[-1])), float(np.abs(orbit.multipliers.half).max())
         if apart <= SIZE_KNOWN * abs(value) and mu > STRAYS:
             why = f"half multiplier {mu:.0e} there: no motion settles on it, and its branch is followed no further"
-            return Border("unstable", value, max(apart, 10 * tol * abs(value)), None, orbit, {}, why)
+            return Border("unstable", value, max(apart, 100 * tol * abs(value)), None, orbit, {}, why)
     return None

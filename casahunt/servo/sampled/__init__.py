@@ -5,4 +5,5 @@ loop.py       the difference equations, sample by sample, and whole sticks at on
 verdict.py    what a motion shows, and the pattern that hunting repeats
 motion.py     the motion as data
 cause.py      stiction or quantisation, and the dead band that ends it
+check.py      whether given numbers come to rest in the loop as built
 """

@@ -101,6 +101,8 @@ class SampledLoop:
         self.states, self.torque = np.empty((3, samples + 1)), np.empty(samples)
         stops: list[float] = []
         k, slipped, rests_from = 0, 0, -1
+        effort.motion_begins()
+        effort.at(lambda: f"followed to sample {k} of {samples}")
         while k < samples and abs(self.x) <= farthest:
             if self.v == 0:
                 if self.rests():
@@ -170,8 +172,6 @@ class SampledLoop:
             # torques[j] acts up to the part of sample k + j, torques[j + 1] behind it
             torques = np.concatenate([self.waiting, u])
             beyond = np.flatnonzero(np.abs(torques) > self.slips.static)
-            if not self.part and beyond.size and beyond[0] == 0:  # it acts no more
-                beyond = beyond[1:]
             n = min(max(int(beyond[0]) - 1, 0), u.size) if beyond.size else u.size
             self._sit_through(k, n, w, d, u)
             k += n

@@ -25,7 +25,7 @@ from .verdict import Ending, SampledVerdict, judge
 
 Array = np.ndarray
 
-MOST_SAMPLES = 5_000_000
+LONGEST_MOTION = 5_000_000
 """Of a motion: 200 megabytes."""
 FAR_AWAY = 1e3
 """A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
@@ -93,7 +93,8 @@ class SampledMotion(Result):
     @cached_property
     def verdict(self) -> SampledVerdict:
         """What the end of the motion shows."""
-        unit = self.servo.friction.static / self.servo.torque_gains(self.gain)[0]
+        friction = self.servo.friction
+        unit = (friction.static - friction.coulomb) / self.servo.torque_gains(self.gain)[0]
         end = Ending(self.rests_since, self.far, self._waits(), self.drive.count, unit)
         return judge(self.times, self.states[0], end)
 
@@ -139,7 +140,7 @@ def simulate_sampled(
 
     Raises
     ------
-    InputError : a value out of range, or more than `MOST_SAMPLES` samples.
+    InputError : a value out of range, or more than `LONGEST_MOTION` samples.
 
     Examples
     --------
@@ -156,8 +157,8 @@ def simulate_sampled(
     numbers = {key: moderate(key, value) for key, value in given.items()}
     T = drive.sample_time
     samples = round(time / T)
-    if not 1 <= samples <= MOST_SAMPLES:
-        raise InputError(f"time = {time:g}: must be between 1 and {MOST_SAMPLES} samples of {T:g} s")
+    if not 1 <= samples <= LONGEST_MOTION:
+        raise InputError(f"time = {time:g}: must be between 1 and {LONGEST_MOTION} samples of {T:g} s")
     x = numbers["position"] - numbers["set_point"]
     loop = SampledLoop(servo, gain, drive, numbers["set_point"], (x, numbers["velocity"], numbers["integral"]))
     farthest = FAR_AWAY * max(abs(x), servo.friction.static / loop.kp)

@@ -21,11 +21,11 @@ from ...compiled import Caller, caller, kept
 
 ORDER = 20
 """Of the series."""
-SMALL = 1e-17
+LAST_COEFFICIENTS = 1e-17
 """Of the last two coefficients, relative to the largest |y| of the step."""
-SHORTER, TAKEN_OFF = 0.2, 0.9
+LEAST_SHARE, TAKEN_OFF = 0.2, 0.9
 """Factors of a step: at least so much of it when it is tried again, and what its estimate is multiplied by."""
-FAR = 8.0
+UNSEEN_FROM = 8.0
 """y from which exp(-y^2) is so small that the series of a step down to y = 0 would not show it: there y is halved at
 most.  From here down 1e-28 is seen, as it grows by (2 y y')^20/20!."""
 NEWTON_MOST = 60
@@ -84,15 +84,15 @@ class Slips:
             given[:] = y, h * a, h * self._b, h * self._c
             self._evaluate()
             end, way, tail = found[:3].tolist()
-            allowed = SMALL * max(y, abs(end))
+            allowed = LAST_COEFFICIENTS * max(y, abs(end))
             if tail <= allowed:
-                if y <= FAR or end >= y / 2:
+                if y <= UNSEEN_FROM or end >= y / 2:
                     break
                 h *= y / 2 / (y - end)
                 continue
             # nan and inf, too: a series far beyond its radius
             share = (allowed / tail) ** (1 / ORDER) if tail < np.inf and allowed < np.inf else 0.0
-            h *= max(TAKEN_OFF * share, SHORTER)
+            h *= max(TAKEN_OFF * share, LEAST_SHARE)
         if end > 0:
             return end, h * way, h, False
         series = found[3:].tolist()

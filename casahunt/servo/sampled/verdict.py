@@ -1,15 +1,15 @@
 """What a sampled motion shows: hunting, rest, swings that die out or grow; and the pattern that hunting repeats.
 
-Turning points T_i [rad] are the extremes of the position between which it moves by more than `CLEAR` of its range in
-the second half of the motion; swings S_i = |T_{i+1} - T_i|.
+Turning points T_i [rad] are the extremes of the position between which it moves by more than `TURNED_BACK` of its range
+in the second half of the motion; swings S_i = |T_{i+1} - T_i|.
 
     at rest     it is stuck with nothing to integrate and a torque within static friction: proven (loop.py)
-    hunting     swings and the times that they take repeat within `REPEATED` (and half a count of the encoder) after a
-                pattern of p swings, p even, over two patterns, and do not drift: the period is that of the pattern.
+    hunting     swings and the times that they take repeat within `PATTERN_WITHIN` (and half a count of the encoder)
+                after a pattern of p swings, p even, over two patterns, and do not drift: the period is the pattern's.
                 Counts that do not lie the same way on both sides make patterns longer than two swings.
                 Or, without a pattern, at least `ENDLESS` swings in the second half of the motion get no smaller
     decaying    each of the last `FALLING` swings is smaller than the one before, or it has stayed in the second half
-                of the motion within `NEAR` of Fs/kp
+                of the motion within `DIED_OUT` of (Fs - Fc)/kp, the size of hunting by stiction
     growing     the motion was given up far away from the set point
     undecided   none of these
 """
@@ -26,13 +26,13 @@ from ...results import Result
 
 Array = np.ndarray
 
-CLEAR = 0.25
+TURNED_BACK = 0.25
 """Part of the range of the position that it moves back by at a turning point, or more."""
-REPEATED, DRIFT = 2e-2, 1e-4
+PATTERN_WITHIN, DRIFT = 2e-2, 1e-4
 """Parts of the largest swing, and of the longest one: by which those of two patterns may differ, and if all differ one
 way."""
-NEAR = 1e-3
-"""Part of Fs/kp."""
+DIED_OUT = 1e-2
+"""Part of (Fs - Fc)/kp."""
 LONGEST_PATTERN = 16
 """Swings."""
 ENDLESS, FALLING = 12, 4
@@ -55,7 +55,7 @@ class SampledVerdict(Result):
         not hunt.
     period : of the whole pattern [s]; without one, mean time of two swings; nan likewise.
     pattern : swings after which hunting repeats; 0 without a pattern.
-    swings : the last ones [rad], at most `LONGEST_PATTERN`.
+    swings, lasts : the last ones [rad], and how long they take [s]; at most `LONGEST_PATTERN`.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class SampledVerdict(Result):
     """
 
     _quantities = ("kind", "amplitude [rad]", "period [s]", "pattern")
-    _details = ("sentence", "swings")
+    _details = ("sentence", "swings", "lasts", "mean_period [s]")
 
     kind: Kind
     sentence: str
@@ -74,6 +74,18 @@ class SampledVerdict(Result):
     period: float = math.nan
     pattern: int = 0
     swings: tuple[float, ...] = ()
+    lasts: tuple[float, ...] = ()
+
+    @property
+    def mean_period(self) -> float:
+        """Mean time of two swings [s]."""
+        return self.period / max(self.pattern / 2, 1)
+
+    @property
+    def unevenness(self) -> float:
+        """By how much the last swings differ among themselves in size or time, relative to the largest or longest."""
+        sizes, times = (np.array(values[-(self.pattern or LONGEST_PATTERN) :]) for values in (self.swings, self.lasts))
+        return max(float(np.ptp(values) / values.max()) for values in (sizes, times))
 
 
 def turning_points(x: Array, clear: float) -> Array:
@@ -105,7 +117,8 @@ class Ending:
     """What is known of the end of a motion besides its samples.
 
     rests_since: when it came to rest for ever [s], nan where it did not; far: whether it was given up far away; waits:
-    what is said of a servo that is stuck; count: of the encoder [rad], or 0; unit: Fs/kp [rad].
+    what is said of a servo that is stuck; count: of the encoder [rad], or 0; unit: (Fs - Fc)/kp [rad], the size of
+    hunting by stiction.
     """
 
     rests_since: float
@@ -126,15 +139,15 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     if end.far:
         return SampledVerdict("growing", f"it was followed only until {x[-1]:+.3g} rad beside the set point")
     half = x[x.size // 2 :]
-    turns = turning_points(x, CLEAR * float(np.ptp(half)))
+    turns = turning_points(x, TURNED_BACK * float(np.ptp(half)))
     t, S = times[turns], np.abs(np.diff(x[turns]))
-    last = tuple(map(float, S[-LONGEST_PATTERN:]))
+    last, lasts = (tuple(map(float, values[-LONGEST_PATTERN:])) for values in (S, np.diff(t)))
     pattern = _pattern(S, np.diff(t), end.count / 2)
     if pattern:
         amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
-        return SampledVerdict("hunting", f"{count}, in size and time", amplitude, period, pattern, last)
-    if not end.count and np.abs(half).max() <= NEAR * end.unit:
+        return SampledVerdict("hunting", f"{count}, in size and time", amplitude, period, pattern, last, lasts)
+    if not end.count and np.abs(half).max() <= DIED_OUT * end.unit:
         text = f"within {np.abs(half).max():.2g} rad of the set point since {times[-half.size]:.4g} s"
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
     if _falls(S[-FALLING - 1 :]):
@@ -144,7 +157,7 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     if late.size >= ENDLESS and late[late.size // 2 :].max() >= SMALLER * late[: late.size // 2].max():
         text = f"{late.size} swings in the second half of the motion, which get no smaller and repeat in no pattern"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
-        return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last)
+        return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)
     text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s; try a longer time{end.waits}"
     return SampledVerdict("undecided", text, swings=last)
 
@@ -161,7 +174,8 @@ def _pattern(S: Array, lasts: Array, grain: float) -> int:
         change, later = S[now] - S[before], np.abs(lasts[now] - lasts[before])
         size, longest = float(S[-p:].max()), float(lasts[-p:].max())
         drifts = bool((change > 0).all() or (change < 0).all()) and float(np.abs(change).max()) > DRIFT * size
-        if np.abs(change).max() <= REPEATED * size + grain and later.max() <= REPEATED * longest and not drifts:
+        alike = np.abs(change).max() <= PATTERN_WITHIN * size + grain and later.max() <= PATTERN_WITHIN * longest
+        if alike and not drifts:
             return p
     return 0
 

@@ -22,11 +22,12 @@ from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
 
 if TYPE_CHECKING:
+    from ...design.record.file import Record
     from ...servo.parts import Loop
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate")
+LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate", "explore")
 """Commands that take a loop of parts."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
@@ -103,12 +104,13 @@ class Parser(argparse.ArgumentParser):
 
 def add_command(
     commands: Any, name: str, about: str, *, file: str = "", gain: bool = False, tol: bool = True,
-    model: str | None = None, csv: str = "", plot: str = "",
+    model: str | None = None, csv: str = "", plot: str = "", records: str = "",
 ) -> Parser:  # fmt: skip
     """A command with the arguments that it shares with others, which its module goes on with.
 
-    about: one line of help; file: what it reads, "" where it reads none; gain: it has one, which must be given; tol: it
-    computes to a tolerance; model: it has one, and what for ("": for everything); csv, plot: what its table holds and
+    about: one line of help; file: what it reads, "" where it reads none; records: as `file`, of several, behind which
+    no servo file can stand without its option; gain: it has one, which must be given; tol: it computes to a tolerance;
+    model: it has one, and what for ("": for everything); csv, plot: what its table holds and
     its picture shows, "" where it has none.
     """
     command: Parser = commands.add_parser(name, help=about)
@@ -117,7 +119,10 @@ def add_command(
     if file:
         command.add_argument("file", metavar="F.csv", help=file)
     low, high = Options.TOLERANCES
-    command.add_argument("servo", nargs="?", metavar="SERVO.toml", help="servo file; default: Table 1 of the report")
+    if records:
+        command.add_argument("records", nargs="+", metavar="F.csv", help=records)
+    file_of: dict[str, Any] = {"metavar": "SERVO.toml", "help": "servo file; default: Table 1 of the report"}
+    command.add_argument("--servo", **file_of) if records else command.add_argument("servo", nargs="?", **file_of)
     if tol:
         command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
     command.add_argument(
@@ -132,6 +137,36 @@ def add_command(
     if plot:
         command.add_argument("--plot", metavar="F.png", help=f"write a picture of {plot}")
     return command
+
+
+def add_reading(command: Parser) -> None:
+    """How a record is read from its file."""
+    command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
+    command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
+    command.add_argument("--time-column", metavar="C", help="column of the times: its header, or its number from 1")
+    command.add_argument("--position-column", metavar="C", help="column of the positions, in the same way")
+    command.add_argument("--skip", metavar="N", help="leave out the first N lines, such as a preamble")
+    command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
+
+
+def reading_of(options: argparse.Namespace) -> dict[str, Any]:
+    """How a record is read, as `read_record` takes it."""
+    return {
+        "time_unit": options.time_unit, "position_unit": options.position_unit, "time_column": options.time_column,
+        "position_column": options.position_column,
+        "skip": None if options.skip is None else count_of("skip", options.skip, 0),
+    }  # fmt: skip
+
+
+def later_part(record: Record, options: argparse.Namespace) -> Record:
+    """The record from --from on.  Raises InputError: nothing is left of it."""
+    if options.start is None:
+        return record
+    start = finite("from", options.start)
+    rest = record.after(start)
+    if rest.times.size == 0:
+        raise InputError(f"from = {start:g}: must lie before the end of {record.name}")
+    return rest
 
 
 def add_vary(command: Parser, what: str) -> None:
@@ -200,11 +235,11 @@ def servo_of(options: argparse.Namespace) -> Servo:
     return with_overrides(servo_of_tables(tables, what), of_servo)
 
 
-def drive_of(options: argparse.Namespace) -> Drive | None:
-    """The drive of the command line: the table [drive] of the servo file, overrides, and the options called like its
-    keys; None without any, or with a sample time of 0, which is the continuous loop.
+def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive | None:
+    """The drive of the command line: the table [drive] of the servo file and overrides; None without any, or with a
+    sample time of 0, which is the continuous loop.
 
-    Raises InputError: one is wrong.
+    by_options: also by the options of the command that are called like its keys. Raises InputError: one is wrong.
     """
     table = {} if options.servo is None else _tables(options).get(DRIVE_TABLE, {})
     given: dict[str, Any] = {}
@@ -213,7 +248,8 @@ def drive_of(options: argparse.Namespace) -> Drive | None:
         if key.startswith(OF_DRIVE):
             name = choice_of("key", key.strip(), [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
             given[name.removeprefix(OF_DRIVE)] = value.strip()
-    given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key, None)) is not None}
+    if by_options:
+        given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key)) is not None}
     numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in given.items()}
     if not table and not numbers or numbers.get("sample_time") == 0:
         return None

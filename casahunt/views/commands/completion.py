@@ -26,6 +26,7 @@ FILES = {
     "servo": (".toml",),
     "uncertainty": (".toml",),
     "file": (".csv",),
+    "records": (".csv",),
     **WRITTEN,
 }
 """By the name of an argument: the endings of the files that it takes."""
@@ -39,6 +40,7 @@ WORDS = {
     "vary": NAMES,
     "only": REMEDY_NAMES,
     "and": NAMES,
+    "sought": NAMES,
     "word": tuple(GLOSSARY),
 }
 """By the name of an argument: the words that it takes."""

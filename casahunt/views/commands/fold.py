@@ -1,6 +1,7 @@
 """casahunt fold: the largest gain at which the servo can hunt, and the largest one with a stable cycle.
 
-Key `stable` of the JSON object: see views/stability.py.  Of a loop of parts: the border of hunting in any parameter;
+Key `stable` of the JSON object: see views/stability.py; `as_built`: as of orbit.  Of a loop of parts: the border of
+hunting in any parameter;
 `parameters` are those at the fold, `way` is "up" where the loop hunts below it.
 """
 
@@ -21,6 +22,7 @@ from .arguments import add_command, add_solver, add_vary, how_of, loop_of, model
 from .console import progress, progress_line, say, sensitivity_text
 from .loops import shared
 from .output import give
+from .sampled import seen_by_encoder
 
 if TYPE_CHECKING:
     from ...servo.parts import Loop
@@ -41,10 +43,12 @@ def run(options: argparse.Namespace) -> int:
         return _of_a_loop(options, loop, vary, how)
     fold = find_fold(servo_of(options), model, options=how)
     slopes, stable = fold_sensitivities(fold), stability_of(fold, how)
-    more = {"elasticities": slopes.elasticities, "stable": stable, "solver": how.solver}
+    more: dict[str, Any] = {"elasticities": slopes.elasticities, "stable": stable, "solver": how.solver}
     say(progress(options.quiet), progress_line(fold.orbit, mu="+1 (fold)"))
     first = f"{model} servo: hunting is possible up to gain {to_error(fold.gain, fold.gain_error)} V/rad"
-    lines = _lines(fold, slopes, [first], stable["sentence"], how)
+    below, built = seen_by_encoder(options, fold.orbit.amplitude)
+    more = {**more, **built}
+    lines = _lines(fold, slopes, [first, *below], stable["sentence"], how)
     give(
         options, fold.to_dict(table=False) | more, lines, table=tables_of([slopes]),
         picture=("fold.elasticities", [fold], [slopes]),

@@ -1,4 +1,8 @@
-"""casahunt orbit: the hunting cycle at one gain."""
+"""casahunt orbit: the hunting cycle at one gain.
+
+Key `as_built` of the JSON object, where the servo file has a table [drive]: what is to be said of the cycle in counts
+of its encoder, or null.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +25,7 @@ from .arguments import add_command, add_solver, gain_of, how_of, left_out, loop_
 from .console import complex_text, progress, progress_line, say
 from .loops import shared
 from .output import give
+from .sampled import seen_by_encoder
 
 if TYPE_CHECKING:
     from ...servo.parts import Loop
@@ -60,6 +65,9 @@ def run(options: argparse.Namespace) -> int:
     servo = Servo() if loop is not None else servo_of(options)
     began = time.perf_counter()
     found = _of_a_servo(servo, model, gain, branch, how) if loop is None else _of_a_loop(loop, branch, how)
+    if loop is None:
+        below, built = seen_by_encoder(options, found.orbit.amplitude)
+        found = found._replace(below=(*found.below, *below), record=found.record | built)
     orbit, record = found.orbit, {**found.orbit.to_dict(table=False), **found.record, "branch": branch}
     second = orbit.integrator_multipliers if route == "integrator" else None
     if second is not None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import protected
 
-READ = {"servo": "the servo file", "uncertainty": "the uncertainty file", "file": "the record"}
+READ = {"servo": "the servo file", "uncertainty": "the uncertainty file", "file": "the record", "records": "the record"}
 """By the names of arguments: what is read."""
 WRITTEN = {"csv": (".csv",), "save": (".npz",), "plot": (".png", ".pdf", ".svg")}
 """Arguments that name a file to be written, and how its name may end; `out` names a folder, in which `options.results`
@@ -37,8 +37,10 @@ def keep_inputs(options: argparse.Namespace) -> None:
     """
     taken: dict[tuple[int, int] | str, str] = {}
     for name, what in READ.items():
-        path = getattr(options, name, None)
-        if path is not None and (found := _file(path)):
+        given = getattr(options, name, None)
+        for path in given if isinstance(given, list) else [] if given is None else [given]:
+            if not (found := _file(path)):
+                continue
             taken[found] = f"{what} {path!r}, which is read"
     for name, place in _outputs(options):
         found = _file(place)

@@ -25,11 +25,21 @@ from typing import Any
 from ...checks import error_text, known_decimals, moderate, to_absolute_error, to_error
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measure
-from ...errors import InputError, NoOrbit
+from ...errors import NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
-from .arguments import add_command, finite, how_of, model_of, positive, servo_of
+from .arguments import (
+    add_command,
+    add_reading,
+    finite,
+    how_of,
+    later_part,
+    model_of,
+    positive,
+    reading_of,
+    servo_of,
+)
 from .console import complain, progress, say
 from .output import HARD_SPACE, give
 
@@ -47,11 +57,9 @@ def add(commands: Any) -> None:
         csv="amplitude, frequency and period, measured and predicted",
         plot="the record, folded, with the prediction",
     )  # fmt: skip
-    command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
-    command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
+    add_reading(command)
     command.add_argument("--gain", help="controller gain K of the record; without it nothing is predicted")
     command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
-    command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -62,19 +70,14 @@ def run(options: argparse.Namespace) -> int:
     model = model_of(options)
     gain = None if options.gain is None else positive("gain", options.gain)
     set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
-    start = None if options.start is None else finite("from", options.start)
-    how, servo = how_of(options), servo_of(options)
+    how, servo, reading = how_of(options), servo_of(options), reading_of(options)
     began = time.perf_counter()
     stream = progress(options.quiet)
     with suppress(OSError):
         size = Path(options.file).stat().st_size
         if size >= LARGE:
             say(stream, f"reading {size / 1e6:.0f} MB")
-    record = read_record(options.file, time_unit=options.time_unit, position_unit=options.position_unit)
-    if start is not None:
-        record = record.after(start)
-        if record.times.size == 0:
-            raise InputError(f"from = {start:g}: must lie before the end of {record.name}")
+    record = later_part(read_record(options.file, **reading), options)
     if record.times.size >= MANY:
         say(stream, f"{record.times.size} samples read, looking for the period")
     found = measure(record)

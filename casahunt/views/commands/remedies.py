@@ -11,7 +11,8 @@ import argparse
 import json
 import math
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,15 @@ from ...export import plain
 from ...files import together, whole_text
 from ...results import tables_of
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
+from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
-from .arguments import add_command, add_out, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
+from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain, folder, progress, say
 from .output import give
 from .output_paths import keep_others
+from .sampled import checked_line
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -39,6 +42,8 @@ PRICE_DIGITS = 4
 """Digits of a price."""
 SETTLING_DIGITS = 2
 """Digits of a settling time: it depends on where between two points of the motion the band is left last."""
+PLAIN_NUMBERS = {"derivative": "kd", "integral": "ki"}
+"""Remedies that are a number of the controller by gains."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
@@ -107,12 +112,46 @@ def run(options: argparse.Namespace) -> int:
 
             page = remedies_page(record, pictures_remedies.page_images(found))
             options.outputs.write(_write, out, page, record)
-    lines = remedy_lines(found, limits, of_a_set=uncertainty is not None)
-    give(options, found, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
+    built = {} if loop is not None else _as_built(options, found, servo, gain)
+    lines = (*remedy_lines(found, limits, of_a_set=uncertainty is not None), *built_lines(built))
+    result = found.to_dict() | {"as_built": built} if built else found
+    give(options, result, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
         complain("casahunt remedies", f"no remedy ends hunting{_within(limits)}; allow more, or look at the table")
         return 1
     return 0
+
+
+def _as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: float) -> dict[str, AsBuilt | str]:
+    """Remedies that end hunting, with the size to choose, in the loop as built; {} where the servo file has none.
+
+    Of those that a drive's controller does not have, a sentence.
+    """
+    drive = drive_of(options)
+    if drive is None:
+        return {}
+    checked: dict[str, AsBuilt | str] = {}
+    pid = servo.controller.pid()
+    for row in (row for row in found.remedies if row.ends_hunting):
+        size = row.recommended
+        if row.name == "dead band":
+            checked[row.name] = as_built(servo, gain, replace(drive, dead_band=size))
+        elif row.name == "gain":
+            checked[row.name] = as_built(servo, size, drive)
+        elif row.name in PLAIN_NUMBERS:
+            changed = replace(pid, **{PLAIN_NUMBERS[row.name]: size})
+            checked[row.name] = as_built(replace(servo, controller=changed), gain, drive)
+        else:
+            checked[row.name] = "not checked, the sampled controller has no such part"
+    return checked
+
+
+def built_lines(checked: Mapping[str, AsBuilt | str]) -> Iterator[str]:
+    """What the checks in the loop as built have found."""
+    if checked:
+        yield "in the loop as built, with the size to choose"
+    for name, seen in checked.items():
+        yield f"  {name:16s} {seen}" if isinstance(seen, str) else checked_line(seen, name)
 
 
 def _write(out: Path, html: str, record: dict[str, Any]) -> None:

@@ -1,4 +1,5 @@
-"""casahunt simulate of the loop as built: a sampled controller, an encoder, and what causes its hunting.
+"""casahunt simulate of the loop as built: a sampled controller, an encoder, and what causes its hunting.  And what
+other commands say of their answers in it, where the servo file has a table [drive].
 
 Keys of the JSON object, the `to_dict` of the motion: gain, set_point, duration, verdict, reason, amplitude [rad],
 period [s] (of the whole pattern), pattern (swings after which hunting repeats; 0: in none), swings, rests_since [s],
@@ -18,10 +19,11 @@ from ...checks import choice_of
 from ...errors import InputError
 from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
 from ...servo.hunting import MODELS
-from ...servo.sampled.cause import Cause, cause_of
+from ...servo.sampled.cause import Cause, below_border, cause_of
+from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.sampled.motion import SampledMotion, simulate_sampled
 from ...servo.servo import Servo
-from .arguments import Parser, gain_of, left_out
+from .arguments import Parser, drive_of, gain_of, left_out
 from .output import give
 
 
@@ -102,3 +104,32 @@ def _drive(drive: Drive) -> Iterator[str]:
     yield f"integral by {drive.integration}"
     if drive.dead_band:
         yield f"dead band {drive.dead_band:g} rad"
+
+
+def seen_by_encoder(options: argparse.Namespace, amplitude: float) -> tuple[list[str], dict[str, str | None]]:
+    """What a command says of a cycle where the servo file describes a drive: a line if it has few counts, and for JSON.
+
+    amplitude: of the cycle [rad].
+    """
+    drive = drive_of(options)
+    if drive is None:
+        return [], {}
+    sentence = below_border(amplitude, drive)
+    lines = [f"  as built         {sentence}; casahunt simulate shows it"] if sentence else []
+    return lines, {"as_built": sentence or None}
+
+
+def checked(options: argparse.Namespace, servo: Servo, gain: float) -> AsBuilt | None:
+    """An answer in the loop as built; None where the servo file describes none."""
+    drive = drive_of(options)
+    return None if drive is None else as_built(servo, gain, drive)
+
+
+def checked_line(found: AsBuilt, what: str = "as built") -> str:
+    """What the check has found, as a line."""
+    if not found.ends and not math.isnan(found.dead_band):
+        count = found.worst.drive.count
+        counts = f" ({found.dead_band / count:.3g} counts)" if count else ""
+        ending = f"; with a dead band of the integrator of {found.dead_band:.4g} rad{counts} every motion comes to rest"
+        return f"  {what:16s} {found.sentence}{ending}"
+    return f"  {what:16s} {found.sentence}"

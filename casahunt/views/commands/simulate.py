@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("step: must be left out without --csv")
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
-    drive = drive_of(options)
+    drive = drive_of(options, by_options=True)
     if loop is not None:
         if drive is not None:
             raise InputError("sample-time: must be left out, of a loop of parts only the continuous motion is computed")

@@ -53,10 +53,14 @@ from .console import complain, folder, progress, say, telling
 from .output import give
 from .output_paths import keep_others
 from .remedies import remedy_lines
+from .sampled import checked, checked_line
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
 CSV_COLUMNS = ("quantity", "unit", "value", "error")
+
+NOT_PROVED = "not proved by this"
+"""The line above what a tuning does not prove."""
 
 
 def add(commands: Any) -> None:
@@ -126,7 +130,12 @@ def run(options: argparse.Namespace) -> int:
 
             images = pictures_tune.evidence_images(tuning, before)
             options.outputs.write(_write, out, evidence_page(record, images), record)
-    lines = _lines(record, how.tol, None if options.outputs.troubles else options.out)
+    built = checked(options, tuning.servo, tuning.gain)
+    if built is not None:
+        record["as_built"] = built.to_dict()
+    lines = [*_lines(record, how.tol, None if options.outputs.troubles else options.out)]
+    proves_not = lines.index(NOT_PROVED)
+    lines[proves_not:proves_not] = [] if built is None else [checked_line(built)]
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, lines, table=table)
     for sentence in tuning.verification.unverified:
@@ -229,7 +238,7 @@ def _lines(record: dict[str, Any], tol: float, out: str | None) -> Iterator[str]
         yield f"  against it       {sentence}"
     for sentence in check["unverified"]:
         yield f"  not verified     {sentence}"
-    yield "not proved by this"
+    yield NOT_PROVED
     for sentence in record["proves_not"]:
         yield f"  {sentence}"
     yield f"  {record['wall_s']:.2f} s"

@@ -12,4 +12,10 @@ copies.py     a state as a command line, as Python, as a file
 numbers.py    numbers and sentences as they are shown
 kinds.py      the stages of a servo and of a loop of parts
 answers.py    what the page shows, in stages
+worker.py     a process that answers the newest question
+figures.py    the figures, empty
+page.py       the page as text; page.html, page.css, page.js
+conversation.py  what one page asks and is told
+server.py     who may ask, and who answers
+notebook.py   the page from Python
 """

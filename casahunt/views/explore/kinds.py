@@ -205,8 +205,10 @@ class LoopAnswers(ServoAnswers):
     def step(self) -> dict[str, Any]:
         """A step of the set point."""
         duration = PERIODS_OF_A_STEP * self.orbit.period if self.orbit is not None else self._longest()
-        found = loop_motion(self.loop, duration, start=self.loop.at_rest(-self.problem.step), tol=DRAWN_MOTION_TOLERANCE,
-                            per_interval=MOTION_POINTS)  # fmt: skip
+        found = loop_motion(
+            self.loop, duration, start=self.loop.at_rest(-self.problem.step), tol=DRAWN_MOTION_TOLERANCE,
+            per_interval=MOTION_POINTS,
+        )  # fmt: skip
         angle = found.states[self.loop.system.states.index(self.loop.angles[-1])]
         peak = float(np.abs(found.torque).max())
         numbers = self.loop.parameters

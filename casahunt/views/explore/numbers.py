@@ -70,7 +70,9 @@ def ends_at(what: str, unit: str, border: float, present: float, sense: int = 1)
     if present * border <= 0:
         return f"Hunting ends at {what} {size}."
     ratio = border / present
-    away = f"{brief(ratio)} times the present one" if ratio >= 1 else f"1/{brief(1 / ratio)} of the present one"
+    away = f"{brief(ratio)} times the present one"
+    if ratio < 1:
+        away = f"the present one is {brief(1 / ratio)} times that"
     return f"Hunting ends {'above' if sense > 0 else 'below'} {what} {size}: {away}."
 
 

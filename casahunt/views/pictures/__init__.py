@@ -11,6 +11,7 @@ event_map.py     cobweb picture of the event map
 uncertainty.py   histogram of sampled fold gains
 equilibria.py    stick region, generalised Jacobian
 simulation.py    simulated motions, folded records
+identify.py      records laid over the cycle that was fitted to them
 remedies.py      amplitude against the size of each remedy, where the servo rests with it
 tune.py          diagram with the operating point, tasks before and after
 """

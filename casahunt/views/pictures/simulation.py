@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PER_INTERVAL = 8
 """Points of a drawn line in each interval of a motion, which its polynomial bends once or twice."""
-MOST_DRAWN, SHORT_STICK = 20_000, 10
+DRAWN_SAMPLES, SHORT_STICK = 20_000, 10
 """Samples of a motion that are drawn; samples of a stick that is shown, more than."""
 MOST_DOTS = 20_000
 """Samples of a record that are drawn."""
@@ -98,7 +98,7 @@ def sampled_motion(found: SampledMotion, *, axes: Any = None) -> Array:
     >>> axes[2].get_xlabel()
     'time [s]'
     """
-    every = max(1, found.torque.size // MOST_DRAWN)
+    every = max(1, found.torque.size // DRAWN_SAMPLES)
     t, x, torque = found.times[:-1], found.states[:, :-1], found.torque
     edges = np.flatnonzero(np.diff((x[1] == 0).astype(int)))
     pieces = zip([0, *(edges + 1)], [*edges, t.size - 1], strict=True)

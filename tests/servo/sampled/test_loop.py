@@ -13,6 +13,7 @@ from casahunt import Drive, InputError, find_orbit, simulate_sampled
 from casahunt.servo.sampled.loop import SampledLoop
 from scripts import sampled
 
+
 @pytest.mark.parametrize("seed", [1, 7, 9, 10, 14, 17])
 def test_another_program_has_the_same_motion(seed):
     found = sampled.compared(seed, 600)
@@ -78,6 +79,24 @@ def test_it_is_not_at_rest_where_a_torque_on_its_way_breaks_it_away():
     loop = SampledLoop(SERVO, 1.0, drive, 0.0, (0.0, 0.0, 0.0))
     assert loop.rests()
     loop.waiting[-1] = 0.41
+    assert not loop.rests()
+
+
+def test_it_is_not_at_rest_where_its_last_reading_is_still_to_be_added():
+    """A trapezoid takes half of the reading before, which the dead band of the present one does not see."""
+    drive = Drive(sample_time=1e-3, encoder=2000, dead_band=1e-3, integration="trapezoid")
+    loop = SampledLoop(SERVO, 1.0, drive, 0.0, (0.0, 0.0, 0.0))
+    assert loop.rests()
+    loop.z = 100.0
+    assert not loop.rests()
+
+
+def test_it_is_not_at_rest_where_its_derivative_still_breaks_it_away():
+    """The filtered one goes on behind the reading that has changed."""
+    drive = Drive(sample_time=1e-3, encoder=2000, dead_band=1e-3, derivative="filtered", filter_time=0.01)
+    loop = SampledLoop(SERVO, 1.0, drive, 0.0, (0.0, 0.0, 0.0))
+    assert loop.rests()
+    loop.d = 3.0  # kd = 0.21 N m s/rad
     assert not loop.rests()
 
 

@@ -1,0 +1,136 @@
+"""Whether a servo with given numbers comes to rest in the loop as built, from a few starts and at a few set points.
+
+    set points  on a count of the encoder, a quarter of one beside it, and half-way between two: on a count the error
+                that is read can be 0, half-way it cannot
+    starts      a step of 1 rad; and at rest beside the set point by what the proportional torque holds, Fs/kp
+
+Each motion is followed `WOUND_UP` times as long as the integral takes from one breakaway to the other, 2 Fs/(ki |e|),
+at the error of half a count q/2 or at that of hunting by stiction, about (Fs - Fc)/kp, whichever is smaller, but no
+longer than `MOST_CHECKED` samples: a motion that rests is proven to (loop.py), of others the end is judged.
+What still hunts gets the dead band of the integrator that ends it at the set points of this check.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import product
+
+from ...results import Result
+from ..drive import Drive
+from ..servo import Servo
+from .cause import cause_of
+from .motion import SampledMotion, simulate_sampled
+
+OFFSETS = (0.0, 0.25, 0.5)
+"""Of the set point from a count, in counts."""
+WOUND_UP = 20.0
+"""Times that the integral is wound up from one side to the other in a motion that is followed."""
+LEAST_DROP = 1e-2
+"""Part of Fs that the drop Fs - Fc counts for at least, in that time."""
+WIDER_BAND = 1.1
+"""Of the smallest dead band at one set point: readings of another one may lie on its edge."""
+MOST_CHECKED = 1_000_000
+"""Samples of a motion of the check."""
+SET_POINT_STEP = 1.0
+"""Of the first start [rad]."""
+BY_BADNESS = ("at rest", "decaying", "undecided", "hunting", "growing")
+
+
+@dataclass(frozen=True, repr=False)
+class AsBuilt(Result):
+    """What a servo does in the loop as built.
+
+    Attributes
+    ----------
+    kind : the worst verdict of its motions: "at rest", "decaying", "undecided", "hunting" or "growing".
+    sentence : what was seen, and where it hunts, why.
+    dead_band : of the integrator, one that ends what still hunts at all set points of the check, a tenth more than the
+        smallest at one of them [rad]; nan where nothing hunts, or none was found.
+    worst : the motion of the worst verdict.
+
+    Examples
+    --------
+    >>> from casahunt import Drive, Servo, as_built
+    >>> as_built(Servo(), 2.0, Drive(sample_time=1e-3, encoder=2000, dead_band=0.004)).kind
+    'at rest'
+    """
+
+    _quantities = ("kind", "dead_band [rad]")
+    _details = ("sentence",)
+
+    kind: str
+    sentence: str
+    dead_band: float
+    worst: SampledMotion
+
+    @property
+    def ends(self) -> bool:
+        """Whether every motion comes to rest, or dies out."""
+        return self.kind in BY_BADNESS[:2]
+
+
+def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
+    """Whether a servo comes to rest in the loop as built, from a few starts and at a few set points.
+
+    Parameters
+    ----------
+    servo, gain, drive
+        the loop; gain > 0.
+
+    Returns
+    -------
+    AsBuilt.
+
+    Examples
+    --------
+    >>> from casahunt import Drive, Servo, as_built
+    >>> found = as_built(Servo(), 2.0, Drive(sample_time=1e-3, encoder=2000))
+    >>> found.kind, round(found.dead_band, 5)  # rad: it hunts by counts
+    ('hunting', 0.00173)
+    """
+    motions = _motions(servo, gain, drive)
+    worst = max(motions, key=lambda motion: BY_BADNESS.index(motion.verdict.kind))
+    kind, count = worst.verdict.kind, len(motions)
+    if kind in BY_BADNESS[:2]:
+        how = "comes to rest for ever" if kind == "at rest" else "dies out"
+        return AsBuilt(kind, f"every one of {count} motions {how}", math.nan, worst)
+    beside = worst.set_point / drive.count if drive.encoder else 0.0
+    where = f"{beside:g} of a count beside a reading" if beside else "on a reading" if drive.encoder else "0"
+    text = f"with the set point {where} it is {kind}: {worst.verdict.sentence}"
+    cause = cause_of(worst)
+    if cause is None:
+        return AsBuilt(kind, text, math.nan, worst)
+    ending = _ending(servo, gain, drive, cause.dead_band)
+    return AsBuilt(kind, f"{text}; {cause.kind}: {cause.sentence}", ending, worst)
+
+
+def _motions(servo: Servo, gain: float, drive: Drive) -> list[SampledMotion]:
+    kp, _, ki = servo.torque_gains(gain)
+    static, q = servo.friction.static, drive.count
+    error = max(static - servo.friction.coulomb, LEAST_DROP * static) / kp
+    error = min(error, q / 2) if q else error
+    length = max(WOUND_UP * 2 * static / (ki * error), drive.sample_time)
+    length = min(length, MOST_CHECKED * drive.sample_time)
+    found = []
+    for offset, beside in product(OFFSETS if q else (0.0,), (SET_POINT_STEP, static / kp)):
+        at = offset * q
+        found.append(simulate_sampled(servo, gain, drive, set_point=at, position=at - beside, time=length))
+    return found
+
+
+def _ending(servo: Servo, gain: float, drive: Drive, first: float) -> float:
+    """The dead band that ends it at all set points, from that of one of them; nan where none does."""
+    band = WIDER_BAND * first
+    for _ in range(len(OFFSETS) * 2):
+        if math.isnan(band):
+            return band
+        motions = _motions(servo, gain, replace(drive, dead_band=band))
+        left = [motion for motion in motions if motion.verdict.kind not in BY_BADNESS[:2]]
+        if not left:
+            return band
+        cause = cause_of(left[0])
+        if cause is None or not cause.dead_band > band:
+            return math.nan
+        band = WIDER_BAND * cause.dead_band
+    return math.nan

@@ -1,0 +1,56 @@
+"""casahunt explore: a page in the browser, on which the servo is turned, and at once answers.
+
+Key of the JSON object, which is printed when the page can be loaded: address.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import webbrowser
+from typing import Any
+
+from ..explore.state import State, state_of_loop, state_of_servo
+from .arguments import add_command, count_of, loop_of, model_of, positive, servo_of
+from .console import progress, say
+
+LAST_PORT = 65535
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    about = "a page in the browser: turn the servo, and see"
+    command = add_command(commands, "explore", about, tol=False, model="")
+    command.add_argument("--gain", dest="first", metavar="K", help="gain in V/rad to begin with (default 0.1)")
+    command.add_argument("--port", metavar="N", help="port of the page (default: the first free one from 8765)")
+    command.add_argument("--host", help="who may connect: default this machine alone; 0.0.0.0 for the whole network")
+    command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve until it is interrupted; returns the exit code."""
+    from ..explore.server import THIS_MACHINE, Server  # not for who asks for --help
+
+    port = None if options.port is None else count_of("port", options.port, 1, LAST_PORT)
+    server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
+    stream = progress(options.quiet)
+    if options.json:
+        print(json.dumps({"address": server.address}), flush=True)
+    else:
+        print(server.address, flush=True)
+        say(stream, "the page is served until Ctrl-C")
+    if not options.no_browser:
+        webbrowser.open(server.address)
+    server.run()
+    return 0
+
+
+def _first(options: argparse.Namespace) -> State:
+    """The state of the page without an address."""
+    loop = loop_of(options) if options.servo is not None else None
+    gain = {} if options.first is None else {"gain": positive("gain", options.first)}
+    if loop is not None:
+        state = state_of_loop(options.tables["loop"]["parts"], loop)
+    else:
+        state = state_of_servo(servo_of(options)).choose("model", model_of(options))
+    return State({**state.values, **gain}, state.model, state.remedy, tuple(state.parts))

@@ -1,0 +1,159 @@
+"""casahunt identify: friction, or other parameters, from records of a hunting servo.
+
+Keys of the JSON object, the `to_dict` of the identification: parameters {name: {value, low, high}}, 95 %, low 0 or high
+null where the records do not bound it; misfit, 1 where the model leaves nothing but noise; explained; scatter and
+systematic (judgement.py); untold, combinations that the records do not tell, as powers of the parameters; further_gain,
+of the record that would tell most besides, or null; records; servo; wall_s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ...checks import to_absolute_error
+from ...design.identify.identify import FREE, Identification, identify
+from ...design.record.file import read_record
+from ...files import together, whole_text
+from ...results import tables_of
+from ...servo.servo import flatten
+from ...servo.units import unit_of
+from .arguments import (
+    add_command,
+    add_gain,
+    add_out,
+    add_reading,
+    how_of,
+    later_part,
+    model_of,
+    positive,
+    reading_of,
+    servo_of,
+)
+from .console import complain, folder, progress, say
+from .output import give
+from .output_paths import keep_others
+
+SIGN = "# casahunt identify"
+FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
+"""What --out writes, and what stands in each: the intervals, as `uncertainty`, `tune` and `remedies` take them, and the
+servo with the values found."""
+ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = add_command(
+        commands, "identify", "friction from records of a hunting servo",
+        records="times and positions; one file for each record", model=", for the fit",
+        csv="the parameters with their intervals", plot="the records laid over the fitted cycle, and what is left",
+    )  # fmt: skip
+    add_gain(command, action="append", help="gain of the records in V/rad; repeat it, one for each, where they differ")
+    add_reading(command)
+    free = f"parameters that are sought, with commas (default {', '.join(FREE)})"
+    command.add_argument("--free", dest="sought", action="append", metavar="NAME", help=free)
+    add_out(command, lambda _: FILES, help="write friction.toml, the intervals for --uncertainty, and servo.toml")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Read, fit and print; returns the exit code.
+
+    Raises InputError: the command line or a record is wrong; NoOrbit: no fit.
+    """
+    began, stream = time.perf_counter(), progress(options.quiet)
+    model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
+    gains = [positive("gain", gain) for gain in options.gain]
+    free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
+    records = [later_part(read_record(path, **reading), options) for path in options.records]
+    if options.out is not None:
+        keep_others(options.out, FILES)
+    say(stream, f"fitting {len(free)} parameters to {len(records)} record{'s' * (len(records) > 1)}")
+    found = identify(records, servo, gains, model, free=free, options=how)
+    if options.out is not None:
+        with folder(options.out, FILES) as out:
+            options.outputs.write(_write, out, found)
+    give(
+        options, {**found.to_dict(table=False), "wall_s": time.perf_counter() - began}, _lines(found),
+        table=tables_of([found]), picture=("identify.fitted_records", found),
+    )  # fmt: skip
+    if not found.judgement.explained:
+        complain("casahunt identify", _not_explained(found))
+        return 1
+    return 0
+
+
+def _write(out: Path, found: Identification) -> None:
+    """The intervals as an uncertainty file, and the servo with the values found."""
+    keep_others(out, FILES)
+    uncertainty = found.uncertainty.intervals
+    widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
+    intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
+    sections: dict[str, list[str]] = {}
+    for key, value in flatten(found.servo).items():
+        section, name = key.split(".")
+        sections.setdefault(section, []).append(f"{name} = {value!r}")
+    servo = "\n\n".join("\n".join([f"[{section}]", *lines]) for section, lines in sections.items())
+    texts = (
+        f"{SIGN}: 95 % intervals, {found.model} model, for --uncertainty with the servo in servo.toml{widened}\n"
+        f"\n[interval]\n{intervals}\n",
+        f"{SIGN}: the servo with the values found, {found.model} model\n\n{servo}\n",
+    )
+    with together():
+        for name, text in zip(FILES, texts, strict=True):
+            with whole_text(out / name) as stream:
+                stream.write(text)
+
+
+def _not_explained(found: Identification) -> str:
+    return (
+        f"the {found.model} model does not explain the record{'s' * (len(found.records) > 1)}: what is left is "
+        f"{found.judgement.systematic:.2g} of the amplitude and no noise (misfit {found.judgement.misfit:.3g}, 1 of "
+        "noise alone); the values are its nearest, their intervals widened; draw it with --plot, and try another "
+        "--model, more --free parameters, or the filter and sampling of the record"
+    )
+
+
+def _lines(found: Identification) -> Iterator[str]:
+    data, judgement = found.records, found.judgement
+    many = f"{len(data)} records" if len(data) > 1 else data[0].name
+    yield f"{found.model} servo identified from {many}, {sum(d.times.size for d in data)} samples"
+    yield ROW.format("", "value", "low", "high", "unit (95 % intervals)")
+    for name, value in found.values.items():
+        low, high = found.intervals[name]
+        width = (high - low if math.isfinite(high) else value) / 20
+        texts = [to_absolute_error(each, width, most=6) if math.isfinite(each) else "" for each in (value, low, high)]
+        yield ROW.format(name, *texts, unit_of(name)).rstrip()
+    verdict = "the model explains the record" if judgement.explained else "the model does NOT explain the record"
+    left = f"{judgement.systematic:.2g} of the amplitude left"
+    yield f"  {verdict}: misfit {judgement.misfit:.3g} (1 of noise alone), {left}"
+    if judgement.factor > 1:
+        yield f"  intervals widened by {math.sqrt(judgement.factor):.3g}: the residuals scatter more than noise does"
+    for d, noise, orbit in zip(data, found.noises, found.orbits, strict=True):
+        rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
+        yield (
+            f"  gain {d.gain:.6g} V/rad: noise {noise.sigma:.2g} rad{rounded}; fitted amplitude {orbit.amplitude:.4g} "
+            f"rad, period {orbit.period:.5g} s"
+        )
+    for powers in found.untold:
+        yield f"  not told by the record: {_combination(powers)}"
+    if found.further is not None:
+        gain, gained = found.further
+        yield f"  a further record at gain {gain:.3g} V/rad would tell most, {gained / math.log(2):.1f} bits"
+
+
+def _combination(powers: Mapping[str, float]) -> str:
+    """A direction in words: what can rise while the others make up for it."""
+    names = list(powers)
+    if len(names) == 1:
+        return names[0]
+    first = max(names, key=lambda name: abs(powers[name]))
+    others = [
+        f"{name} {'rises' if powers[name] * powers[first] > 0 else 'falls'} by {abs(10 * powers[name]):.2g} %"
+        for name in names
+        if name != first
+    ]
+    return f"{' and '.join(names)} one by one, only together: {first} may rise by 10 % where {' and '.join(others)}"

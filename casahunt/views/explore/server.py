@@ -1,0 +1,254 @@
+"""The server of the page: it sends a handful of files, and answers each page by a worker of its own.
+
+    GET /, /page.js, /page.css, /bokeh.js   what is in a table, by name: no path of an address becomes one of a file
+    websocket /answers                      a conversation (conversation.py), in JSON
+
+Who may connect: by default this machine alone, since the server listens at 127.0.0.1.  A page of another site, open in
+the same browser, may not: its Origin is another one, and where it has made its own name point here, the Host is.  So
+many pages at once (`MOST_PAGES`), messages so long (`LONGEST_MESSAGE`), work so much for each stage (answers.py).
+
+Only this module imports tornado, when a page is asked for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import threading
+from contextlib import suppress
+from functools import partial
+from typing import Any
+from urllib.parse import urlsplit
+
+from ...errors import InputError
+from ...export import extra
+from ...servo.servo import LARGEST_TOML
+from .conversation import Conversation
+from .page import STATIC, page, static
+from .state import State
+from .worker import Worker
+
+THIS_MACHINE = "127.0.0.1"
+LOCAL_NAMES = ("127.0.0.1", "localhost", "[::1]")
+"""What this machine calls itself."""
+FIRST_PORT, PORTS_TRIED = 8765, 20
+"""Where no port is asked for: the first free one of these."""
+MOST_PAGES = 6
+"""Pages at once: each has a process of its own."""
+LONGEST_MESSAGE = int(2 * LARGEST_TOML)
+"""Bytes of a message: a servo file, in JSON."""
+SPARE, SPARE_AFTER = 1, 3.0
+"""Workers that wait for a page, since a process takes a second to begin; and seconds after which the next one begins,
+so that it does not compete with a page's first answer."""
+TENDED_EVERY = 1000
+"""Milliseconds between two looks at the workers."""
+FAREWELL = 0.1
+"""Seconds for the pages to hear that the server ends."""
+TRY_AGAIN_LATER = 1013
+"""The websocket's code for it."""
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; "
+    "connect-src 'self' ws: wss:; object-src 'none'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*",
+    "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-store",
+}  # fmt: skip
+"""Nothing is loaded from elsewhere; a notebook of this machine may show the page inside of its own."""
+
+
+class Server:
+    """The server of one `casahunt explore`; made, it listens.
+
+    first : the state that a page without an address begins with.
+
+    Raises InputError: the port is taken, or what the page needs is not installed.
+    """
+
+    def __init__(self, first: State, *, host: str = THIS_MACHINE, port: int | None = None) -> None:
+        self.first, self.host = first, host
+        assert first.problem
+        page()  # whatever is not installed is said before anything begins
+        self._spare: list[Worker] = []
+        self._pages: set[Any] = set()
+        self._socket, self.port = _listening(host, port)
+        self.loop: Any = None
+        self._begun = threading.Event()
+
+    @property
+    def address(self) -> str:
+        """Of the page."""
+        name = self.host if self.host not in ("", "0.0.0.0", "::") else THIS_MACHINE
+        return f"http://{name}:{self.port}/?{self.first.address()}"
+
+    def run(self) -> None:
+        """Serve until `close`."""
+        asyncio.run(self._serve())
+
+    def start(self) -> None:
+        """Serve in a thread of its own, as a notebook needs it."""
+        threading.Thread(target=self.run, daemon=True).start()
+        self._begun.wait()
+
+    def close(self) -> None:
+        """End it, from any thread."""
+        if self.loop is not None:
+            with suppress(RuntimeError):  # it has ended
+                self.loop.call_soon_threadsafe(self._ended.set)
+
+    async def _serve(self) -> None:
+        httpserver, ioloop = (extra(f"tornado.{name}", "explore", "explore") for name in ("httpserver", "ioloop"))
+        self.loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
+        served = httpserver.HTTPServer(self._application(), max_body_size=LONGEST_MESSAGE)
+        served.add_socket(self._socket)
+        self._spare.append(Worker(_to_nobody))
+        tended = ioloop.PeriodicCallback(self._tend, TENDED_EVERY)
+        tended.start()
+        self._begun.set()
+        try:
+            await self._ended.wait()
+        finally:
+            tended.stop()
+            served.stop()
+            workers = [*self._spare, *(shown.worker for shown in self._pages if shown.worker)]
+            for shown in list(self._pages):
+                shown.close()
+            await asyncio.sleep(FAREWELL)
+            await served.close_all_connections()
+            for worker in workers:
+                worker.close()
+
+    def _application(self) -> Any:
+        web = extra("tornado.web", "explore", "explore")
+        files = _files(self)
+        named = [(f"/{name}", files, {"name": name}) for name in ("", *STATIC)]
+        return web.Application(
+            [*named, ("/answers", _answers(self))],
+            websocket_max_message_size=LONGEST_MESSAGE, websocket_ping_interval=20,
+        )  # fmt: skip
+
+    def _tend(self) -> None:
+        for shown in self._pages:
+            if shown.worker is not None:
+                shown.worker.tend()
+
+    def may_ask(self, host: str) -> bool:
+        """Whether somebody who calls this server so is meant to: not where another site has given it its own name."""
+        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
+        return name in (*LOCAL_NAMES, self.host) or self.host in ("", "0.0.0.0", "::")
+
+    def enter(self, shown: Any) -> Worker | None:
+        """A worker for a page; None where there are too many."""
+        if len(self._pages) >= MOST_PAGES:
+            return None
+        self._pages.add(shown)
+        worker = self._spare.pop() if self._spare else Worker(_to_nobody)
+        worker.hears(shown.heard)
+        self.loop.call_later(SPARE_AFTER, self._one_more)
+        return worker
+
+    def _one_more(self) -> None:
+        """A worker for the page that comes next."""
+        if len(self._spare) < SPARE and len(self._pages) < MOST_PAGES and not self._ended.is_set():
+            self._spare.append(Worker(_to_nobody))
+
+    def leave(self, shown: Any) -> None:
+        """A page is closed: its worker waits for the next one, or ends."""
+        self._pages.discard(shown)
+        worker, shown.worker = shown.worker, None
+        if worker is None:
+            return
+        worker.hears(_to_nobody)
+        worker.rest()
+        if len(self._spare) < SPARE:
+            self._spare.append(worker)
+        else:
+            threading.Thread(target=worker.close, daemon=True).start()
+
+
+def _to_nobody(number: int, stage: str, shown: dict[str, Any]) -> None:
+    """What nobody hears any more."""
+
+
+def _listening(host: str, port: int | None) -> tuple[socket.socket, int]:
+    """A socket, and its port: the one that was asked for, or the first free one.  Raises InputError: it is taken."""
+    why = ""
+    for one in range(FIRST_PORT, FIRST_PORT + PORTS_TRIED) if port is None else [port]:
+        try:
+            family, *_, at = socket.getaddrinfo(host, one, type=socket.SOCK_STREAM)[0]
+            made = socket.create_server(at[:2], family=family)
+        except OSError as error:
+            why = error.strerror or str(error)
+            continue
+        made.setblocking(False)
+        return made, made.getsockname()[1]
+    asked = f"port = {port}" if port is not None else f"ports from {FIRST_PORT} on"
+    raise InputError(f"{asked} at {host}: cannot be listened at ({why}); give another --port")
+
+
+def _files(server: Server) -> Any:
+    """The class of tornado that serves files."""
+    web = extra("tornado.web", "explore", "explore")
+
+    class Files(web.RequestHandler):  # type: ignore[name-defined]
+        """One file of the table."""
+
+        def initialize(self, name: str) -> None:
+            self.name = name
+
+        def prepare(self) -> None:
+            if not server.may_ask(self.request.host):
+                raise web.HTTPError(403)
+
+        def set_default_headers(self) -> None:
+            for header, value in HEADERS.items():
+                self.set_header(header, value)
+
+        def get(self) -> None:
+            self.set_header("Content-Type", f"{STATIC.get(self.name, 'text/html')}; charset=utf-8")
+            self.finish(static(self.name) if self.name else page())
+
+    return Files
+
+
+def _answers(server: Server) -> Any:
+    """The class of tornado that answers a page."""
+    websocket = extra("tornado.websocket", "explore", "explore")
+
+    class Answers(websocket.WebSocketHandler):  # type: ignore[name-defined]
+        """One page."""
+
+        worker: Worker | None = None
+        talk: Conversation | None = None
+
+        def check_origin(self, origin: str) -> bool:
+            host = self.request.host
+            return urlsplit(origin).netloc.lower() == host.lower() and server.may_ask(host)
+
+        def open(self, *_: Any) -> None:
+            self.worker = server.enter(self)
+            if self.worker is None:
+                sentence = f"{MOST_PAGES} pages are open already: close one of them, then load this one again."
+                self.write_message(json.dumps({"kind": "full", "sentence": sentence}))
+                self.close(TRY_AGAIN_LATER)
+                return
+            self.talk = Conversation(server.first, self.worker, self._tell)
+
+        def on_message(self, message: str | bytes) -> None:
+            if self.talk is not None:
+                self.talk.hear(message)
+
+        def on_close(self) -> None:
+            server.leave(self)
+
+        def heard(self, question: int, stage: str, shown: dict[str, Any]) -> None:
+            """In the worker's thread."""
+            if self.talk is not None:
+                with suppress(RuntimeError):  # the server has ended
+                    server.loop.call_soon_threadsafe(partial(self.talk.answered, question, stage, shown))
+
+        def _tell(self, message: dict[str, Any]) -> None:
+            with suppress(websocket.WebSocketClosedError):
+                self.write_message(json.dumps(message, allow_nan=False))
+
+    return Answers

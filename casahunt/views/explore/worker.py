@@ -1,0 +1,147 @@
+"""A process with an engine of its own, which answers the newest question and drops the others.
+
+    page's process   ask(n, address) --pipe-->  worker   newest <- n, shared: looked at after every interval
+                     heard(n, stage, what) <--pipe--
+
+A thread would share the interpreter with the page; CasADi's symbols are not safe in two threads, and what is stuck deep
+in a library can only be ended with its process.  A worker that is silent for `LONGEST_SILENCE` is ended and another one
+started, with the newest question.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from ... import effort, interrupts
+from .answers import Answers
+from .state import state_of_address
+
+Heard = Callable[[int, str, dict[str, Any]], None]
+"""(number of the question, stage, what it shows): stage "done" after the last one."""
+DONE = "done"
+LONGEST_SILENCE = 30.0
+"""Seconds without a word after which a worker that has a question is ended: five times what a stage may take."""
+TO_END = 1.0
+"""Seconds that a worker has to end by itself."""
+WARM = "gain=0.1"
+"""A first question to itself: it fills the caches of the engine."""
+
+
+def serve(pipe: Any, newest: Any) -> None:
+    """The worker's whole life: questions from the pipe, answers into it."""
+    interrupts.serve()
+    asked = Answers()
+    for _ in asked.of(state_of_address(WARM)):
+        pass
+    with suppress(EOFError, OSError):
+        while True:
+            question = pipe.recv()
+            if question is None:
+                return
+            number, address = question
+            if number != newest.value:
+                continue
+            with suppress(effort.Dropped):
+                for stage, shown in asked.of(state_of_address(address), partial(_passed, newest, number)):
+                    pipe.send((number, stage, shown))
+                pipe.send((number, DONE, {}))
+
+
+def _passed(newest: Any, number: int) -> bool:
+    """Whether another question is the newest one."""
+    return bool(newest.value != number)
+
+
+class Worker:
+    """One process, and a thread that hears it.
+
+    heard: called in that thread with every answer to the newest question.
+    """
+
+    def __init__(self, heard: Heard) -> None:
+        self._heard = heard
+        self._context = multiprocessing.get_context("spawn")
+        self._newest = self._context.RawValue(ctypes.c_int64, 0)
+        self._question: tuple[int, str] | None = None
+        self._lock = threading.Lock()
+        self._closed = False
+        self._start()
+
+    def ask(self, number: int, address: str) -> None:
+        """A question that is the newest from here on; the one before is dropped.  Numbers grow."""
+        with self._lock:
+            self._newest.value, self._question, self._spoke = number, (number, address), time.monotonic()
+            with suppress(OSError, ValueError):  # it has just ended: `_listen` starts another one and asks again
+                self._pipe.send(self._question)
+
+    def tend(self) -> None:
+        """End a worker that is silent for too long: another one goes on.  To be called now and then."""
+        with self._lock:
+            if self._question is not None and time.monotonic() - self._spoke > LONGEST_SILENCE:
+                self._spoke = time.monotonic()
+                self._process.kill()
+
+    def close(self) -> None:
+        """End it."""
+        with self._lock:
+            self._closed, self._question = True, None
+            self._newest.value = -1
+            with suppress(OSError, ValueError):
+                self._pipe.send(None)
+        self._process.join(TO_END)
+        if self._process.is_alive():
+            self._process.kill()
+
+    def rest(self) -> None:
+        """Ask for nothing any more: what is computed is dropped."""
+        with self._lock:
+            self._newest.value, self._question = -1, None
+
+    @property
+    def process_id(self) -> int:
+        """The process."""
+        return int(self._process.pid or 0)
+
+    def hears(self, heard: Heard) -> None:
+        """Let somebody else hear the answers from here on."""
+        self._heard = heard
+
+    def _start(self) -> None:
+        ours, theirs = self._context.Pipe()
+        self._pipe, self._spoke = ours, time.monotonic()
+        self._process = self._context.Process(target=serve, args=(theirs, self._newest), daemon=True)
+        with interrupts.kept_from_children():
+            self._process.start()
+        theirs.close()
+        threading.Thread(target=self._listen, args=(ours,), daemon=True).start()
+
+    def _listen(self, pipe: Any) -> None:
+        """Hear this process until it ends; if it was not meant to, start another one."""
+        while True:
+            try:
+                number, stage, shown = pipe.recv()
+            except (EOFError, OSError):
+                break
+            with self._lock:
+                newest = number == self._newest.value
+                self._spoke = time.monotonic()
+                if newest and stage == DONE:
+                    self._question = None
+            if newest:
+                self._heard(number, stage, shown)
+        with self._lock:
+            if self._closed:
+                return
+            again, number = self._question, self._newest.value
+            self._question = None  # one that ends a worker is not asked twice
+            self._start()
+        if again is not None:
+            why = "the computation broke off; move something, and it is asked again"
+            self._heard(number, DONE, {"why": why})

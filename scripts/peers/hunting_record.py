@@ -1,0 +1,81 @@
+"""Records of a hunting servo by scipy's integrators, which share nothing with the engine: positions, noise, counts.
+
+    slip    J x2' = -(kp x1 + kd x2 + ki x3) - F(x2)    DOP853, until x2 = 0
+    stick   x1 constant, x3 linear, until the torque of the motor reaches static friction
+    LuGre   z' = x2 - sigma0 |x2| z/g(x2),  F = sigma0 z + sigma1 z' + viscous x2;  LSODA
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from casahunt import Servo
+
+Array = np.ndarray
+TOLERANCES = {"rtol": 1e-9, "atol": 1e-13}
+
+
+def positions(servo: Servo, model: str, gain: float, start: float, times: Array) -> Array:
+    """(m,) positions x1 [rad] at increasing times from 0, of a servo that is stuck at -start when they begin."""
+    return (_switch if model == "switch" else _lugre)(servo, gain, start, times)
+
+
+def measured(x: Array, noise: float, counts: float, level: float, rng: np.random.Generator) -> Array:
+    """Positions about a level with normal noise [rad], rounded to the counts of a revolution (0: not)."""
+    y = x + level + noise * rng.standard_normal(x.size)
+    if not counts:
+        return y
+    q = 2 * math.pi / counts
+    return q * np.round(y / q)
+
+
+def _switch(servo: Servo, gain: float, start: float, times: Array) -> Array:
+    kp, kd, ki = servo.torque_gains(gain)
+    f, J = servo.friction, servo.inertia
+    t, x, x3, out = 0.0, -start, 0.0, np.empty(times.size)
+    while t < times[-1]:
+        m = -(kp * x + ki * x3)
+        side = math.copysign(1.0, m)
+        if abs(m) <= f.static:
+            side = -math.copysign(1.0, x)
+            wait = (side * f.static - m) / (-ki * x)
+            out[(times >= t) & (times < t + wait + 1e-15)] = x
+            t, x3 = t + wait, x3 + x * wait
+
+        def rate(_: float, y: Array, s: float = side) -> list[float]:
+            v = y[1]
+            friction = s * (f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2)))
+            return [v, (-(kp * y[0] + kd * v + ki * y[2]) - friction - f.viscous * v) / J, y[0]]
+
+        def stop(_: float, y: Array, s: float = side) -> float:
+            return s * y[1]
+
+        stop.terminal, stop.direction = True, -1  # type: ignore[attr-defined]
+        slip = solve_ivp(
+            rate, (t, t + 1e4), [x, side * 1e-10, x3], events=stop, dense_output=True, method="DOP853", **TOLERANCES
+        )
+        inside = (times >= t) & (times <= slip.t[-1])
+        if inside.any():
+            out[inside] = slip.sol(times[inside])[0]
+        t, (x, _, x3) = slip.t[-1], slip.y[:, -1]
+    return out
+
+
+def _lugre(servo: Servo, gain: float, start: float, times: Array) -> Array:
+    kp, kd, ki = servo.torque_gains(gain)
+    f, J = servo.friction, servo.inertia
+
+    def rate(_: float, y: Array) -> list[float]:
+        x, v, x3, z = y
+        g = f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2))
+        dz = v - f.stiffness * abs(v) * z / g
+        friction = f.stiffness * z + f.damping * dz + f.viscous * v
+        return [v, (-(kp * x + kd * v + ki * x3) - friction) / J, x, dz]
+
+    m = 0.9 * f.static
+    y = [-start, 0.0, -(m - kp * start) / ki, m / f.stiffness]
+    found = solve_ivp(rate, (0.0, times[-1]), y, t_eval=times, method="LSODA", rtol=1e-8, atol=1e-12)
+    return np.asarray(found.y[0])

@@ -1,0 +1,32 @@
+"""A branch that turns where no cycle can be computed to its tolerance: the border lies between its cycles."""
+
+import numpy as np
+import pytest
+
+from casahunt.design.remedies import border
+from casahunt.design.remedies.border import TURN_KNOWN
+
+
+class Branch:
+    """As much of a branch as is looked at."""
+
+    def __init__(self, values, *kinds):
+        self.values, self.orbits = np.array(values), list(values)
+        self.missed = [type("Missed", (), {"kind": kind, "meaning": "between two cycles"}) for kind in kinds]
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_the_border_is_the_outermost_cycle_and_known_to_its_neighbours(sense):
+    values = 1 + sense * np.array([-0.5, -1e-5, 0.0, -2e-5, -0.3])
+    found = border._turned(Branch(values, "fold"), sense)
+    assert (found.kind, found.size, found.why) == ("fold", 1.0, "between two cycles")
+    assert found.error == pytest.approx(2e-5, rel=1e-6)
+
+
+@pytest.mark.parametrize(("values", "kinds"), [
+    ([0.5, 1.0, 0.5], ()), ([0.5, 1.0, 0.5], ("fold",)), ([0.5, 0.9, 1.0], ("fold",)),
+    ([1 - 1e-6, 1.0, 1 - 2 * TURN_KNOWN], ("fold",)),
+])  # fmt: skip
+def test_what_is_no_border(values, kinds):
+    """No turn was met; cycles too far apart on either side; a branch that only ends."""
+    assert border._turned(Branch(values, *kinds), 1) is None

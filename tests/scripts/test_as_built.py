@@ -1,0 +1,26 @@
+"""How far the continuous loop is from the one as built: measured by the script, and of first order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scripts import as_built
+
+
+@pytest.mark.slow
+def test_amplitude_and_period_are_of_first_order():
+    """Of three servos; the fold gain as built comes to the continuous one, too."""
+    for _, rows in as_built.order(3):
+        for row in rows[:2]:
+            assert as_built.fitted(row) == pytest.approx(1.0, abs=0.15)
+        assert abs(rows[2, -1]) < 3e-3 and abs(rows[2, -1]) <= abs(rows[2, 0]) + 1e-3
+
+
+@pytest.mark.slow
+def test_many_counts_leave_stiction_the_cause():
+    rows = list(as_built.encoder(6, 3))
+    fine = [row for row in rows if row[0] >= 2 * 20]
+    assert {row[1] for row in fine} == {"stiction"} and np.median([row[2] for row in fine]) < 0.02
+    coarse = [row[1] for row in rows if row[0] <= 2]
+    assert coarse.count("quantisation") > 0.7 * len(coarse)

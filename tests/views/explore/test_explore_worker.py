@@ -1,0 +1,95 @@
+"""The worker of the page: the newest question wins, a worker that ends is replaced."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import time
+
+import pytest
+
+from casahunt import Servo, find_orbit
+from casahunt.views.explore import worker as module
+from casahunt.views.explore.answers import STAGES
+from casahunt.views.explore.worker import DONE, Worker
+
+LONG = 60.0
+"""Seconds within which an answer must come, on however busy a machine."""
+
+
+@pytest.fixture(scope="module")
+def heard():
+    return queue.Queue()
+
+
+@pytest.fixture(scope="module")
+def worker(heard):
+    made = Worker(lambda *said: heard.put(said))
+    yield made
+    made.close()
+
+
+def until_done(heard, number):
+    said = {}
+    while DONE not in said:
+        of, stage, shown = heard.get(timeout=LONG)
+        assert of <= number
+        if of == number:
+            said[stage] = shown
+    return said
+
+
+def test_it_answers_as_the_library_does(worker, heard):
+    worker.ask(1, "gain=0.2")
+    said = until_done(heard, 1)
+    assert tuple(said) == (*STAGES, DONE)
+    assert said["hunts"]["amplitude"]["value"] == find_orbit(Servo(), "switch", 0.2).amplitude
+
+
+def test_of_fifty_quick_moves_the_last_one_wins(worker, heard):
+    """The others are dropped: not even their curves are drawn, and it takes no fifty answers' time."""
+    for number in range(2, 52):
+        worker.ask(number, f"model=lugre&gain={0.1 + number / 1000!r}&friction.viscous={0.1 + number / 1000!r}")
+        time.sleep(0.01)
+    said = until_done(heard, 51)
+    servo = Servo().replace(**{"friction.viscous": 0.151})
+    assert said["hunts"]["amplitude"]["value"] == find_orbit(servo, "lugre", 0.1 + 0.051).amplitude
+    assert heard.empty()
+
+
+def test_dropped_in_the_middle(worker, heard):
+    """A question in its first stage is left within that stage, not at its end."""
+    worker.ask(100, "model=lugre&remedy=dead+band&dead_band=0.01")
+    heard.get(timeout=LONG)
+    worker.ask(101, "gain=0.3")
+    assert until_done(heard, 101)["hunts"]["verdict"] == "hunts"
+
+
+def test_what_rests_says_nothing(worker, heard):
+    worker.ask(110, "model=lugre&gain=0.123")
+    worker.rest()
+    worker.ask(111, "gain=0.21")
+    until_done(heard, 111)
+
+
+def test_one_that_ends_is_replaced(worker, heard):
+    """Its question is not asked again, which may have ended it; the next one is answered."""
+    before = worker.process_id
+    worker.ask(120, "model=lugre&friction.viscous=0.123&remedy=dead+band&dead_band=0.01")
+    heard.get(timeout=LONG)
+    os.kill(before, getattr(signal, "SIGKILL", signal.SIGTERM))
+    assert "broke off" in until_done(heard, 120)[DONE]["why"]
+    worker.ask(121, "gain=0.25")
+    assert until_done(heard, 121)["hunts"]["verdict"] == "hunts" and worker.process_id != before
+
+
+def test_one_that_is_silent_is_ended(worker, heard, monkeypatch):
+    before = worker.process_id
+    worker.tend()  # it has no question: nothing happens
+    assert worker.process_id == before
+    worker.ask(130, "model=lugre&friction.viscous=0.124&remedy=dead+band&dead_band=0.01")
+    monkeypatch.setattr(module, "LONGEST_SILENCE", -1.0)
+    worker.tend()
+    assert "broke off" in until_done(heard, 130)[DONE]["why"]
+    assert worker.process_id != before

@@ -1,0 +1,151 @@
+"""casahunt simulate as built, and what other commands say where the servo file has a table [drive]."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import pytest
+from command_line import one_json, run
+
+SERVO = """
+[servo]
+inertia = 0.012
+motor_gain = 4.2
+[controller]
+kp = 1.0
+ki = 8.0
+kd = 0.05
+[friction]
+static = 0.40
+coulomb = 0.30
+stribeck_velocity = 0.05
+viscous = 0.02
+"""
+DRIVE = "[drive]\nsample_time = 0.001\nencoder = 2000\n"
+
+
+@pytest.fixture
+def built(tmp_path):
+    path = tmp_path / "built.toml"
+    path.write_text(SERVO + DRIVE)
+    return path
+
+
+def test_the_keys_of_the_file_are_the_options(capsys, tmp_path, built):
+    plain = tmp_path / "plain.toml"
+    plain.write_text(SERVO)
+    code, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 40, "--json", "--quiet")
+    by_file = one_json(out)
+    words = ("--sample-time", 0.001, "--encoder", 2000)
+    other, out, _ = run(capsys, "simulate", plain, "--gain", 1, "--time", 40, *words, "--json", "--quiet")
+    by_options = one_json(out)
+    by_file.pop("wall_s"), by_options.pop("wall_s")
+    assert code == other == 0 and by_file == by_options
+    assert by_file["verdict"] == "hunting" and by_file["cause"]["kind"] == "quantisation"
+    assert by_file["drive"]["encoder"] == 2000 and by_file["readings"][1] > by_file["readings"][0]
+
+
+def test_every_option_arrives(capsys, built):
+    """Each as it is given, in the place of the file's."""
+    words = {"delay": 0.002, "encoder": 4096.0, "quantise_torque": 0.01, "derivative": "filtered", "filter_time": 0.01,
+             "integration": "trapezoid", "dead_band": 0.003, "sample_time": 0.002}  # fmt: skip
+    given = [part for key, value in words.items() for part in (f"--{key.replace('_', '-')}", value)]
+    _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 1, *given, "--json", "--quiet")
+    assert one_json(out)["drive"] == words
+    overrides = [part for key, value in words.items() for part in ("--set", f"drive.{key}={value}")]
+    _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 1, *overrides, "--json", "--quiet")
+    assert one_json(out)["drive"] == words
+
+
+def test_a_sample_time_of_zero_is_the_continuous_loop(capsys, built):
+    code, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 20, "--sample-time", 0, "--json", "--quiet")
+    found = one_json(out)
+    assert code == 0 and found["type"] == "Trajectory" and found["period"] == pytest.approx(2.4942, rel=1e-4)
+
+
+def test_its_lines_name_cause_and_cure(capsys, built):
+    _, out, _ = run(capsys, "simulate", built, "--gain", 4.458, "--time", 200, "--quiet")
+    text = " ".join(out.split())
+    assert "the reading moves over 1" in text and "cause quantisation: without quantisation the same loop" in text
+    assert "ends it a dead band of the integrator of 0.001571 rad, 0.5 counts" in text
+    _, out, _ = run(capsys, "simulate", built, "--gain", 4.458, "--time", 200, "--dead-band", 0.001571, "--quiet")
+    assert "at rest" in out.splitlines()[0] and "  cause " not in out
+
+
+def test_table_and_picture(capsys, tmp_path, built):
+    table, picture = tmp_path / "t.csv", tmp_path / "p.png"
+    words = ("--time", 3, "--csv", table, "--plot", picture, "--quiet")
+    assert run(capsys, "simulate", built, "--gain", 1, *words)[0] == 0
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert len(rows) == 3000 and list(rows[0])[:2] == ["time_s", "position_rad"]
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("words, said", [
+    (("--set", "drive.encder=3"), "unknown key 'drive.encder'; did you mean 'drive.encoder'?"),
+    (("--derivative", "filterd"), "did you mean 'filtered'?"),
+    (("--encoder", "many"), "drive.encoder = 'many': must be a finite number"),
+    (("--model", "lugre"), "--sample-time 0 simulates the continuous loop"),
+    (("--regularised",), "regularised: must be left out"),
+    (("--bristle", "1e-6"), "bristle: must be left out"),
+    (("--time", "1e6"), "between 1 and 5000000 samples"),
+])  # fmt: skip
+def test_refusals(capsys, built, words, said):
+    code, out, err = run(capsys, "simulate", built, "--gain", 1, *words)
+    assert code == 2 and not out and said in err and err.count("\n") == 1
+
+
+def test_without_a_sample_time_nothing_is_as_built(capsys):
+    code, _, err = run(capsys, "simulate", "--gain", 1, "--encoder", 2000)
+    assert code == 2 and "drive.sample_time: must be given" in err
+
+
+@pytest.mark.parametrize("command", ["orbit", "fold", "basin"])
+def test_a_wrong_key_is_refused_by_every_command(capsys, tmp_path, command):
+    path = tmp_path / "wrong.toml"
+    path.write_text(SERVO + "[drive]\nsample_time = 0.001\nencodr = 2000\n")
+    gain = () if command == "fold" else ("--gain", 1)
+    code, _, err = run(capsys, command, path, *gain)
+    assert code == 2 and "unknown key 'drive.encodr'; did you mean 'drive.encoder'?" in err
+
+
+def test_a_loop_of_parts_has_no_drive(capsys, tmp_path):
+    path = tmp_path / "loop.toml"
+    path.write_text('[loop]\nparts = ["one inertia", "Switch friction", "PID by times", "integrator"]\n')
+    code, _, err = run(capsys, "simulate", path, "--gain", 0.04, "--sample-time", 0.001)
+    assert code == 2 and "sample-time: must be left out" in err
+
+
+def test_an_orbit_of_few_counts_is_told(capsys, built):
+    _, out, _ = run(capsys, "orbit", built, "--gain", 1, "--quiet")
+    assert "as built 5.92 counts of the encoder: below 20" in " ".join(out.split())
+    _, out, _ = run(capsys, "orbit", built, "--gain", 1, "--json", "--quiet")
+    assert one_json(out)["as_built"].startswith("5.92 counts")
+    fine = ("--set", "drive.encoder=20000")
+    _, out, _ = run(capsys, "orbit", built, "--gain", 1, *fine, "--json", "--quiet")
+    assert one_json(out)["as_built"] is None
+    _, out, _ = run(capsys, "fold", built, "--quiet")
+    assert "as built 0.699 counts" in " ".join(out.split())
+
+
+def test_a_servo_without_a_drive_is_told_nothing_of_it(capsys):
+    _, out, _ = run(capsys, "orbit", "--gain", 0.1, "--json", "--quiet")
+    assert "as_built" not in one_json(out)
+
+
+def test_a_tuning_is_checked_as_built(capsys, built):
+    """The gain a tenth above the fold still hunts by a count; a dead band ends that."""
+    _, out, _ = run(capsys, "tune", built, "--json", "--quiet")
+    found = one_json(out)
+    assert found["gain"] == pytest.approx(4.458, rel=1e-3) and found["as_built"]["kind"] == "hunting"
+    assert found["as_built"]["dead_band"] == pytest.approx(0.55 * 2 * math.pi / 2000, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_remedies_are_checked_as_built(capsys, built):
+    only = ("--only", "dead band,gain,leak")
+    _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--json", "--quiet")
+    seen = one_json(out)["as_built"]
+    assert seen["dead band"]["kind"] == "at rest" and seen["gain"]["kind"] == "hunting"
+    assert seen["leak"].startswith("not checked")
