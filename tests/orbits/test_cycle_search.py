@@ -33,7 +33,7 @@ def test_van_der_pol(tol):
 
 
 def test_what_stands_still_is_no_cycle():
-    """An equilibrium solves the equations of any cycle, whatever its durations: all states at rest, but for rounding."""
+    """An equilibrium solves the equations of any cycle, whatever its durations; but for rounding."""
     t, u, _ = unknowns_of(find_cycle(van_der_pol(), **START))
     states = u.size - t.durations_of(u).size
     for size, still in ((1.0, False), (1e-3, False), (1e-15, True)):
