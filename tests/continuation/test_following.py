@@ -20,6 +20,7 @@ from casahunt.hybrid.examples import ball, belt
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.floquet import Multipliers
 from casahunt.roots import hides_a_pair
+from problems import rings
 
 RELAY = System(
     "relay", ("x",), {"level": 0.5},
@@ -46,6 +47,22 @@ def test_a_step_changes_the_parameter_by_no_more_than_it_may(stick_slip):
     assert np.max(np.abs(np.diff(branch.values))) <= 0.004 * 1.02
     assert tuple(heard) == branch.orbits[1:] and branch.end.kind == "range" and branch.end.value == 0.23
     assert len(follow(stick_slip, "belt", to=0.23, first_step=0.5).orbits) < len(branch.orbits)
+
+
+def test_a_step_that_bends_changes_the_parameter_by_no_more_than_it_may():
+    """1e-4 beside a fold the tangent tells of a thirtieth of what a step of 0.5 changes."""
+    top = 2 * 3**-1.5
+    start = find_cycle(rings.HYSTERESIS, parameters={"s": 1.0, "lam": 1e-4 - top}, x=math.sqrt(2.59), y=0.0)
+    branch = follow(start, "lam", to=0.0, largest_change=0.02, first_step=0.5)
+    assert np.max(np.abs(np.diff(branch.values))) <= 0.02 * 1.02 and branch.values[-1] == 0.0
+
+
+def test_another_cycle_at_the_first_value_is_not_where_a_branch_began():
+    """Of the three sheets over lam = 0.2 the branch begins on the outer one, and comes by on the inner one."""
+    start = find_cycle(rings.HYSTERESIS, parameters={"s": 1.0, "lam": 0.2}, x=1.758, y=0.0)
+    branch = follow(start, "lam", to=-1.0, back=1.0)
+    assert branch.end.kind == "range" and branch.end.value == -1.0
+    assert [special.value for special in branch.special] == pytest.approx([-2 * 3**-1.5, 2 * 3**-1.5], abs=1e-8)
 
 
 def test_steps_that_come_up_to_the_bound_but_for_rounding_land_on_it():

@@ -90,6 +90,7 @@ def test_what_two_meshes_say_of_a_multiplier(trivial, fine, coarse, error, floor
     found = floquet.compared(alone, np.array([coarse]))
     assert found.leading == pytest.approx(fine) and found.trivial_error == pytest.approx(trivial - 1, abs=1e-14)
     assert found.error == pytest.approx(error, rel=1e-6) and found.trusted == (error < floquet.TRUSTED)
+    assert found.trivial_trusted == (abs(trivial - 1) < floquet.TRUSTED)
     assert found.floor[0] == 0 and found.leading_floor == pytest.approx(floor)
 
 

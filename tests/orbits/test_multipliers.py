@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -369,3 +370,13 @@ def test_an_orbit_that_is_an_equilibrium_but_for_rounding_has_no_multipliers():
     assert np.isnan(coarse).all()
     moves = map_chain.MapChain(np.array([np.eye(2)]), np.array([moving, moving]), np.zeros(1))
     assert not floquet.compared(floquet.chain_multipliers(moves, 1), coarse).trusted
+
+
+@pytest.mark.parametrize("at", [0.5, 2 * multiplier_mesh.LARGE_MULTIPLIER])
+def test_whether_two_meshes_show_the_same_multiplier(at):
+    """The nearest of the coarser one counts; a large one is known relative to its size."""
+    near = floquet.TRUSTED * at if at >= multiplier_mesh.LARGE_MULTIPLIER else multiplier_mesh.AS_TRUSTED
+    found = SimpleNamespace(leading=at)
+    for off, settled in ((0.3, True), (3.0, False)):
+        assert multiplier_mesh._settled(found, np.array([at / 9, at + off * near])) == settled
+    assert multiplier_mesh._settled(found, np.zeros(0))  # there is none that could differ

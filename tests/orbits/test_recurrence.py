@@ -14,7 +14,7 @@ from casahunt.hybrid import Event, Mode, System
 from casahunt.motion.segment import Segment
 from casahunt.orbits import find_cycle
 from casahunt.orbits.closure import Closure
-from casahunt.orbits.recurrence import Recurrence, comes_in, loop_distance
+from casahunt.orbits.recurrence import Recurrence, comes_in, image_of, loop_distance
 from casahunt.orbits.returning import REPEATED, Returning
 
 
@@ -107,3 +107,13 @@ def test_an_event_that_is_crossed_either_way_is_mirrored():
         orbit = find_cycle(System("either", ("x", "v"), {}, (either,)), x=2.0, v=0.0, tol=1e-10)
         assert orbit.repeats == repeats
         assert_period(orbit, VAN_DER_POL[0.0][0])
+
+
+def test_what_a_phase_is_called_when_mirrored():
+    """Of a mode with an event on either side: the image of one side is the other, whichever of them stands first."""
+    sides = (Event("right", lambda x, p: x.x - 1, +1, to="in"), Event("left", lambda x, p: x.x + 1, -1, to="in"))
+    for ends in (sides, sides[::-1]):
+        form = System("gap", ("x", "v"), {}, (Mode("in", lambda x, p: {"x": x.v, "v": -x.x}, ends=ends),)).vector_form
+        end = np.array([1.0, 0.5])
+        phase = Segment("in", "right", 0.5, np.array([0.0, 1.0]), np.array([[0.5, 1.0], end]), end)
+        assert image_of(form, phase, Closure.of(-np.eye(2), np.zeros(2), 2), np.zeros(0), np.ones(2)) == ("in", "left")

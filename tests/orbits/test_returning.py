@@ -31,6 +31,10 @@ def test_where_a_motion_is_cut_does_not_hang_on_rounding(more):
     assert section.state == "x" and turning is None
 
 
+def _right(x, p):
+    return x.x
+
+
 def refused(system: System, sentence: str, **start: float) -> None:
     with pytest.raises(NoOrbit, match=sentence) as refusal:
         find_cycle(system, **start)
@@ -41,6 +45,15 @@ def refused(system: System, sentence: str, **start: float) -> None:
 def test_a_motion_that_comes_to_rest(start):
     damped = System("damped", ("x", "v"), {}, (Mode("free", lambda x, p: {"x": x.v, "v": -0.3 * x.v - x.x}),))
     refused(damped, "^no cycle of damped was found: the motion comes to rest", **start)
+
+
+@pytest.mark.parametrize("k", [1.0, 2.0])
+def test_a_motion_that_comes_to_rest_among_its_events(k):
+    """It meets them for ever, and repeats in the end but for rounding."""
+    right = Mode("right", lambda x, p: {"x": x.v, "v": -0.3 * x.v - x.x}, ends=(Event("out", _right, -1, to="left"),))
+    left = Mode("left", lambda x, p: {"x": x.v, "v": -0.3 * x.v - k * x.x}, ends=(Event("in", _right, +1, to="right"),))
+    system = System("damped", ("x", "v"), {}, (right, left))
+    refused(system, "^no cycle of damped was found: the motion comes to rest", x=1.0, v=0.0)
 
 
 def test_a_block_that_sticks_for_ever():
@@ -65,18 +78,29 @@ def test_an_unstable_cycle_next_to_the_start():
     assert sorted(orbit.multipliers.full.real) == pytest.approx([1.0, math.exp(0.02 * math.pi)], rel=1e-8)
 
 
-@pytest.mark.parametrize("rate", [0.003, 0.1, 1.0])
-@pytest.mark.parametrize(("begins", "radius"), [(0.5, 1), (1.9, 1), (1.99, 1), (2.01, 3), (2.1, 3), (3.5, 3)])
-def test_which_of_two_cycles_the_motion_goes_to(rate, begins, radius):
-    """Circles of radius 1 and 3 attract, that of radius 2 parts them: a first return may be nearer to the wrong one."""
+def rings(rate: float) -> System:
+    """Circles of radius 1 and 3 attract, that of radius 2 parts them."""
 
     def field(x, p):
         square = x.x**2 + x.y**2
         grows = -p.rate * (square - 1) * (square - 4) * (square - 9)
         return {"x": grows * x.x - x.y, "y": grows * x.y + x.x}
 
-    rings = System("rings", ("x", "y"), {"rate": rate}, (Mode("smooth", field),))
-    orbit = find_cycle(rings, x=begins, y=0.0, tol=1e-9)
+    return System("rings", ("x", "y"), {"rate": rate}, (Mode("smooth", field),))
+
+
+def test_a_motion_that_is_slow_to_leave_an_unstable_cycle_does_not_go_to_it():
+    """Its multiplier is exp(240 pi rate): 1.46, a motion of a few turns gets away; or 1.08, it does not."""
+    orbit = find_cycle(rings(5e-4), x=2 * (1 + 1e-9), y=0.0, tol=1e-9)
+    assert orbit.stable and orbit.extrema("x").high.value == pytest.approx(3, rel=1e-8)
+    refused(rings(1e-4), "an unstable cycle was passed, which the motion leaves", x=2 * (1 + 1e-9), y=0.0)
+
+
+@pytest.mark.parametrize("rate", [0.003, 0.1, 1.0])
+@pytest.mark.parametrize(("begins", "radius"), [(0.5, 1), (1.9, 1), (1.99, 1), (2.01, 3), (2.1, 3), (3.5, 3)])
+def test_which_of_two_cycles_the_motion_goes_to(rate, begins, radius):
+    """A first return may be nearer to the wrong one."""
+    orbit = find_cycle(rings(rate), x=begins, y=0.0, tol=1e-9)
     assert_period(orbit, 2 * math.pi)
     assert orbit.stable and orbit.extrema("x").high.value == pytest.approx(radius, rel=1e-8)
 

@@ -23,7 +23,7 @@ QUICK = (
     "hysteresis, s = 1", "hysteresis, s = 0.03", "band, width 0.3", "band, width 0.05", "torus", "Lorenz, large cycle",
     "Lorenz, window at 166", "Duffing, up", "Ueda", "two wells", "Chua, up", "impact pair, down", "impact pair, up",
     "threshold harvest", "buck converter, one ramp", "buck converter, two ramps", "Rossler, turns: 2",
-    "crossing", "friction, past its end", "level", "thermostat", "rest", "load",
+    "crossing", "isola", "friction, past its end", "level", "thermostat", "rest", "load",
 )  # fmt: skip
 """Captions of those that take less than a second."""
 COURSES = {course.caption: course for course in branches.courses()}
