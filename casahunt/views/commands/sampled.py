@@ -14,18 +14,21 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...checks import choice_of
 from ...errors import InputError
 from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
 from ...servo.hunting import MODELS
-from ...servo.sampled.cause import Cause, below_border, cause_of
-from ...servo.sampled.check import AsBuilt, as_built
-from ...servo.sampled.motion import SampledMotion, simulate_sampled
+from ...servo.sampled.border import below_border
 from ...servo.servo import Servo
 from .arguments import Parser, drive_of, gain_of, left_out
 from .output import give
+
+if TYPE_CHECKING:
+    from ...servo.sampled.cause import Cause
+    from ...servo.sampled.check import AsBuilt
+    from ...servo.sampled.motion import SampledMotion
 
 
 def add_drive(command: Parser) -> None:
@@ -49,6 +52,9 @@ def of_drive(
 
     numbers: of the command line: set_point, position, velocity, integral.
     """
+    from ...servo.sampled.cause import cause_of  # not read for the continuous loop
+    from ...servo.sampled.motion import simulate_sampled
+
     if choice_of("model", options.model or MODELS[0], MODELS) != MODELS[0]:
         raise InputError(
             "model = lugre: must be left out as built, between samples only Switch friction is computed; "
@@ -126,7 +132,11 @@ def seen_by_encoder(options: argparse.Namespace, amplitude: float) -> tuple[list
 def checked(options: argparse.Namespace, servo: Servo, gain: float) -> AsBuilt | None:
     """An answer in the loop as built; None where the servo file describes none."""
     drive = drive_of(options)
-    return None if drive is None else as_built(servo, gain, drive)
+    if drive is None:
+        return None
+    from ...servo.sampled.check import as_built
+
+    return as_built(servo, gain, drive)
 
 
 def as_record(found: AsBuilt | None) -> dict[str, Any]:
@@ -139,7 +149,7 @@ def checked_lines(found: AsBuilt | str | None, what: str, heading: str = "in the
     if found is None:
         return []
     text = found if isinstance(found, str) else found.sentence
-    if isinstance(found, AsBuilt) and not math.isnan(found.dead_band):
+    if not isinstance(found, str) and not math.isnan(found.dead_band):
         count = found.worst.drive.count
         counts = f" ({found.dead_band / count:.3g} counts)" if count else ""
         text += f"; with a dead band of the integrator of {found.dead_band:.4g} rad{counts} every motion comes to rest"
