@@ -39,8 +39,6 @@ Array = np.ndarray
 
 FEWEST_AHEAD, MOST_AHEAD = 64, 65536
 """Samples of a stick that are looked at at once: at first, and at most."""
-LOOKED = 256
-"""Samples of a slip between two reports of the work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +99,7 @@ class SampledLoop:
         """The motion; it ends early where |theta - theta_d| exceeds `farthest` [rad]."""
         self.states, self.torque = np.empty((3, samples + 1)), np.empty(samples)
         stops: list[float] = []
-        k, slipped, rests_from = 0, 0, -1
+        k, rests_from = 0, -1
         effort.motion_begins()
         effort.at(lambda: f"followed to sample {k} of {samples}")
         while k < samples and abs(self.x) <= farthest:
@@ -115,9 +113,7 @@ class SampledLoop:
                 if k == samples:
                     break
             self._sample(k, stops)
-            k, slipped = k + 1, slipped + 1
-            if slipped % LOOKED == 0:
-                effort.pieces(LOOKED)
+            k += 1
         self.states[:, k] = self.x, self.v, self.w
         return Sampled(self.states[:, : k + 1], self.torque[:k], np.array(stops), rests_from)
 

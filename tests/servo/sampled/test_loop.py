@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from built_case import SERVO
 
-from casahunt import Drive, InputError, find_orbit, simulate_sampled
+from casahunt import Drive, InputError, effort, find_orbit, simulate_sampled
 from casahunt.servo.sampled.loop import SampledLoop
 from scripts import sampled
 
@@ -159,3 +159,10 @@ def test_a_drive_that_is_none_is_refused(change, words):
 def test_too_many_samples_are_refused():
     with pytest.raises(InputError, match="between 1 and 5000000 samples"):
         simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-6), time=100.0)
+
+
+def test_a_motion_without_end_is_given_up():
+    """The steps of slips are counted, so that the command line ends: friction that is stiff beyond measure."""
+    stiff = SERVO.replace(**{"friction.viscous": 1e4})
+    with effort.counting_work(None, limit=1e4), pytest.raises(effort.GivenUp, match="to sample [1-9]. of 100"):
+        simulate_sampled(stiff, 1.0, Drive(sample_time=1.0), set_point=1e4, time=100.0)
