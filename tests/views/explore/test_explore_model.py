@@ -262,7 +262,7 @@ def test_a_move_of_the_gain_computes_no_fold_and_no_diagram_again(monkeypatch):
     asked = Answers()
     first = dict(asked.of(TABLE1))
     monkeypatch.setattr("casahunt.views.explore.kinds.find_fold", None)
-    monkeypatch.setattr("casahunt.views.explore.kinds.diagram", None)
+    monkeypatch.setattr("casahunt.views.explore.kinds.walk", None)
     second = dict(asked.of(turned(TABLE1, gain=0.2)))
     assert second["border"]["gain"] == first["border"]["gain"]
     assert second["diagram"]["stable"] == first["diagram"]["stable"] and second["diagram"]["present"] == 0.2
@@ -285,6 +285,13 @@ def test_a_stage_that_goes_on_for_ever_is_given_up(monkeypatch):
     monkeypatch.setattr(stages, "MOST_WORK_OF_A_STAGE", 50)
     told = dict(Answers().of(TABLE1))
     assert "given up" in told["step"]["why"] and told["linear"]["phase_margin"]["value"] > 0
+
+
+def test_a_stage_that_takes_too_long_is_given_up(monkeypatch, shown):
+    monkeypatch.setattr(stages, "LONGEST_STAGE", 0.0)
+    told = shown(TABLE1, "hunts", "linear", "step")
+    assert "given up after 0 s" in told["step"]["why"] and told["linear"]["phase_margin"]["value"] > 0
+    assert told["hunts"]["sentence"] == "Whether it hunts is not known." and told["hunts"]["verdict"] == "unknown"
 
 
 def test_kept_servos_are_few(monkeypatch):
