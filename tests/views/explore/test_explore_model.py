@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from casahunt import InputError, Servo, effort, find_fold, find_orbit, margins, remedies
+from casahunt import InputError, NoOrbit, Servo, Status, effort, find_fold, find_orbit, margins, remedies
 from casahunt.cli import main
 from casahunt.servo.parts import load_loop, loop_cycle
 from casahunt.views.explore import answers as stages
@@ -236,6 +236,17 @@ def test_where_it_does_not_hunt_the_evidence_is_said(shown):
     assert told["hunts"]["verdict"] == "rests" and told["hunts"]["sentence"] == "It does not hunt at this gain."
     assert "in a fold" in told["hunts"]["why"] and "amplitude" not in told["hunts"]
     assert told["border"]["ratio"]["value"] < 1
+
+
+def test_not_found_is_not_there_is_none(monkeypatch, shown):
+    """Of a servo too: without evidence it is not said that it does not hunt."""
+
+    def nothing(*_):
+        raise NoOrbit("nobody knows", Status.NOT_FOUND)
+
+    monkeypatch.setattr("casahunt.views.explore.kinds.find_orbit", nothing)
+    told = shown(TABLE1, "hunts")["hunts"]
+    assert told == {"verdict": "unknown", "sentence": "Whether it hunts is not known.", "why": "nobody knows"}
 
 
 def test_what_is_not_found_is_a_sentence_in_its_place(shown):
