@@ -162,7 +162,7 @@ def interval() -> None:
 
 
 def pieces(count: int) -> None:
-    """So many pieces of a sampled motion were computed, each of the work of an interval that is linearised."""
+    """So many steps of a sampled motion were computed, each of the work of an interval that is linearised."""
     _in_time()
     watch = _watch.get()
     if watch is not None:

@@ -97,9 +97,9 @@ def fold_as_built(servo: Servo, drive: Drive, fold: Any) -> float:
     return (low + high) / 2
 
 
-def order(count: int) -> Iterator[tuple[str, Array]]:
+def order(count: int, first: int = 1) -> Iterator[tuple[str, Array]]:
     """Relative differences from the continuous loop of each servo: (3, len(PARTS)) amplitude, period, fold gain."""
-    seed = found = 0
+    seed, found = first - 1, 0
     while found < count:
         seed += 1
         servo = servo_of(seed)

@@ -8,7 +8,7 @@ makes fewer than `FEWEST` counts of the amplitude, of more).  The fit starts fro
 up or down by chance, and once more from others.
 
     inside     share of the true values inside their 95 % intervals, of all and of each parameter
-    same       both starts end in the same optimum: deviances within 0.1, or values within a tenth of their intervals
+    same       both starts end in the same optimum: deviances within 0.5, or values within a tenth of their intervals
     explained  the model is said to explain its own record
     time       of one record [s of the processor]
 
@@ -45,6 +45,8 @@ NOISE, FEWEST = 0.01, 10.0
 """Of the positions, in amplitudes; counts of the amplitude."""
 LITTLE = 1e-3
 """Viscous friction [N m s/rad] of the servos that are drawn without any: its logarithm is sought."""
+ALIKE = 0.5
+"""Difference of the deviances of two answers that are one."""
 SAME = 0.1
 """Part of an interval by which two answers may differ."""
 
@@ -79,7 +81,9 @@ class Made:
 
 
 def same(a: Identification, b: Identification) -> bool:
-    """Whether two answers are one."""
+    """Whether two answers are one: as likely as each other, or by values."""
+    if abs(a.deviance - b.deviance) < ALIKE:
+        return True
     for name, (low, high) in a.intervals.items():
         width = math.log(min(high, 1e3 * a.values[name]) / max(low, 1e-3 * a.values[name]))
         if abs(math.log(a.values[name] / b.values[name])) > SAME * max(width, 1e-6):
@@ -131,7 +135,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{found.judgement.misfit:.2f} {alike} {times[-len(answers)]:.1f} s", flush=True,
         )  # fmt: skip
     n = max(sums["servos"], 1)
-    print(f"inside {sum(inside.values()) / n / len(FREE):.1%}: " + ", ".join(f"{k} {v / n:.0%}" for k, v in inside.items()))
+    each = ", ".join(f"{name} {count / n:.0%}" for name, count in inside.items())
+    print(f"inside {sum(inside.values()) / n / len(FREE):.1%}: {each}")
     print(f"same optimum {sums['same'] / n:.1%}, explained {sums['explained'] / n:.1%}, refused {lost}")
     print(f"time: median {np.median(times):.2f} s, 95 % {np.quantile(times, 0.95):.2f} s, longest {max(times):.2f} s")
     return 0

@@ -4,8 +4,8 @@
     python scripts/sampled.py --count 200 --seed 7  others
 
 A case: inertia, friction, PID, gain, sample time, delay (none, a part of a sample, several), encoder (none, 500 to
-20000 counts), torque step, filtered derivative, trapezoid, dead band, set point, start; followed for `SAMPLES` samples
-by casahunt and by peers/sampled_motion.py.
+20000 counts), torque step, filtered derivative, trapezoid, dead band, leak, set point, start; followed for `SAMPLES`
+samples by casahunt and by peers/sampled_motion.py.
 
 The largest difference of position, velocity and integral, each by its largest size in the motion, must be below
 `AGREES` up to the horizon: as long as the other program stays within `APART` of itself when start and inertia are
@@ -20,6 +20,7 @@ import argparse
 import math
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,7 @@ def case(seed: int) -> dict[str, Any]:
         integration=one_of("rectangle", "trapezoid"),
         dead_band=one_of(0.0, 0.3, 2.0) * 2 * math.pi / (counts or 3000.0),
     )  # fmt: skip
+    drive = replace(drive, leak=one_of(0.0, 0.0, spread(0.02, 0.5) / reset))
     start = (-spread(0.02, 1.0) * one_of(1, -1), one_of(0.0, float(r.normal())), one_of(0.0, 0.02 * float(r.normal())))
     return {"servo": servo, "gain": kp, "drive": drive, "set_point": one_of(0.0, float(r.normal())), "start": start}
 
@@ -88,6 +90,7 @@ def theirs(case: dict[str, Any], samples: int, nudge: float = 0.0) -> tuple[Arra
         servo.inertia * (1 + nudge), f.static, f.coulomb, f.stribeck_velocity, f.viscous, kp, ki, kd,
         drive.sample_time, drive.delay, drive.encoder, drive.quantise_torque, drive.filter_time or 0.0,
         drive.integration == "trapezoid", drive.dead_band, case["set_point"],
+        drive.leak,
     )  # fmt: skip
     x, v, w = case["start"]
     return peer.motion(x * (1 + nudge), v, w, samples)

@@ -56,13 +56,13 @@ if TYPE_CHECKING:
     from .grazing_search import grazing
     from .sheet import Axis
     from .special_charts import SpecialOrbit
-    from .special_points import FOLD, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
+    from .special_points import FOLD, GRAZING, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
     from .terminations import End
     from .two_parameters import SpecialCurve, special_curve, special_walk
     from .walk import walk_to_end
 
 __all__ = [
-    "FOLD", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium", "EquilibriumBranch",
+    "FOLD", "GRAZING", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium", "EquilibriumBranch",
     "Expansion", "Fold", "FoldConstraints", "Folds", "Missed", "Monitor", "SpecialCurve", "SpecialEquilibrium",
     "SpecialOrbit", "SpecialPoint", "born_at", "branch_off", "equilibria", "expansion", "expansion_beside",
     "fold_between", "folds_near", "follow", "grazing", "largest", "monitors_of", "next_fold", "smallest",
@@ -89,6 +89,7 @@ __getattr__ = lazily(
         "walk": ("walk_to_end",),
         "special_points": (
             "FOLD",
+            "GRAZING",
             "SUPERSTABLE",
             "SYMMETRY_BREAKING",
             "Missed",

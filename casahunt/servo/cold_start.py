@@ -140,11 +140,13 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> A
     return AtOneGain(None if start is None else _solved_from(start, q), False, seen)
 
 
-def quickly_at(servo: Servo, model: Model, gain: float, *, options: Options, beside: HalfCycle) -> HuntingOrbit | None:
+def quickly_at(
+    servo: Servo, model: Model, gain: float, *, options: Options, beside: HalfCycle | None = None
+) -> HuntingOrbit | None:
     """The stable cycle at a gain where one motion leads to it.
 
     servo, model, gain, options: as in `stable_at`; beside: a motion of the Switch servo beside its cycle at this gain,
-    with the slope of the map.
+    with the slope of the map, where one is known.
     Returns the cycle; None where the careful way has to be gone, or where IPOPT is to work alone.
     """
     # Where Newton's method is lost, a lower gain costs less than IPOPT here.
@@ -153,7 +155,9 @@ def quickly_at(servo: Servo, model: Model, gain: float, *, options: Options, bes
         return None
     met = _at_once(q)
     if met is None and model == "switch":
-        closer = near_stable(q.P, beside.fixed, close=CLOSER, slope=beside.slope)
+        closer = q.rigid_cycle
+        if beside is not None:
+            closer = near_stable(q.P, beside.fixed, close=CLOSER, slope=beside.slope)
         met = None if closer is None else _at_once(replace(q, beside=closer))
     return None if met is None else met.orbit
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..checks import choice_of, floated, require, sensible
+from ..checks import choice_of, floated, require, sensible, shown
 from ..errors import InputError
 
 DRIVE_TABLE = "drive"
@@ -38,6 +38,7 @@ class Drive:
     filter_time : of the filtered derivative [s]; None: a tenth of kd/kp.
     integration : by "rectangle", the present reading held since the last one, or "trapezoid".
     dead_band : error [rad] up to which nothing is integrated.
+    leak : rate at which the integral is forgotten [1/s], less than one in a sample.
 
     Examples
     --------
@@ -55,14 +56,17 @@ class Drive:
     filter_time: float | None = None
     integration: str = "rectangle"
     dead_band: float = 0.0
+    leak: float = 0.0
 
     def __post_init__(self) -> None:
         sensible("drive.sample_time", self.sample_time)
-        for key in ("delay", "encoder", "quantise_torque", "dead_band"):
+        for key in ("delay", "encoder", "quantise_torque", "dead_band", "leak"):
             sensible(f"drive.{key}", getattr(self, key), zero=True)
         if self.delay > LONGEST_DELAY * self.sample_time:
             longest = LONGEST_DELAY * self.sample_time
             require("drive.delay", self.delay, at_most=longest, unit=f"{LONGEST_DELAY} samples")
+        if not self.leak * self.sample_time < 1:
+            raise InputError(f"drive.leak = {shown(self.leak)}: must be less than 1/sample_time")
         if self.encoder != 0:
             require("drive.encoder", self.encoder, at_least=1, unit="counts per revolution")
         choice_of("drive.derivative", self.derivative, DERIVATIVES)

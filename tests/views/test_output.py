@@ -39,6 +39,7 @@ COMMANDS = {
     "basin": GAIN,
     "simulate": (*GAIN, "--time", 20),
     "record": (ROOT / "tests" / "design" / "no such record.csv",),
+    "identify": (ROOT / "tests" / "design" / "no such record.csv",),
     "uncertainty": ("--uncertainty", SET, "--samples", 2),
     "tune": ("--uncertainty", SET),
     "explore": (),
@@ -59,7 +60,7 @@ def record(tmp_path_factory) -> Path:
 
 
 def words_of(command: str, record: Path, out: Path) -> list[object]:
-    words = [record, "--gain", 0.04] if command == "record" else list(COMMANDS[command])
+    words = [record, "--gain", 0.04] if command in ("record", "identify") else list(COMMANDS[command])
     return [command, *words, "--quiet", *(["--out", out] if command == "diagram" else [])]
 
 
@@ -100,7 +101,7 @@ def test_help_fits_and_is_explained(capsys, monkeypatch, command):
     usage, *sections = body.split("\n\n")
     required = next((s for s in sections if s.startswith("required:")), "")
     needed = {"orbit", "fold-curve", "fold-map", "loop", "equilibria", "map", "basin", "simulate", "uncertainty",
-              "remedies"}  # fmt: skip
+              "remedies", "identify"}  # fmt: skip
     assert bool(required) == (command in needed)
     assert not required or sections.index(required) < next(i for i, s in enumerate(sections) if s[:8] == "options:")
     for option in re.findall(r"^  (--[\w-]+)", required, re.MULTILINE):
@@ -136,7 +137,8 @@ WORDS = {"model", "branch", "status", "unit", "parameter", "quantity", "kind", "
 PLAIN = {"half_multiplier", "half_multiplier_error", "trivial_multiplier_error", "elasticity", "error_estimate", "gain",
          "value", "first_value", "second_value", "slope", "measured", "error", "scatter", "predicted",
          "predicted_error", "ratio", "swing", "sample", "threshold", "damping_ratio", "lowest_factor",
-         "highest_factor", "slope_V_per_rad_per_unit", "size", "size_error", "recommended", "worst_size"}  # fmt: skip
+         "highest_factor", "slope_V_per_rad_per_unit", "size", "size_error", "recommended", "worst_size", "low",
+         "high"}  # fmt: skip
 UNIT = re.compile(r"_(rad|s|V_per_rad|per_s|deg|Nm|rad_per_s|rad_s|kg_m2|V|N?ms?_per_rad|Nms?_per_rad(_s)?|(re|im))$")
 WITH_CSV = [command for command in COMMANDS if command not in ("diagram", "explore", "glossary")]
 

@@ -66,6 +66,7 @@ COMMANDS = {
                     "the uncertainty file"),
     "tuning": (["tune", "--uncertainty", "uncertain.csv", "--csv"], "csv", "uncertain.csv", "the uncertainty file"),
     "record": (["record", "record.csv", "--csv"], "csv", "record.csv", "the record"),
+    "records": (["identify", "servo.csv", "record.csv", "--gain", 0.1, "--csv"], "csv", "record.csv", "the record"),
 }  # fmt: skip
 NAMES = {
     "same": lambda path: path.name,

@@ -32,6 +32,12 @@ def branch() -> casahunt.Branch:
 
 
 @cache
+def sampled_motion() -> casahunt.SampledMotion:
+    drive = casahunt.Drive(sample_time=1e-3, encoder=2000)
+    return casahunt.simulate_sampled(casahunt.Servo(), 0.04, drive, time=20.0)
+
+
+@cache
 def motion() -> casahunt.Trajectory:
     return casahunt.simulate(SERVO, "switch", 0.04, time=60.0)
 
@@ -77,6 +83,7 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "folded_record": (2, lambda: (record(), casahunt.measure(record()), casahunt.find_orbit(SERVO, "switch", 0.04))),
     "histogram": (1, histogram_of),
     "motion": (3, lambda: (motion(),)),
+    "sampled_motion": (3, lambda: (sampled_motion(),)),
     "multipliers": (1, lambda: ([branch()],)),
     "operating_point": (2, lambda: (tuning(), branch())),
     "phase_portrait": (3, lambda: ([branch().orbits[0]],)),

@@ -100,6 +100,7 @@ def test_the_worst_servo_of_a_set(capsys, tmp_path):
 REFUSED = [
     (("--only", "dead bnad"), "unknown remedy 'dead bnad'; did you mean 'dead band'?"),
     (("--only", "leak, dithr"), "unknown remedy 'dithr'; did you mean 'dither'?"),
+    (("--only", "quantisation"), "quantisation: is no remedy, and no part of a loop; casahunt simulate"),
     (("--only", "backlash"), "backlash: is no remedy, and no part of this model of a servo"),
     (("--only", ""), "unknown remedy ''"),
     (("--max-error", -1), "max_error = -1: must be greater than 0"),

@@ -49,7 +49,7 @@ def test_the_keys_of_the_file_are_the_options(capsys, tmp_path, built):
 def test_every_option_arrives(capsys, built):
     """Each as it is given, in the place of the file's."""
     words = {"delay": 0.002, "encoder": 4096.0, "quantise_torque": 0.01, "derivative": "filtered", "filter_time": 0.01,
-             "integration": "trapezoid", "dead_band": 0.003, "sample_time": 0.002}  # fmt: skip
+             "integration": "trapezoid", "dead_band": 0.003, "leak": 0.5, "sample_time": 0.002}  # fmt: skip
     given = [part for key, value in words.items() for part in (f"--{key.replace('_', '-')}", value)]
     _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 1, *given, "--json", "--quiet")
     assert one_json(out)["drive"] == words
@@ -144,8 +144,9 @@ def test_a_tuning_is_checked_as_built(capsys, built):
 
 @pytest.mark.slow
 def test_remedies_are_checked_as_built(capsys, built):
-    only = ("--only", "dead band,gain,leak")
+    only = ("--only", "dead band,gain,leak,reset")
     _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--json", "--quiet")
     seen = one_json(out)["as_built"]
     assert seen["dead band"]["kind"] == "at rest" and seen["gain"]["kind"] == "hunting"
-    assert seen["leak"].startswith("not checked")
+    assert seen["leak"]["kind"] == "at rest"
+    assert all(text.startswith("not checked") for name, text in seen.items() if name == "reset")

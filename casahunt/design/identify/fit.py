@@ -19,13 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options, refined, state_sensitivity
-from ...servo.cold_start import stable_at
+from ...servo.cold_start import quickly_at
 from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times
@@ -34,16 +34,16 @@ from .likelihood import Noise
 
 Array = np.ndarray
 
-LARGEST_CHANGE = 0.4
+MOST_OF_A_STEP = 0.4
 """Of a logarithm in one step: a model that is half as large is another cycle."""
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
 FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-3, 8.0, 0.2, 1e8
-MOST_STEPS = 30
-SETTLED = 0.01
+MOST_FIT_STEPS = 30
+FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
-CLOSE = 0.05
+GOES_ALONG = 0.2
 """Change of the logarithms up to which the cycle is sought from the last one."""
 
 
@@ -150,7 +150,7 @@ def at(
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
     k = len(q.free)
-    if near is not None and np.max(np.abs(z[:k] - near.z[:k]), initial=0.0) <= CLOSE:
+    if near is not None and np.max(np.abs(z[:k] - near.z[:k]), initial=0.0) <= GOES_ALONG:
         if np.array_equal(z[:k], near.z[:k]):
             return near.orbits[i]
         try:
@@ -169,7 +169,7 @@ def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> Hunti
     check_problem(servo, model, gain)
     check_hunts(servo, model)
     check_times(servo, model, gain)
-    orbit = stable_at(servo, model, gain, options=replace(options, solver="newton")).orbit
+    orbit = quickly_at(servo, model, gain, options=options)
     if orbit is None:
         raise NoOrbit(f"no motion leads to a hunting cycle of the {model} servo at gain {gain:g}", Status.NOT_FOUND)
     return orbit
@@ -201,12 +201,13 @@ def climb(
     *,
     stretched: bool = False,
     held: int | None = None,
-    settled: float = SETTLED,
+    settled: float = FIT_SETTLED,
+    most: int = MOST_FIT_STEPS,
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
     moving = np.array([i for i in range(point.z.size) if i != held])
     mu, k = FIRST_DAMPING, len(question.free)
-    for _ in range(MOST_STEPS):
+    for _ in range(most):
         H, g = point.curvature[np.ix_(moving, moving)], point.gradient[moving]
         diagonal = np.maximum(np.diag(H), 1e-12 * np.max(np.diag(H), initial=1e-300))
         step = _solution(H + mu * np.diag(diagonal), g)
@@ -214,7 +215,7 @@ def climb(
             return point
         dz = np.zeros(point.z.size)
         dz[moving] = step
-        dz *= min(1.0, LARGEST_CHANGE / max(float(np.max(np.abs(dz[:k]), initial=0.0)), 1e-300))
+        dz *= min(1.0, MOST_OF_A_STEP / max(float(np.max(np.abs(dz[:k]), initial=0.0)), 1e-300))
         trial = at(question, point.z + dz, noises, point, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
             gained = point.deviance - trial.deviance

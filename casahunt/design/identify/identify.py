@@ -29,7 +29,7 @@ from ..uncertainty.set import Uncertainty
 from .fit import Array, Data, Point, Question, at, climb
 from .intervals import BetterFound, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
-from .likelihood import Noise, likeliest
+from .likelihood import LEAST_NOISE, Noise, likeliest
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, starts
 from .suitable import suitable
 
@@ -37,16 +37,20 @@ FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
 """What is sought where nothing else is said."""
 MOST_BETTER = 4
 """Better points that refits may come upon."""
-WIDE = 0.3
+WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
-SAME, RIVAL = 1.0, 30.0
+ONE_POINT, RIVAL = 1.0, 30.0
 """Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
-SMOOTH = 0.1
+GROSS = 0.1
+"""Systematic rest, relative to the amplitude, of a fit that is none."""
+CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
 and differently on every mesh."""
-NOISE_SETTLED, NOISE_ROUNDS = 0.03, 4
-"""Change of the noise below which it is known, and fits until then at most."""
-UNBOUNDED = 10.0
+NOISE_STEPS, MOST_NOISE_STEPS = (0.6, 0.85, 1.15), 12
+"""Factors by which the noise is changed as long as that is likelier, in turn."""
+LESS_LIKELY = 0.05
+"""Decrease of the deviance below which another noise is none that is likelier."""
+BOUND_FACTOR = 10.0
 """Factor at which an interval that nothing bounds ends in the uncertainty file."""
 
 
@@ -67,6 +71,7 @@ class Identification(Result):
     records : the records as they were fitted; times [s] from the middle of each.
     residuals : (m,) of each record: position less model [rad].
     phases : at which time of each record its cycle begins [s].
+    deviance : -2 log of the likelihood.
 
     Examples
     --------
@@ -95,6 +100,7 @@ class Identification(Result):
     records: tuple[Data, ...] = field(repr=False)
     residuals: tuple[Array, ...] = field(repr=False)
     phases: tuple[float, ...] = field(repr=False)
+    deviance: float
 
     @property
     def values(self) -> dict[str, float]:
@@ -107,7 +113,7 @@ class Identification(Result):
         """The intervals as `fold_sensitivities`' neighbours take them; without bounds they end at a factor."""
         return Uncertainty(
             {
-                name: (low if low > 0 else value / UNBOUNDED, high if math.isfinite(high) else value * UNBOUNDED)
+                name: (low if low > 0 else value / BOUND_FACTOR, high if math.isfinite(high) else value * BOUND_FACTOR)
                 for (name, (low, high)), value in zip(self.intervals.items(), self.values.values(), strict=True)
             }
         )
@@ -203,7 +209,7 @@ def identify(
         raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
     data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(records, each, strict=True))
     options = of_kind("options", options or Options(), Options)
-    return fitted(Question(data, servo, model, free, options.finer(SMOOTH)), advise=advise)
+    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE)), advise=advise)
 
 
 def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
@@ -221,14 +227,14 @@ def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
 
 
 _BRISTLE = ("friction.stiffness", "friction.damping")
-MOST_SAMPLES = 20_000
+MOST_FITTED = 20_000
 """Of a record that are fitted; of more, every second, third ... one."""
 
 
 def data_of(record: Record, m: Measurement, gain: float) -> Data:
     """A measured record as it is fitted: its whole periods, behind the transient."""
     inside = np.flatnonzero((record.times >= m.crossings[0]) & (record.times <= m.crossings[-1]))
-    inside = inside[:: -(-inside.size // MOST_SAMPLES)]
+    inside = inside[:: -(-inside.size // MOST_FITTED)]
     t = record.times[inside]
     return Data(
         t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period, m.period_error / m.period, m.amplitude,
@@ -241,6 +247,8 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
     best, noises = _best(question)
     for tries in range(MOST_BETTER + 1):
         judgement = judged(question, best, noises)
+        if not judgement.explained and judgement.systematic > GROSS:
+            raise _no_fit(question, judgement.systematic)
         freedom = sum(data.times.size for data in question.records) - best.z.size
         rise = student_95(freedom) ** 2 * judgement.factor
         try:
@@ -262,6 +270,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         orbits=best.orbits,
         records=question.records,
         residuals=tuple(d.position - x for d, x in zip(question.records, best.positions, strict=True)),
+        deviance=best.deviance,
         phases=tuple(float(best.z[question.own(i)][0]) * d.period for i, d in enumerate(question.records)),
     )
 
@@ -281,7 +290,7 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
         if point is None:
             continue
         point = climb(question, point, plain)
-        again = any(abs(point.deviance - end.deviance) < SAME for end in ends)
+        again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
         ends.append(point)
         if again:
             break
@@ -290,29 +299,49 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
     ends.sort(key=lambda end: end.deviance)
     likely = [ends[0]]
     for end in ends[1:]:
-        if SAME < end.deviance - likely[-1].deviance and end.deviance - ends[0].deviance < RIVAL:
+        if ONE_POINT < end.deviance - likely[-1].deviance and end.deviance - ends[0].deviance < RIVAL:
             likely.append(end)
     found = [_with_noise(question, end, plain) for end in likely]
     return min(found, key=lambda each: each[0].deviance)
 
 
 def _with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Point, list[Noise]]:
-    """Noise and fit in turn until both stay."""
-    found = list(noises)
-    for turn in range(NOISE_ROUNDS):
-        before, least = found, WIDE if turn == 0 else 0.0
-        found = [
-            likeliest(d.position, x, d.quantum, d.size) for d, x in zip(question.records, point.positions, strict=True)
-        ]
-        found = [replace(n, sigma=max(n.sigma, least * n.quantum)) for n in found]
-        again = at(question, point.z, found, point)
-        if again is None:
-            break
-        point = climb(question, again, found)
-        same = [abs(math.log(a.sigma / b.sigma)) < NOISE_SETTLED for a, b in zip(found, before, strict=True)]
-        if all(same) and [n.quantum for n in found] == [n.quantum for n in before]:
-            break
+    """The likeliest noise and the likeliest point with it.
+
+    Without rounding that is the scatter of what is left.  Counts that noise hardly moves are walls between which the
+    model has room, and noise and model make up for each other: from wide noise on it is lowered with the model behind.
+    """
+    laid = list(zip(question.records, point.positions, strict=True))
+    found = [likeliest(d.position, x, d.quantum, d.size) for d, x in laid]
+    found = [replace(n, sigma=max(n.sigma, WIDE_NOISE * n.quantum)) for n in found]
+    again = at(question, point.z, found, point)
+    if again is None:
+        return point, list(noises)
+    point = climb(question, again, found)
+    if all(n.quantum == 0 for n in found):
+        found = [likeliest(d.position, x, 0.0, d.size) for d, x in zip(question.records, point.positions, strict=True)]
+        return at(question, point.z, found, point) or point, found
+    for factor in NOISE_STEPS:
+        for _ in range(MOST_NOISE_STEPS):
+            trial = [_scaled(n, factor) for n in found]
+            again = None if trial == found else at(question, point.z, trial, point)
+            other = None if again is None else climb(question, again, trial)
+            if other is None or other.deviance > point.deviance - LESS_LIKELY:
+                break
+            point, found = other, trial
     return point, found
+
+
+def _scaled(noise: Noise, factor: float) -> Noise:
+    return replace(noise, sigma=max(noise.sigma * factor, LEAST_NOISE * noise.quantum))
+
+
+def _no_fit(question: Question, left: float) -> Exception:
+    data = question.records[0]
+    return InputError(
+        f"gain = {data.gain:g}: does not fit {data.name}: the nearest cycle of the {question.model} servo is off by "
+        f"{left:.0%} of the amplitude; are gain, servo and units right?"
+    )
 
 
 def _no_start(question: Question) -> Exception:

@@ -19,14 +19,15 @@ from .fit import Array, Point, Question, at, climb
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
-FARTHEST = math.log(10.0)
+FARTHEST_END = math.log(10.0)
 """A parameter that may be ten times as large or small is not told by the record."""
 MOST_REFITS = 8
-NEAR = 0.03
+END_NEAR = 0.03
 """Relative distance from the end of an interval, at which the secant is as good as a refit."""
-REFIT = 0.02
-"""Decrease of the deviance that ends a refit: half a per cent of the 3.84 of an interval."""
-BETTER = 0.1
+MOST_REFIT_STEPS = 20
+REFIT = 0.05
+"""Decrease of the deviance that ends a refit: one per cent of the 3.84 of an interval."""
+BELOW_BEST = 0.2
 """Decrease of the deviance below the best that shows that it was none."""
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
@@ -83,23 +84,23 @@ def _end(
         trial = at(question, point.z + (sign * reach - (point.z[j] - best.z[j])) * follow, noises, point)
         if trial is None:
             wall, reach = reach, (below[0] + reach) / 2
-            if wall - below[0] < NEAR * wall:
+            if wall - below[0] < END_NEAR * wall:
                 return sign * wall  # the model has no cycle beyond
             continue
-        trial = climb(question, trial, noises, held=j, settled=REFIT)
-        if strict and trial.deviance < best.deviance - BETTER:
+        trial = climb(question, trial, noises, held=j, settled=REFIT, most=MOST_REFIT_STEPS)
+        if strict and trial.deviance < best.deviance - BELOW_BEST:
             raise BetterFound(trial)
         seen = reach, math.sqrt(max(trial.deviance - best.deviance, 0.0))
-        if abs(seen[1] / wanted - 1) < NEAR:
+        if abs(seen[1] / wanted - 1) < END_NEAR:
             return sign * seen[0] * wanted / seen[1]
         if seen[1] > wanted:
             above = seen
         else:
             below, point = seen, trial
-            if reach >= FARTHEST:
+            if reach >= FARTHEST_END:
                 return sign * math.inf
         reach = _next(below, above, wanted, wall)
-        if above[0] < math.inf and above[0] - below[0] < NEAR * above[0]:
+        if above[0] < math.inf and above[0] - below[0] < END_NEAR * above[0]:
             break
     return sign * reach
 
@@ -110,7 +111,7 @@ def _next(below: tuple[float, float], above: tuple[float, float], wanted: float,
         slope = (above[1] - below[1]) / (above[0] - below[0])
         return below[0] + (wanted - below[1]) / slope
     ahead = below[0] * min(wanted / max(below[1], 1e-6), LONGEST_STRIDE)
-    return min(ahead, FARTHEST, (below[0] + wall) / 2)
+    return min(ahead, FARTHEST_END, (below[0] + wall) / 2)
 
 
 def marginal_information(point: Point, k: int) -> Array:

@@ -25,7 +25,7 @@ from .fit import Array, Point, Question, at
 from .intervals import marginal_information
 from .likelihood import Noise
 
-PARTS = 40
+PARTS_OF_PERIOD = 40
 """Of a period over which residuals are summed."""
 IMPROBABLE = 1e-3
 """Probability of so large a misfit of a model that is right, below which it is said not to explain the record."""
@@ -37,9 +37,9 @@ UNTOLD = 0.25
 """Standard deviation of a combination of logarithms from which on the record does not tell it."""
 IN_IT = 0.3
 """Part of a combination from which on a parameter is named."""
-GAINS = 7
+FURTHER_GAINS = 7
 """Gains at which a further record is thought of."""
-LOWEST, HIGHEST = 0.1, 0.95
+LOWEST_SHARE, HIGHEST_SHARE = 0.1, 0.95
 """Of the fold gain: between these the further record is sought."""
 LEAST_GAINED = 0.5
 """ln det below which a further record is not worth its name."""
@@ -100,11 +100,11 @@ def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
 
 
 def _parts(times: Array, period: float) -> Array:
-    return np.floor(times / period % 1 * PARTS).astype(int) % PARTS
+    return np.floor(times / period % 1 * PARTS_OF_PERIOD).astype(int) % PARTS_OF_PERIOD
 
 
 def _stretches(times: Array, period: float) -> Array:
-    return np.floor((times - times[0]) / period * PARTS).astype(int)
+    return np.floor((times - times[0]) / period * PARTS_OF_PERIOD).astype(int)
 
 
 def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]]:
@@ -131,7 +131,7 @@ def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> t
     noise = Noise(math.sqrt(noise.variance), 0.0)
     known = np.linalg.slogdet(J)[1]
     best: tuple[float, float] | None = None
-    for gain in fold * np.geomspace(LOWEST, HIGHEST, GAINS):
+    for gain in fold * np.geomspace(LOWEST_SHARE, HIGHEST_SHARE, FURTHER_GAINS):
         other = replace(question, records=(replace(data, gain=float(gain)),))
         z = np.concatenate([point.z[: len(question.free)], [0.0, 0.0]])
         there = at(other, z, [noise])

@@ -28,12 +28,12 @@ Array = np.ndarray
 
 TABLE_ENDS, TABLE_STEP = (-37.0, 9.0), 0.01
 """erfc underflows below; above, Phi is one.  The interpolation error is step^4/384, 3e-11."""
-LEAST_NOISE = 0.05
-"""Noise in units of the quantum below which it is not told from none: a sample is then 0.05 steps beside its count's
-border once in twenty."""
+LEAST_NOISE = 0.1
+"""Noise in units of the quantum below which it is not told from none: a sample is then 0.1 steps beside its count's
+border once in six."""
 NOISE_ROUNDS, NOISE_SPAN = 40, 1e-3
 """Golden sections that take log sigma from a factor of 1e3 to 1e-5."""
-GOLDEN = (math.sqrt(5) - 1) / 2
+GOLDEN_PART = (math.sqrt(5) - 1) / 2
 
 
 class Slopes(NamedTuple):
@@ -98,16 +98,16 @@ def likeliest(y: Array, x: Array, quantum: float, size: float) -> Noise:
     if quantum == 0:
         return Noise(math.sqrt(max(float(np.mean((y - x) ** 2)), (1e-6 * size) ** 2)), 0.0)
     low, high = math.log(LEAST_NOISE * quantum), math.log(max(size / NOISE_SPAN, 2 * LEAST_NOISE * quantum))
-    inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
+    inner = [high - GOLDEN_PART * (high - low), low + GOLDEN_PART * (high - low)]
     values = [Noise(math.exp(s), quantum).deviance(y, x) for s in inner]
     for _ in range(NOISE_ROUNDS):
         if high - low < 1e-3:
             break
         if values[0] < values[1]:
-            high, inner, values = inner[1], [inner[1] - GOLDEN * (inner[1] - low), inner[0]], [math.nan, values[0]]
+            high, inner, values = inner[1], [inner[1] - GOLDEN_PART * (inner[1] - low), inner[0]], [math.nan, values[0]]
             values[0] = Noise(math.exp(inner[0]), quantum).deviance(y, x)
         else:
-            low, inner, values = inner[0], [inner[1], inner[0] + GOLDEN * (high - inner[0])], [values[1], math.nan]
+            low, inner, values = inner[0], [inner[1], inner[0] + GOLDEN_PART * (high - inner[0])], [values[1], math.nan]
             values[1] = Noise(math.exp(inner[1]), quantum).deviance(y, x)
     return Noise(math.exp((low + high) / 2), quantum)
 

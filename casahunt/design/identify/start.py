@@ -35,7 +35,7 @@ VISCOUS_SHARE = 0.1
 """Share of the friction that is tried for the viscous one where the servo states none."""
 LEAST_COULOMB, MOST_COULOMB = 0.2, 0.995
 """Coulomb friction in units of the static one, within which a trial lies."""
-GRID = 512
+COMPARED = 512
 """Phases at which a cycle is compared with a waveform."""
 STARTS = 4
 """Trials that are climbed from, the best first."""
@@ -88,16 +88,16 @@ def starts(question: Question) -> list[Array]:
 def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:
     """Phase (in periods, of the middle of the record) and offset (in amplitudes) that lay a cycle over a record, and
     the rest of the waveform, relative: the best of all shifts by a part of a period."""
-    phase = np.arange(GRID) / GRID
+    phase = np.arange(COMPARED) / COMPARED
     times, states = orbit.sample()
     x = np.interp(phase * orbit.period, times, states[0])
-    bins = np.floor(data.times / data.period % 1 * GRID).astype(int) % GRID
-    count = np.bincount(bins, minlength=GRID)
-    means = np.bincount(bins, data.position, GRID) / np.maximum(count, 1)
+    bins = np.floor(data.times / data.period % 1 * COMPARED).astype(int) % COMPARED
+    count = np.bincount(bins, minlength=COMPARED)
+    means = np.bincount(bins, data.position, COMPARED) / np.maximum(count, 1)
     held = count > 0
-    y = np.interp(np.arange(GRID), np.flatnonzero(held), means[held], period=GRID)
+    y = np.interp(np.arange(COMPARED), np.flatnonzero(held), means[held], period=COMPARED)
     b = float(y.mean())
-    like = np.fft.irfft(np.conj(np.fft.rfft(x)) * np.fft.rfft(y - b), GRID)
+    like = np.fft.irfft(np.conj(np.fft.rfft(x)) * np.fft.rfft(y - b), COMPARED)
     shift = int(np.argmax(like))
     rest = float(np.sqrt(np.mean((y - b - np.roll(x, shift)) ** 2))) / data.amplitude
-    return shift / GRID, b / data.amplitude, rest
+    return shift / COMPARED, b / data.amplitude, rest

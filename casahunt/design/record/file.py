@@ -22,6 +22,7 @@ from ...export import Columns
 from ...files import bounded
 from ...results import Result
 from .layout import Layout, column_of, layout_of, text_of
+from .reading import Column, Reading
 from .units import Quantity, Unit, parsed_unit, quantity_of, split_header, stated_unit
 
 Array = np.ndarray
@@ -42,58 +43,6 @@ _COUNTS: dict[Quantity, frozenset[str]] = {
     "angle": frozenset(("encoder", "count", "counts", "cts", "inc", "increments", "pulses", "lsb")),
 }
 """Columns named by what they count."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """Where the values of a quantity were read.
-
-    Attributes
-    ----------
-    name : header of the column, or its number.
-    unit : of the values in the file.
-    origin : who states the unit: "header", "option", or "nobody".
-    """
-
-    name: str
-    unit: Unit
-    origin: str
-
-
-@dataclass(frozen=True)
-class Reading:
-    """How a file was read.
-
-    Attributes
-    ----------
-    time, position : the two columns.
-    preamble : number of lines above header and samples that were left out.
-    decimal : the decimal sign.
-    """
-
-    time: Column
-    position: Column
-    preamble: int = 0
-    decimal: str = "."
-
-    @property
-    def sentence(self) -> str:
-        """Columns and units in words."""
-        parts = []
-        for noun, column, base in (("times", self.time, "s"), ("positions", self.position, "rad")):
-            unit = column.unit
-            how = {
-                "header": f"in {unit.name}",
-                "option": f"in {unit.name} (as stated on the command line)",
-                "nobody": f"taken as {unit.name} (the file states no unit)",
-            }[column.origin]
-            converted = f", converted to {base}" if unit.factor != 1 else ""
-            parts.append(f"{noun} from column {column.name}, {how}{converted}")
-        if self.preamble:
-            parts.append(f"left out: {self.preamble} line{'s' * (self.preamble > 1)} of preamble")
-        if self.decimal == ",":
-            parts.append("commas taken as decimal signs")
-        return "; ".join(parts)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 from ...errors import InputError
 
-LOOKED_AT = 600
+MOST_PREAMBLE = 600
 """Lines in which the samples must have begun, and be in the majority."""
 WAYS = ((",", "."), (";", "."), ("\t", "."), (None, "."), (";", ","), ("\t", ","), (None, ","))
 """Delimiters (None: blanks) and decimal signs, in the order in which they are believed."""
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
-FEWEST = 3
+FEWEST_LINES = 3
 """Lines of samples that tell a layout."""
 
 
@@ -56,7 +56,7 @@ def layout_of(read: bytes, skip: int) -> Layout | None:
             continue
         width, often = counts.most_common(1)[0]
         samples = [(i, len(row) - n) for i, row, n in numbers if len(row) == width and n >= 2]
-        if often < min(FEWEST, len(lines)):
+        if often < min(FEWEST_LINES, len(lines)):
             continue
         strange = sum(other for _, other in samples) / len(samples) + 1 - len(samples) / len(lines)
         if best is None or strange < best[0] - 1e-9:
@@ -71,7 +71,7 @@ def _lines(read: bytes, skip: int) -> Iterator[tuple[int, str]]:
     """(number from 1, text) of lines that are neither empty nor comments."""
     with text_of(read) as stream:
         for i, line in enumerate(stream, 1):
-            if i > skip + LOOKED_AT:
+            if i > skip + MOST_PREAMBLE:
                 return
             text = line.strip("\r\n")
             if i > skip and text.strip() and not text.lstrip().startswith("#"):

@@ -18,7 +18,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from ...continuation import FOLD, Branch, follow
+from ...continuation import FOLD, GRAZING, Branch, follow
 from ...errors import NoOrbit
 from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
@@ -126,7 +126,7 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
             return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
     before = None
     for tol in BRANCH_TOLERANCES:
-        branch = follow(cycle, remedy.size, to=last, monitors=(FOLD,), options=replace(options, tol=tol),
+        branch = follow(cycle, remedy.size, to=last, monitors=(FOLD, GRAZING), options=replace(options, tol=tol),
                         max_points=MOST_CYCLES)  # fmt: skip
         if (found := _told(branch, before, last, tol) or _turned(branch, remedy.sense)) is not None:
             return replace(found, first=cycle)

@@ -21,6 +21,8 @@ REMEDIES: tuple[Remedy, ...] = (
 REMEDY_NAMES = tuple(dict.fromkeys(remedy.name for remedy in REMEDIES))
 NOT_IN_THE_MODEL = ("backlash", "delay", "noise", "quantisation", "sampling")
 """What a servo has and no part of a loop is."""
+AS_BUILT = ("delay", "quantisation", "sampling")
+"""What of it a motion of the loop as built has (servo/sampled)."""
 
 
 def unit_of(parameter: str) -> str:
@@ -37,6 +39,11 @@ def remedy_name(name: str) -> str:
 
 def check_in_the_model(name: str) -> None:
     """Refuse what a servo has and no part of a loop is.  Raises InputError: it is such a thing."""
+    if name.lower() in AS_BUILT:
+        raise InputError(
+            f"{name}: is no remedy, and no part of a loop; casahunt simulate computes motions with it, of a servo "
+            "whose file has a table [drive] (docs/howto/as_built.md)"
+        )
     if name.lower() in NOT_IN_THE_MODEL:
         raise InputError(
             f"{name}: is no remedy, and no part of this model of a servo; a loop with it is a system of your own "

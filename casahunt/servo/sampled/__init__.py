@@ -1,5 +1,6 @@
 """The loop as built: a sampled controller and the exact motion of the servo between its samples.
 
+border.py     when an encoder may decide how a servo hunts
 slip.py       a slip under constant torque, by its Taylor series
 loop.py       the difference equations, sample by sample, and whole sticks at once
 verdict.py    what a motion shows, and the pattern that hunting repeats

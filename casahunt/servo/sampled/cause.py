@@ -29,10 +29,6 @@ Array = np.ndarray
 
 OTHERWISE = 0.1
 """Relative."""
-ENCODER_BORDER = 20.0
-"""Counts of the amplitude of hunting by stiction below which an encoder may decide how it hunts.  Of 60 random servos
-(scripts/as_built.py encoder) quantisation was the cause, as above, of none with 40 counts or more, 12 % with 20, 28 %
-with 12, 40 % with 8, 61 % with 5 and nine tenths with 3 or less."""
 READINGS_BEYOND = 3
 """Readings beyond a dead band that must end hunting too."""
 WIDEST = 8.0
@@ -121,17 +117,6 @@ def _again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> Sa
         motion.servo, motion.gain, drive, set_point=motion.set_point, time=motion.duration,
         position=motion.set_point + x, velocity=v, integral=w,
     )  # fmt: skip
-
-
-def below_border(amplitude: float, drive: Drive | None) -> str:
-    """The sentence for a cycle of the continuous loop that an encoder sees in few counts; "" where there is none.
-
-    amplitude: of the cycle [rad].
-    """
-    if drive is None or not drive.encoder or amplitude >= ENCODER_BORDER * drive.count:
-        return ""
-    counts = f"{amplitude / drive.count:.3g} counts of the encoder"
-    return f"{counts}: below {ENCODER_BORDER:g} quantisation may decide how it hunts, not stiction alone"
 
 
 def smallest_dead_band(motion: SampledMotion) -> float:

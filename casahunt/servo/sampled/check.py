@@ -19,7 +19,7 @@ from itertools import product
 from ...results import Result
 from ..drive import Drive
 from ..servo import Servo
-from .cause import cause_of
+from .cause import cause_of, smallest_dead_band
 from .motion import SampledMotion, simulate_sampled
 
 OFFSETS = (0.0, 0.25, 0.5)
@@ -98,11 +98,12 @@ def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     beside = worst.set_point / drive.count if drive.encoder else 0.0
     where = f"{beside:g} of a count beside a reading" if beside else "on a reading" if drive.encoder else "0"
     text = f"with the set point {where} it is {kind}: {worst.verdict.sentence}"
-    cause = cause_of(worst)
-    if cause is None:
+    if kind != "hunting":
         return AsBuilt(kind, text, math.nan, worst)
-    ending = _ending(servo, gain, drive, cause.dead_band)
-    return AsBuilt(kind, f"{text}; {cause.kind}: {cause.sentence}", ending, worst)
+    cause = cause_of(worst)
+    said = f"; {cause.kind}: {cause.sentence}" if cause is not None else ""
+    first = cause.dead_band if cause is not None else smallest_dead_band(worst)
+    return AsBuilt(kind, f"{text}{said}", _ending(servo, gain, drive, first), worst)
 
 
 def _motions(servo: Servo, gain: float, drive: Drive) -> list[SampledMotion]:
@@ -129,8 +130,8 @@ def _ending(servo: Servo, gain: float, drive: Drive, first: float) -> float:
         left = [motion for motion in motions if motion.verdict.kind not in BY_BADNESS[:2]]
         if not left:
             return band
-        cause = cause_of(left[0])
-        if cause is None or not cause.dead_band > band:
+        following = WIDER_BAND * smallest_dead_band(left[0])
+        if not following > band:
             return math.nan
-        band = WIDER_BAND * cause.dead_band
+        band = following
     return math.nan

@@ -4,8 +4,8 @@ At t_k = k T the drive reads theta in counts of q = 2 pi/encoder and forms, thet
 
     e_k = q floor(theta/q + 1/2) - theta_d         (without an encoder theta - theta_d)
     z_k = e_k where |e_k| > dead_band, else 0
-    w_k = w_{k-1} + T z_k                          rectangle
-    w_k = w_{k-1} + T (z_{k-1} + z_k)/2            trapezoid
+    w_k = (1 - leak T) w_{k-1} + T z_k             rectangle
+    w_k = (1 - leak T) w_{k-1} + T (z_{k-1} + z_k)/2     trapezoid
     r_k = (e_k - e_{k-1})/T
     d_k = r_k                                      difference
     d_k = d_{k-1} + T/(T + Tf) (r_k - d_{k-1})     filtered, Tf d' + d = r by the backward rule
@@ -16,8 +16,9 @@ with e_{-1} = e_0, z_{-1} = z_0, d_{-1} = 0.  Under a constant m the Switch serv
 away only where m changes to |m| > Fs, and the only event between two changes is a stop.
 
 While it is stuck e_k does not change: w_k and d_k are sums and powers, and all samples up to the breakaway are one
-array.  It rests for ever, and that is a proof, where it is stuck with z_k = 0 and the torques that are on their way and
-the last one, to which d_k -> 0 leads in one direction, are all within Fs.
+array.  It rests for ever, and that is a proof, where it is stuck, d_k -> 0 and w_k (to z/leak, or with z = 0 constant)
+go to their limits, each in one direction, and the torques of the four corners of their ranges and those that are on
+their way are all within Fs.
 
 Symbols: T sample time, q count, Tf filter time [s]; e, z, w, d, u as above; kp, ki, kd the torque gains.
 """
@@ -38,8 +39,6 @@ Array = np.ndarray
 
 FEWEST_AHEAD, MOST_AHEAD = 64, 65536
 """Samples of a stick that are looked at at once: at first, and at most."""
-LOOKED = 256
-"""Samples of a slip between two reports of the work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +77,7 @@ class SampledLoop:
         filter_time = drive.filter_time if drive.filter_time is not None else kd / kp / 10
         T = self.T = drive.sample_time
         self.share = T / (T + filter_time) if drive.derivative == "filtered" else 1.0
-        self.half = drive.integration == "trapezoid"
+        self.half, self.kept, self.leak = drive.integration == "trapezoid", 1 - drive.leak * T, drive.leak
         self.q, self.theta_d, self.band, self.step = drive.count, set_point, drive.dead_band, drive.quantise_torque
         late, self.part = divmod(drive.delay, T)
         self.waiting = [0.0] * (int(late) + 1)
@@ -100,7 +99,7 @@ class SampledLoop:
         """The motion; it ends early where |theta - theta_d| exceeds `farthest` [rad]."""
         self.states, self.torque = np.empty((3, samples + 1)), np.empty(samples)
         stops: list[float] = []
-        k, slipped, rests_from = 0, 0, -1
+        k, rests_from = 0, -1
         effort.motion_begins()
         effort.at(lambda: f"followed to sample {k} of {samples}")
         while k < samples and abs(self.x) <= farthest:
@@ -114,9 +113,7 @@ class SampledLoop:
                 if k == samples:
                     break
             self._sample(k, stops)
-            k, slipped = k + 1, slipped + 1
-            if slipped % LOOKED == 0:
-                effort.pieces(LOOKED)
+            k += 1
         self.states[:, k] = self.x, self.v, self.w
         return Sampled(self.states[:, : k + 1], self.torque[:k], np.array(stops), rests_from)
 
@@ -125,7 +122,7 @@ class SampledLoop:
         self.states[:, k] = self.x, self.v, self.w
         e = self.error(self.x)
         z = self.integrand(e)
-        self.w += self.T * (z + self.z) / 2 if self.half else self.T * z
+        self.w = self.kept * self.w + (self.T * (z + self.z) / 2 if self.half else self.T * z)
         self.d += self.share * ((e - self.e) / self.T - self.d)
         self.e, self.z = e, z
         u = self._to_step(-(self.kp * e + self.ki * self.w + self.kd * self.d))
@@ -142,25 +139,29 @@ class SampledLoop:
 
     def rests(self) -> bool:
         """Whether a servo that is stuck rests for ever."""
-        e = self.error(self.x)
-        if self.integrand(e) != 0 or self.half and self.z != 0 or max(map(abs, self.waiting)) > self.slips.static:
+        e, z, w, d = self._next()
+        if max(map(abs, self.waiting)) > self.slips.static or z != 0 and not self.leak:
             return False
-        rate = (e - self.e) / self.T
-        first = self.d + self.share * (rate - self.d)
-        # With e as it is the next d decays to 0, and the torque goes one way.
-        torques = (self._to_step(-(self.kp * e + self.ki * self.w + self.kd * d)) for d in (first, 0.0))
+        last = z / self.leak if self.leak else w
+        torques = (self._to_step(-(self.kp * e + self.ki * a + self.kd * b)) for a in (w, last) for b in (d, 0.0))
         return max(map(abs, torques)) <= self.slips.static
+
+    def _next(self) -> tuple[float, float, float, float]:
+        """(e, z, w, d) of the next sample of a stick."""
+        e = self.error(self.x)
+        z = self.integrand(e)
+        w = self.kept * self.w + (self.T * (z + self.z) / 2 if self.half else self.T * z)
+        return e, z, w, self.d + self.share * ((e - self.e) / self.T - self.d)
 
     def _ahead(self, count: int) -> tuple[Array, Array, Array]:
         """(w, d, u) of the next samples of a stick, (count,) each."""
-        e = self.error(self.x)
-        z = self.integrand(e)
-        added = np.full(count, self.T * z)
-        if self.half:
-            added[0] = self.T * (z + self.z) / 2
-        w = np.cumsum(np.concatenate([[self.w], added]))[1:]
-        first = self.d + self.share * ((e - self.e) / self.T - self.d)
-        d = first * (1 - self.share) ** np.arange(count)  # 0^0 is 1
+        e, z, first, rate = self._next()
+        n = np.arange(count)
+        if self.leak:
+            w = z / self.leak + (first - z / self.leak) * self.kept**n
+        else:
+            w = np.cumsum(np.concatenate([[first], np.full(count - 1, self.T * z)]))
+        d = rate * (1 - self.share) ** n  # 0^0 is 1
         u = -(self.kp * e + self.ki * w + self.kd * d)
         return w, d, self.step * np.floor(u / self.step + 0.5) if self.step else u
 

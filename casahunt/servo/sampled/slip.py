@@ -17,6 +17,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ... import effort
 from ...compiled import Caller, caller, kept
 
 ORDER = 20
@@ -28,6 +29,8 @@ LEAST_SHARE, TAKEN_OFF = 0.2, 0.9
 UNSEEN_FROM = 8.0
 """y from which exp(-y^2) is so small that the series of a step down to y = 0 would not show it: there y is halved at
 most.  From here down 1e-28 is seen, as it grows by (2 y y')^20/20!."""
+LOOKED = 256
+"""Steps between two reports of the work."""
 NEWTON_MOST = 60
 """Steps of a root between two ends, by Newton's method where it stays between them, else halved."""
 
@@ -56,7 +59,7 @@ class Slips:
     """
 
     def __init__(self, J: float, Fs: float, Fc: float, vs: float, sigma2: float) -> None:
-        self.static, self._vs = Fs, vs
+        self.static, self._vs, self._steps = Fs, vs, 0
         self._a, self._b, self._c = 1 / (J * vs), (Fs - Fc) / (J * vs), sigma2 / J
         buffers = _series().buffers
         (self._given,), (self._found,), self._evaluate = buffers.inputs, buffers.outputs, buffers.trigger
@@ -83,6 +86,9 @@ class Slips:
         while True:
             given[:] = y, h * a, h * self._b, h * self._c
             self._evaluate()
+            self._steps += 1
+            if self._steps % LOOKED == 0:
+                effort.pieces(LOOKED)
             end, way, tail = found[:3].tolist()
             allowed = LAST_COEFFICIENTS * max(y, abs(end))
             if tail <= allowed:

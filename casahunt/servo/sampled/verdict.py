@@ -134,7 +134,7 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     times, x: (n,) of the samples [s], [rad]; end: what else is known.
     """
     if not math.isnan(end.rests_since):
-        text = "it is stuck with nothing to integrate, and its torque stays within static friction"
+        text = "it is stuck, and its torque stays within static friction"
         return SampledVerdict("at rest", f"since {end.rests_since:.6g} s {text}: {x[-1]:+.4g} rad beside the set point")
     if end.far:
         return SampledVerdict("growing", f"it was followed only until {x[-1]:+.3g} rad beside the set point")

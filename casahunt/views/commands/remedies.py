@@ -1,8 +1,10 @@
 """casahunt remedies: the smallest size of each remedy that ends hunting, and its price; with a page.
 
-Key `remedies` of the JSON object: the rows, as `Cure.to_dict` gives them.  The one beside the page says besides of each
-row whether it ends hunting (ends_hunting, keeps_it_ended; said: why not), and has advice (the sentence that names a
-remedy), limits, task_step, uncertain, servo {key: value}, command, made {date, casahunt (version), servo_file, set}.
+Key `remedies` of the JSON object: the rows, as `Cure.to_dict` gives them; as_built, where the servo file has a table
+[drive]: by remedy, what the size to choose does in it (kind, dead_band, sentence), or why it was not checked. The one
+beside the page says besides of each row whether it ends hunting (ends_hunting, keeps_it_ended; said: why not), and has
+advice (the sentence that names a remedy), limits, task_step, uncertain, servo {key: value}, command, made {date,
+casahunt (version), servo_file, set}.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out
 from .console import complain, folder, progress, say
 from .output import give
 from .output_paths import keep_others
-from .sampled import checked_line
+from .sampled import checked_lines
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -44,6 +46,8 @@ SETTLING_DIGITS = 2
 """Digits of a settling time: it depends on where between two points of the motion the band is left last."""
 PLAIN_NUMBERS = {"derivative": "kd", "integral": "ki"}
 """Remedies that are a number of the controller by gains."""
+DRIVE_PARTS = {"dead band": "dead_band", "leak": "leak"}
+"""Remedies that the sampled controller has."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
@@ -102,17 +106,19 @@ def run(options: argparse.Namespace) -> int:
 
     if options.out is None:
         found = computed()
+        built = {} if loop is not None else _as_built(options, found, servo, gain)
     else:
         with folder(options.out, FILES) as out:
             found = computed()
+            built = {} if loop is not None else _as_built(options, found, servo, gain)
             say(stream, "drawing")
             given = flatten(servo) if loop is None else loop.parameters
             record = _record(found, options, limits, given, uncertain=uncertainty is not None)
+            record |= {"as_built": plain(built)} if built else {}
             from ..pictures import remedies as pictures_remedies
 
             page = remedies_page(record, pictures_remedies.page_images(found))
             options.outputs.write(_write, out, page, record)
-    built = {} if loop is not None else _as_built(options, found, servo, gain)
     lines = (*remedy_lines(found, limits, of_a_set=uncertainty is not None), *built_lines(built))
     result = found.to_dict() | {"as_built": built} if built else found
     give(options, result, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
@@ -134,8 +140,9 @@ def _as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: flo
     pid = servo.controller.pid()
     for row in (row for row in found.remedies if row.ends_hunting):
         size = row.recommended
-        if row.name == "dead band":
-            checked[row.name] = as_built(servo, gain, replace(drive, dead_band=size))
+        if row.name in DRIVE_PARTS:
+            part: dict[str, Any] = {DRIVE_PARTS[row.name]: size}
+            checked[row.name] = as_built(servo, gain, replace(drive, **part))
         elif row.name == "gain":
             checked[row.name] = as_built(servo, size, drive)
         elif row.name in PLAIN_NUMBERS:
@@ -149,9 +156,9 @@ def _as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: flo
 def built_lines(checked: Mapping[str, AsBuilt | str]) -> Iterator[str]:
     """What the checks in the loop as built have found."""
     if checked:
-        yield "in the loop as built, with the size to choose"
+        yield "in the loop as built, with Switch friction and the size to choose"
     for name, seen in checked.items():
-        yield f"  {name:16s} {seen}" if isinstance(seen, str) else checked_line(seen, name)
+        yield from checked_lines(seen, name, "")
 
 
 def _write(out: Path, html: str, record: dict[str, Any]) -> None:

@@ -14,17 +14,21 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from ...checks import choice_of
 from ...errors import InputError
 from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
 from ...servo.hunting import MODELS
-from ...servo.sampled.cause import Cause, below_border, cause_of
-from ...servo.sampled.check import AsBuilt, as_built
-from ...servo.sampled.motion import SampledMotion, simulate_sampled
+from ...servo.sampled.border import below_border
 from ...servo.servo import Servo
 from .arguments import Parser, drive_of, gain_of, left_out
 from .output import give
+
+if TYPE_CHECKING:
+    from ...servo.sampled.cause import Cause
+    from ...servo.sampled.check import AsBuilt
+    from ...servo.sampled.motion import SampledMotion
 
 
 def add_drive(command: Parser) -> None:
@@ -38,6 +42,7 @@ def add_drive(command: Parser) -> None:
     group.add_argument("--filter-time", metavar="S", help="of the filtered derivative in s (default kd/kp/10)")
     group.add_argument("--integration", metavar="RULE", help=f"{' (default) or '.join(INTEGRATIONS)}")
     group.add_argument("--dead-band", metavar="RAD", help="error up to which nothing is integrated (default 0)")
+    group.add_argument("--leak", metavar="RATE", help="at which the integral is forgotten in 1/s (default 0)")
 
 
 def of_drive(
@@ -47,6 +52,9 @@ def of_drive(
 
     numbers: of the command line: set_point, position, velocity, integral.
     """
+    from ...servo.sampled.cause import cause_of  # not read for the continuous loop
+    from ...servo.sampled.motion import simulate_sampled
+
     if choice_of("model", options.model or MODELS[0], MODELS) != MODELS[0]:
         raise InputError(
             "model = lugre: must be left out as built, between samples only Switch friction is computed; "
@@ -104,6 +112,8 @@ def _drive(drive: Drive) -> Iterator[str]:
     yield f"integral by {drive.integration}"
     if drive.dead_band:
         yield f"dead band {drive.dead_band:g} rad"
+    if drive.leak:
+        yield f"leak {drive.leak:g} 1/s"
 
 
 def seen_by_encoder(options: argparse.Namespace, amplitude: float) -> tuple[list[str], dict[str, str | None]]:
@@ -122,14 +132,26 @@ def seen_by_encoder(options: argparse.Namespace, amplitude: float) -> tuple[list
 def checked(options: argparse.Namespace, servo: Servo, gain: float) -> AsBuilt | None:
     """An answer in the loop as built; None where the servo file describes none."""
     drive = drive_of(options)
-    return None if drive is None else as_built(servo, gain, drive)
+    if drive is None:
+        return None
+    from ...servo.sampled.check import as_built
+
+    return as_built(servo, gain, drive)
 
 
-def checked_line(found: AsBuilt, what: str = "as built") -> str:
-    """What the check has found, as a line."""
-    if not found.ends and not math.isnan(found.dead_band):
+def as_record(found: AsBuilt | None) -> dict[str, Any]:
+    """The check, for JSON: {} where there is none."""
+    return {} if found is None else {"as_built": found.to_dict()}
+
+
+def checked_lines(found: AsBuilt | str | None, what: str, heading: str = "in the loop as built") -> list[str]:
+    """What a check has found, as a line below a heading; what: its label."""
+    if found is None:
+        return []
+    text = found if isinstance(found, str) else found.sentence
+    if not isinstance(found, str) and not math.isnan(found.dead_band):
         count = found.worst.drive.count
         counts = f" ({found.dead_band / count:.3g} counts)" if count else ""
-        ending = f"; with a dead band of the integrator of {found.dead_band:.4g} rad{counts} every motion comes to rest"
-        return f"  {what:16s} {found.sentence}{ending}"
-    return f"  {what:16s} {found.sentence}"
+        text += f"; with a dead band of the integrator of {found.dead_band:.4g} rad{counts} every motion comes to rest"
+    lines = [f"  {what:16s} {text}"]
+    return [f"{heading}, with Switch friction", *lines] if heading else lines

@@ -21,6 +21,7 @@ before {gain, times (by which the gain grows), lead_time, integral_time or kp, k
 --out is given;
 servo {key: value}: as given; rounds, evaluations, status, wall_s;
 where no gain will do, with --remedy: refused (why), and the keys of remedies.py;
+as_built, where the servo file has a table [drive]: what the tuned servo does in it (kind, dead_band, sentence);
 tol; made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
 """
 
@@ -53,14 +54,11 @@ from .console import complain, folder, progress, say, telling
 from .output import give
 from .output_paths import keep_others
 from .remedies import remedy_lines
-from .sampled import checked, checked_line
+from .sampled import as_record, checked, checked_lines
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
 CSV_COLUMNS = ("quantity", "unit", "value", "error")
-
-NOT_PROVED = "not proved by this"
-"""The line above what a tuning does not prove."""
 
 
 def add(commands: Any) -> None:
@@ -119,23 +117,21 @@ def run(options: argparse.Namespace) -> int:
                              uncertainty=uncertainty, options=how)  # fmt: skip
             return _by_remedy(options, str(refusal), found, most)
         record = evidence_record(tuning, before_tasks(tuning, now) if now is not None else None, how)
-        record |= {"tol": how.tol, "made": made(options.servo, options.set)}
+        built = checked(options, tuning.servo, tuning.gain)
+        record |= {"tol": how.tol, "made": made(options.servo, options.set)} | as_record(built)
     else:
         with folder(options.out, FILES) as out:
             tuning = tuned()
             say(stream, "simulating the tasks with the gain used now, and drawing")
             before = before_tasks(tuning, now)
+            built = checked(options, tuning.servo, tuning.gain)
             record = evidence_record(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
+            record |= as_record(built)
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
             options.outputs.write(_write, out, evidence_page(record, images), record)
-    built = checked(options, tuning.servo, tuning.gain)
-    if built is not None:
-        record["as_built"] = built.to_dict()
-    lines = [*_lines(record, how.tol, None if options.outputs.troubles else options.out)]
-    proves_not = lines.index(NOT_PROVED)
-    lines[proves_not:proves_not] = [] if built is None else [checked_line(built)]
+    lines = _lines(record, how.tol, None if options.outputs.troubles else options.out, checked_lines(built, "motions"))
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, lines, table=table)
     for sentence in tuning.verification.unverified:
@@ -220,8 +216,11 @@ def _known_to(record: dict[str, Any], tol: float) -> float:
     return max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1)) if check["fold_gain"] else tol
 
 
-def _lines(record: dict[str, Any], tol: float, out: str | None) -> Iterator[str]:
-    """The answer as text; `tol` is the error of what is computed to the tolerance and has no estimate of its own."""
+def _lines(record: dict[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Iterator[str]:
+    """The answer as text, with the lines of the check as built.
+
+    tol: the error of what is computed to the tolerance and has no estimate of its own.
+    """
     check, error = record["verification"], _known_to(record, tol)
     yield from _answer(record, error, tol)
     yield f"checked apart from the optimisation: {check['result']}"
@@ -238,7 +237,8 @@ def _lines(record: dict[str, Any], tol: float, out: str | None) -> Iterator[str]
         yield f"  against it       {sentence}"
     for sentence in check["unverified"]:
         yield f"  not verified     {sentence}"
-    yield NOT_PROVED
+    yield from as_built
+    yield "not proved by this"
     for sentence in record["proves_not"]:
         yield f"  {sentence}"
     yield f"  {record['wall_s']:.2f} s"

@@ -22,8 +22,8 @@ from .kinds import LoopAnswers, ServoAnswers
 from .state import GAIN, SET_POINT, State
 
 STAGES = ("hunts", "linear", "border", "step", "diagram")
-MOST_WORK_OF_A_STAGE = 2e5
-"""Work (effort.py) of a stage: five seconds of a processor."""
+MOST_WORK_OF_A_STAGE, LONGEST_STAGE = 2e5, 10.0
+"""Work (effort.py) of a stage, five seconds of a processor for a servo; and its seconds, of which a loop needs more."""
 KEPT_SERVOS = 8
 """Borders and diagrams that are kept."""
 
@@ -45,12 +45,17 @@ class Answers:
             if dropped is not None and dropped():
                 raise effort.Dropped
             try:
-                with effort.counting_work(None, limit=MOST_WORK_OF_A_STAGE, dropped=dropped):
+                limited = effort.counting_work(None, limit=MOST_WORK_OF_A_STAGE, dropped=dropped)
+                with limited, effort.until(LONGEST_STAGE):
                     found = getattr(kind, stage)()
             except (NoOrbit, InputError, effort.GivenUp) as why:
                 found = {"why": str(why)}
+            except effort.OutOfTime:
+                found = {"why": f"given up after {LONGEST_STAGE:g} s; the command line goes on longer"}
             except ArithmeticError as why:  # an extreme servo, beyond what was thought of
                 found = {"why": f"could not be computed: {why}"}
+            if stage == "hunts" and "sentence" not in found:
+                found |= {"verdict": "unknown", "sentence": "Whether it hunts is not known."}
             yield stage, found
 
     def _memory(self, state: State) -> dict[str, Any]:

@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from contextlib import suppress
 from typing import Any
 
@@ -15,13 +16,13 @@ import numpy as np
 
 from ...checks import to_error
 from ...continuation import Fold, follow
-from ...design.diagram import collect, diagram
+from ...continuation.walk import walk
 from ...design.remedies.border import BORDERS, Scales, border
 from ...errors import ComesToRest, NoOrbit
-from ...orbits import Options, Orbit
+from ...orbits import Options, Orbit, with_multipliers
 from ...servo.cycles import motor_torque
 from ...servo.delayed_loop import Margins, margins
-from ...servo.find_fold import find_fold
+from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
 from ...servo.parts import Loop, fold_in, loop_cycle, loop_motion
 from ...servo.parts.linear import linear_margins
@@ -140,11 +141,11 @@ class ServoAnswers:
         assert servo is not None
         start = self._start()
         if self.memory.get("diagram", {}).get("start") != start:
-            points = diagram(servo, model, start=start, options=Options(tol=DIAGRAM_TOLERANCE), monitors=(),
-                             largest_step=DIAGRAM_STEP)  # fmt: skip
-            branch = collect(servo, model, points)
+            how = Options(tol=DIAGRAM_TOLERANCE)
+            first = find_orbit(servo, model, start, options=how)
+            steps = walk(first, low=start, high=start * HIGHEST, options=how, largest_step=DIAGRAM_STEP)
             fold = self.memory["fold"].orbit if "fold" in self.memory else None
-            self.memory["diagram"] = {"start": start, **branches_shown(branch.orbits, fold), "ended": branch.ended}
+            self.memory["diagram"] = {"start": start, **branches_shown([first, *steps], fold)}
         return {**self.memory["diagram"], "present": gain}
 
     def _start(self) -> float:
@@ -274,7 +275,7 @@ class LoopAnswers(ServoAnswers):
             below = follow(first, "gain", to=low, **how)
             above = follow(first, "gain", to=gain * FAR_ABOVE, back=low, **how)
             orbits = [*reversed(below.orbits[1:]), *above.orbits]
-            self.memory["diagram"] = {**branches_shown(orbits), "ended": above.ended}
+            self.memory["diagram"] = branches_shown(orbits)
         return {**self.memory["diagram"], "present": self.problem.gain}
 
 
@@ -293,6 +294,8 @@ def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
     """
     gains = np.array([orbit.problem.value("gain") for orbit in orbits])
     amplitudes = np.array([orbit.amplitude for orbit in orbits])
+    for _ in with_multipliers(_in_turn(orbits)):  # side by side they take half as long
+        pass
     stable = np.array([bool(orbit.stable) for orbit in orbits])
     if fold is not None:
         turn = int(np.argmax(gains))
@@ -305,6 +308,11 @@ def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
         near = on | (np.roll(on, 1) & (np.arange(on.size) > 0)) if name == "stable" else on
         curves[name] = curve(gain=np.where(near, gains, np.nan), amplitude=np.where(near, amplitudes, np.nan))
     return curves
+
+
+def _in_turn(orbits: Any) -> Generator[Any, None, str]:
+    yield from orbits
+    return ""
 
 
 def friction_curve(numbers: Any) -> dict[str, Any]:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.lines import Line2D
 
 from ...design.identify.identify import Identification
-from .plotting import LOOKS, NAMES, Array, align, legend, panels
+from .plotting import LOOKS, NAMES, Array, Line2D, align, legend, panels
+from .simulation import MOST_DOTS
 
 DOTS = ("0.55", "#7a1f3d", "#5fae8c", "#b0509b", "#555555")
 """Colours of the records, in turn."""
-MOST_DOTS = 6000
-"""Of a record: more cannot be told apart."""
 
 
 def fitted_records(found: Identification, *, axes: Any = None) -> Array:

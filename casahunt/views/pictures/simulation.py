@@ -14,13 +14,13 @@ from ...design.record.file import Record
 from ...design.record.measure import Measurement
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
-from ...servo.sampled.motion import SampledMotion
 from ...servo.simulation.trajectory import Trajectory
 from .orbits import rolled
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, align, legend, panels
 
 if TYPE_CHECKING:
     from ...servo.parts import LoopMotion
+    from ...servo.sampled.motion import SampledMotion
 
 PER_INTERVAL = 8
 """Points of a drawn line in each interval of a motion, which its polynomial bends once or twice."""

@@ -9,7 +9,7 @@ import pytest
 from built_case import SERVO
 
 from casahunt import Drive, as_built, simulate_sampled
-from casahunt.servo.sampled.cause import ENCODER_BORDER, below_border
+from casahunt.servo.sampled.border import ENCODER_BORDER, below_border
 
 DRIVE = Drive(sample_time=1e-3, encoder=2000)
 
@@ -27,7 +27,9 @@ def test_the_gain_that_ends_hunting_leaves_that_of_the_encoder():
 
 def test_without_an_encoder_swings_die_out_above_the_fold():
     assert as_built(SERVO, 4.458, DRIVE.exact()).kind == "decaying"
-    assert as_built(SERVO, 1.0, DRIVE.exact()).kind == "hunting"
+    below = as_built(SERVO, 1.0, DRIVE.exact())
+    assert below.kind == "hunting" and "quantisation" not in below.sentence
+    assert as_built(SERVO, 1.0, replace(DRIVE.exact(), dead_band=below.dead_band)).ends
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from built_case import SERVO
 
-from casahunt import Drive, InputError, find_orbit, simulate_sampled
+from casahunt import Drive, InputError, effort, find_orbit, simulate_sampled
 from casahunt.servo.sampled.loop import SampledLoop
 from scripts import sampled
 
@@ -35,7 +35,7 @@ def test_the_cases_have_all_that_a_drive_can():
     assert {d.derivative for d in drives} == {"difference", "filtered"}
     assert {d.integration for d in drives} == {"rectangle", "trapezoid"}
     assert {bool(d.encoder) for d in drives} == {bool(d.quantise_torque) for d in drives} == {True, False}
-    assert {bool(d.dead_band) for d in drives} == {True, False}
+    assert {bool(d.dead_band) for d in drives} == {bool(d.leak) for d in drives} == {True, False}
     late = {(int(d.delay // d.sample_time) > 0, d.delay % d.sample_time > 0) for d in drives}
     assert late == {(False, False), (False, True), (True, False), (True, True)}
 
@@ -44,6 +44,7 @@ DRIVES = (
     Drive(sample_time=1e-3, encoder=2000),
     Drive(sample_time=1e-3, encoder=2000, delay=2.4e-3, integration="trapezoid", derivative="filtered"),
     Drive(sample_time=1e-3, delay=1e-3, quantise_torque=0.01, derivative="filtered", filter_time=0.02),
+    Drive(sample_time=1e-3, encoder=2000, leak=0.5, integration="trapezoid"),
 )
 
 
@@ -61,16 +62,28 @@ def test_a_stick_taken_at_once_is_the_stick_sample_by_sample(drive):
     assert at_once.torque == pytest.approx(one_by_one.torque, rel=1e-9, abs=1e-9)
 
 
-def test_what_rests_for_ever_rests_sample_by_sample():
-    """The proof of rest is not a claim: nothing moves in ten times as many samples."""
-    drive = Drive(sample_time=1e-3, encoder=2000, dead_band=0.02, derivative="filtered", delay=1.5e-3)
+@pytest.mark.parametrize("drive", [
+    Drive(sample_time=1e-3, encoder=2000, dead_band=0.02, derivative="filtered", delay=1.5e-3),
+    Drive(sample_time=1e-3, encoder=2000, leak=1.1),
+])  # fmt: skip
+def test_what_rests_for_ever_rests_sample_by_sample(drive):
+    """The proof of rest is not a claim: nothing moves in many more samples."""
     motion = simulate_sampled(SERVO, 1.0, drive, time=10.0)
     assert motion.verdict.kind == "at rest" and 0 < motion.rests_since < 9
     slow = SampledLoop(SERVO, 1.0, drive, 1.0, (-1.0, 0.0, 0.0))
     slow._stuck, slow.rests = (lambda k, samples: k), (lambda: False)
-    states = slow.run(100000, math.inf).states
+    states = slow.run(50000, math.inf).states
     k = round(motion.rests_since / 1e-3)
     assert np.ptp(states[0, k:]) == 0 and not states[1, k:].any()
+
+
+def test_a_leak_that_does_not_hold_it_is_no_rest():
+    """Stuck, its torque within static friction, on the way to one beyond."""
+    drive = Drive(sample_time=1e-3, leak=0.5)
+    held, lost = (SampledLoop(SERVO, 1.0, drive, 0.0, (x, 0.0, 0.0)) for x in (0.005, 0.006))
+    kp, _, ki = SERVO.torque_gains(1.0)
+    assert 0.005 * (kp + ki / 0.5) < 0.4 < 0.006 * (kp + ki / 0.5)
+    assert held.rests() and not lost.rests()
 
 
 def test_it_is_not_at_rest_where_a_torque_on_its_way_breaks_it_away():
@@ -135,6 +148,7 @@ def test_the_continuous_cycle_is_its_limit():
     ({"integration": "tustin"}, "unknown drive.integration 'tustin'"),
     ({"filter_time": 0.01}, "drive.filter_time: must be left out"),
     ({"dead_band": -1.0}, "drive.dead_band = -1: must be at least 0"),
+    ({"leak": 1000.0}, "drive.leak = 1000: must be less than 1/sample_time"),
 ])  # fmt: skip
 def test_a_drive_that_is_none_is_refused(change, words):
     with pytest.raises(InputError) as refusal:
@@ -145,3 +159,10 @@ def test_a_drive_that_is_none_is_refused(change, words):
 def test_too_many_samples_are_refused():
     with pytest.raises(InputError, match="between 1 and 5000000 samples"):
         simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-6), time=100.0)
+
+
+def test_a_motion_without_end_is_given_up():
+    """The steps of slips are counted, so that the command line ends: friction that is stiff beyond measure."""
+    stiff = SERVO.replace(**{"friction.viscous": 1e4})
+    with effort.counting_work(None, limit=1e4), pytest.raises(effort.GivenUp, match="to sample [1-9]. of 100"):
+        simulate_sampled(stiff, 1.0, Drive(sample_time=1.0), set_point=1e4, time=100.0)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from casahunt import InputError, Servo, effort, find_fold, find_orbit, margins, remedies
+from casahunt import InputError, NoOrbit, Servo, Status, effort, find_fold, find_orbit, margins, remedies
 from casahunt.cli import main
 from casahunt.servo.parts import load_loop, loop_cycle
 from casahunt.views.explore import answers as stages
@@ -238,6 +238,17 @@ def test_where_it_does_not_hunt_the_evidence_is_said(shown):
     assert told["border"]["ratio"]["value"] < 1
 
 
+def test_not_found_is_not_there_is_none(monkeypatch, shown):
+    """Of a servo too: without evidence it is not said that it does not hunt."""
+
+    def nothing(*_):
+        raise NoOrbit("nobody knows", Status.NOT_FOUND)
+
+    monkeypatch.setattr("casahunt.views.explore.kinds.find_orbit", nothing)
+    told = shown(TABLE1, "hunts")["hunts"]
+    assert told == {"verdict": "unknown", "sentence": "Whether it hunts is not known.", "why": "nobody knows"}
+
+
 def test_what_is_not_found_is_a_sentence_in_its_place(shown):
     """No hunting was found is not: there is none."""
     told = shown(turned(TABLE1.choose("remedy", "leak"), leak=0.5), "hunts", "diagram")
@@ -262,7 +273,7 @@ def test_a_move_of_the_gain_computes_no_fold_and_no_diagram_again(monkeypatch):
     asked = Answers()
     first = dict(asked.of(TABLE1))
     monkeypatch.setattr("casahunt.views.explore.kinds.find_fold", None)
-    monkeypatch.setattr("casahunt.views.explore.kinds.diagram", None)
+    monkeypatch.setattr("casahunt.views.explore.kinds.walk", None)
     second = dict(asked.of(turned(TABLE1, gain=0.2)))
     assert second["border"]["gain"] == first["border"]["gain"]
     assert second["diagram"]["stable"] == first["diagram"]["stable"] and second["diagram"]["present"] == 0.2
@@ -285,6 +296,13 @@ def test_a_stage_that_goes_on_for_ever_is_given_up(monkeypatch):
     monkeypatch.setattr(stages, "MOST_WORK_OF_A_STAGE", 50)
     told = dict(Answers().of(TABLE1))
     assert "given up" in told["step"]["why"] and told["linear"]["phase_margin"]["value"] > 0
+
+
+def test_a_stage_that_takes_too_long_is_given_up(monkeypatch, shown):
+    monkeypatch.setattr(stages, "LONGEST_STAGE", 0.0)
+    told = shown(TABLE1, "hunts", "linear", "step")
+    assert "given up after 0 s" in told["step"]["why"] and told["linear"]["phase_margin"]["value"] > 0
+    assert told["hunts"]["sentence"] == "Whether it hunts is not known." and told["hunts"]["verdict"] == "unknown"
 
 
 def test_kept_servos_are_few(monkeypatch):

@@ -6,6 +6,7 @@ import os
 import queue
 import signal
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -64,6 +65,19 @@ def test_dropped_in_the_middle(worker, heard):
     heard.get(timeout=LONG)
     worker.ask(101, "gain=0.3")
     assert until_done(heard, 101)["hunts"]["verdict"] == "hunts"
+
+
+def test_no_stage_is_computed_for_nobody(monkeypatch):
+    """The worker's own side: behind its first answer there is a newer question."""
+    newest, said, questions = SimpleNamespace(value=1), [], [(1, "gain=0.2"), (2, "gain=0.3"), None]
+
+    def send(answer):
+        said.append(answer[:2])
+        newest.value = 2
+
+    monkeypatch.setattr(module.interrupts, "serve", lambda: None)
+    module.serve(SimpleNamespace(recv=lambda: questions.pop(0), send=send), newest)
+    assert said == [(1, "hunts"), *((2, stage) for stage in (*STAGES, DONE))]
 
 
 def test_what_rests_says_nothing(worker, heard):

@@ -1,0 +1,213 @@
+"""Friction from records that an integrator of another kind has made (scripts/peers/hunting_record.py)."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from casahunt import InputError, Record, Servo, cli, find_orbit, identify, load, load_uncertainty, pictures
+from casahunt.design.identify.identify import FREE, data_of
+from casahunt.design.identify.suitable import suitable
+from scripts.peers.hunting_record import measured, positions
+
+GAIN, PERIOD = 0.1, 11.36
+TRUE = {"friction.static": 0.53, "friction.coulomb": 0.44, "friction.viscous": 0.1, "friction.stribeck_velocity": 0.02}
+"""Table 1 of the report."""
+WRONG = Servo().replace(
+    **{"friction.static": 1.06, "friction.coulomb": 0.22, "friction.viscous": 0.05, "friction.stribeck_velocity": 0.04}
+)
+"""Each value by a factor of two."""
+
+
+def made(counts: float = 0.0, noise: float = 0.01, *, each: int = 500, whole: float = 6, model="switch") -> Record:
+    """A record of the servo of Table 1 at GAIN; noise relative to the amplitude, 0.0177 rad."""
+    rng = np.random.default_rng(3)
+    times = np.arange(0.0, (whole + 1) * PERIOD, PERIOD / each)
+    x = positions(Servo(), model, GAIN, 0.0177, times)
+    later = times > PERIOD
+    return Record(times[later], measured(x[later], noise * 0.0177, counts, 0.4, rng), "bench")
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify([made()], WRONG, GAIN)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("records") / "bench.csv"
+    record = made(each=250)
+    np.savetxt(path, np.column_stack([record.times, record.position]), delimiter=",", header="time_s,position_rad")
+    return path
+
+
+def test_true_values_lie_in_the_intervals(found):
+    for name, value in TRUE.items():
+        low, high = found.intervals[name]
+        assert low < value < high, name
+    assert found.intervals["friction.static"][1] < 1.03 * found.intervals["friction.static"][0]
+    assert found.judgement.explained and 0.4 < found.judgement.misfit < 1.7
+    assert found.noises[0].sigma == pytest.approx(0.01 * 0.0177, rel=0.05) and found.noises[0].quantum == 0
+    assert found.bounded and found.values.keys() == set(FREE)
+
+
+def test_other_wrong_values_lead_to_the_same_optimum(found):
+    other = {"friction.static": 0.3, "friction.coulomb": 0.25, "friction.viscous": 0.2,
+             "friction.stribeck_velocity": 0.01}  # fmt: skip
+    again = identify([made()], Servo().replace(**other), GAIN, advise=False)
+    for name, value in found.values.items():
+        low, high = found.intervals[name]
+        assert abs(math.log(again.values[name] / value)) < 0.1 * math.log(high / low)
+
+
+def test_counts_are_told_from_noise():
+    """4000 counts a revolution, 11 of the amplitude: as an error of its own the rounding would be q/sqrt(12)."""
+    record = made(4000, each=300)
+    found = identify([record], WRONG, GAIN, advise=False)
+    assert all(found.intervals[name][0] < value < found.intervals[name][1] for name, value in TRUE.items())
+    assert found.noises[0].quantum == pytest.approx(2 * math.pi / 4000, rel=1e-6)
+    assert found.noises[0].sigma == pytest.approx(0.01 * 0.0177, rel=0.3)
+    assert found.noises[0].sigma < found.noises[0].quantum / math.sqrt(12)
+
+
+def test_one_parameter_has_the_interval_of_least_squares():
+    """Sensitivity by differences of cycles, all other parameters known: 1.96 sigma/|dx/dFs|, phase and offset free."""
+    record = made()
+    found = identify([record], Servo(), GAIN, free=["friction.static"], advise=False)
+    low, high = found.intervals["friction.static"]
+    data = data_of(record, suitable(record), GAIN)
+    h, curves = 1e-5, []
+    for value in (found.values["friction.static"] + h, found.values["friction.static"] - h):
+        orbit = find_orbit(Servo().replace(**{"friction.static": value}), "switch", GAIN)
+        t, states = orbit.sample(60)
+        curves.append(np.interp((data.times - found.phases[0]) % orbit.period, t, states[0]))
+        if value < found.values["friction.static"]:
+            step = 1e-3
+            moved = np.interp((data.times - found.phases[0] + step) % orbit.period, t, states[0])
+            phase = (moved - curves[1]) / step
+    J = np.column_stack([(curves[0] - curves[1]) / (2 * h), phase, np.ones(phase.size)])
+    sigma = found.noises[0].sigma * math.sqrt(np.linalg.inv(J.T @ J)[0, 0])
+    assert high - low == pytest.approx(2 * 1.96 * sigma, rel=0.1)
+    assert low < TRUE["friction.static"] < high
+
+
+def test_a_filtered_record_is_not_explained():
+    """A low pass of 60 ms in the position, which the model knows nothing of."""
+    record = made(noise=0.003)
+    y, step = record.position.copy(), record.times[1] - record.times[0]
+    for i in range(1, y.size):
+        y[i] = y[i - 1] + (record.position[i] - y[i - 1]) * (1 - math.exp(-step / 0.06))
+    found = identify([Record(record.times, y)], Servo(), GAIN, free=["friction.static", "friction.coulomb"],
+                     advise=False)  # fmt: skip
+    assert not found.judgement.explained and found.judgement.misfit > 5 and found.judgement.factor > 5
+
+
+def test_what_a_record_cannot_tell_is_said():
+    """Inertia, motor gain and all torques scale together: a common factor moves nothing."""
+    names = ("servo.inertia", "servo.motor_gain", "friction.static", "friction.coulomb", "friction.viscous")
+    found = identify([made(each=250)], Servo(), GAIN, free=names, advise=False)
+    powers = min(found.untold, key=lambda each: max(each.values()) - min(each.values()))
+    assert set(powers) == set(names) and all(power == pytest.approx(1.0, abs=0.05) for power in powers.values())
+    assert not found.bounded
+
+
+def test_lugre_friction():
+    record = made(each=300, whole=4, model="lugre")
+    found = identify([record], WRONG, GAIN, "lugre", free=["friction.static", "friction.coulomb"], advise=False)
+    assert found.model == "lugre" and found.judgement.misfit < 2.5
+
+
+def test_several_records_at_several_gains():
+    """Their common interval is narrower than that of either."""
+    times = np.arange(0.0, 90.0, 0.03)
+    x = positions(Servo(), "switch", 0.3, 0.0055, times)
+    other = Record(times[400:], measured(x[400:], 5.5e-5, 0, -0.2, np.random.default_rng(5)))
+    names = ["friction.static", "friction.coulomb"]
+    both = identify([made(), other], Servo(), [GAIN, 0.3], free=names, advise=False)
+    one = identify([made()], Servo(), GAIN, free=names, advise=False)
+    for name in names:
+        assert both.intervals[name][0] < TRUE[name] < both.intervals[name][1]
+        assert np.ptp(both.intervals[name]) < np.ptp(one.intervals[name])
+
+
+def test_the_further_record_has_a_gain_that_hunts(found):
+    gain, information = found.further
+    assert 0.04 < gain < 0.65 and information > 1
+    assert find_orbit(found.servo, "switch", gain).period > 0
+
+
+def test_its_picture_has_the_residual(found):
+    above, below = pictures.fitted_records(found, axes=Figure().subplots(2))
+    rest = below.get_lines()[0].get_ydata()
+    assert np.std(rest) == pytest.approx(found.noises[0].sigma, rel=0.1)
+
+
+# Refused --------------------------------------------------------------------------------------------------------
+
+T = np.arange(0.0, 80.0, 0.05)
+SINE = 0.02 * np.sin(2 * np.pi * T / 10)
+NOISE = 1e-4 * np.random.default_rng(0).standard_normal(T.size)
+BAD = {
+    "no whole period": (T[:480], SINE[:480] + NOISE[:480], "whole periods"),
+    "drifting": (T, SINE + NOISE + 5e-4 * T, "drifts"),
+    "at rest": (T, 0.3 + NOISE, "rest|no limit cycle"),
+    "clipped": (T, np.clip(SINE + NOISE, -0.015, 1), "clipped"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_record_that_cannot_be_fitted_is_refused(capsys, tmp_path, kind):
+    t, y, says = BAD[kind]
+    np.savetxt(tmp_path / "bad.csv", np.column_stack([t, y]), delimiter=",")
+    words = ["identify", str(tmp_path / "bad.csv"), "--gain", "0.1", "--out", str(tmp_path / "new"), "--quiet"]
+    assert cli.main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and any(word in err for word in says.split("|"))
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_gain_that_does_not_fit_is_refused(capsys, file, tmp_path):
+    assert cli.main(["identify", str(file), "--gain", "0.0005", "--out", str(tmp_path / "new"), "--quiet"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and "gain = 0.0005: does not fit" in err
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--free", "friction.stiffness"], "the switch model has no such parameter"),
+        (["--free", "friction.sticky"], "friction.sticky"),
+        (["--free", "friction.static,friction.static"], "each once"),
+        (["--gain", "0.2"], "gains: must be one, or one for each of the 1 records"),
+        (["--skip", "x"], "skip = 'x'"),
+    ],
+)
+def test_a_wrong_command_line_is_refused(capsys, file, words, says):
+    assert cli.main(["identify", str(file), "--gain", "0.1", *words, "--quiet"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and says in err
+
+
+def test_the_command_writes_what_others_take(capsys, file, tmp_path):
+    words = ["identify", str(file), "--gain", "0.1", "--free", "friction.static,friction.coulomb", "--json", "--quiet"]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert set(said["parameters"]) == {"friction.static", "friction.coulomb"} and said["explained"]
+    for name, found in said["parameters"].items():
+        assert found["low"] < TRUE[name] < found["high"] and found["low"] < found["value"] < found["high"]
+    assert 0.3 < said["misfit"] < 2
+    servo = load(tmp_path / "out" / "servo.toml")
+    assert servo.friction.static == said["parameters"]["friction.static"]["value"]
+    low, high = load_uncertainty(tmp_path / "out" / "friction.toml", servo).box(servo)
+    assert low[0] == said["parameters"]["friction.static"]["low"]
+    assert cli.main([*words[:-2], "--out", str(tmp_path / "out"), "--quiet"]) == 0  # over its own files
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80 and any("friction.static" in line for line in lines)
+    with pytest.raises(InputError, match="friction"):
+        identify([made(each=250)], Servo(), GAIN, free=["friction"])
