@@ -187,10 +187,11 @@ def _resolved(turn: Array, triangular: Array, wanted: float) -> tuple[Array, boo
         left = np.abs(np.linalg.inv(right))
     except np.linalg.LinAlgError:
         return values, False
-    moved = (((left @ np.abs(turn)) @ np.abs(triangular)) * np.abs(right).T).sum(axis=1)
-    # One that rounding has made small may be one that is wanted: what moves it says so, not its size.
-    lost = EPS * moved > ONE_ROUND * np.maximum(sizes, wanted)
-    return values, not lost.any()
+    with np.errstate(over="ignore", invalid="ignore"):  # of eigenvectors that are all but one: no number, and not known
+        moved = (((left @ np.abs(turn)) @ np.abs(triangular)) * np.abs(right).T).sum(axis=1)
+        # One that rounding has made small may be one that is wanted: what moves it says so, not its size.
+        known = EPS * moved <= ONE_ROUND * np.maximum(sizes, wanted)
+    return values, bool(known.all())
 
 
 def _of_blocks(turn: Array, triangular: Array) -> Array:

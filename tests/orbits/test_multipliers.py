@@ -380,3 +380,9 @@ def test_whether_two_meshes_show_the_same_multiplier(at):
     for off, settled in ((0.3, True), (3.0, False)):
         assert multiplier_mesh._settled(found, np.array([at / 9, at + off * near])) == settled
     assert multiplier_mesh._settled(found, np.zeros(0))  # there is none that could differ
+
+
+def test_eigenvectors_that_are_all_but_one_resolve_nothing(monkeypatch):
+    """Whether they can be told apart, or overflow, is rounding."""
+    monkeypatch.setattr(graded.np.linalg, "inv", lambda matrix: np.full(matrix.shape, np.inf))
+    assert not _resolved(np.eye(2), np.diag([2.0, 1.0]), 1.0)[1]
