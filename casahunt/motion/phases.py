@@ -208,6 +208,17 @@ def _is_noise(segment: Segment, x: Array, scale: Array) -> bool:
     return not np.any(np.abs(_nodes(segment) - x) > STANDS * scale)
 
 
+def before_rest(segments: list[Segment], scale: Array) -> list[Segment]:
+    """The phases before the motion stays where it ends, but for rounding: all of them where it never does.
+
+    scale: (n,) sizes of the states.
+    """
+    since = len(segments)
+    while since and _is_noise(segments[since - 1], segments[-1].end, scale):
+        since -= 1
+    return segments[:since]
+
+
 def _at_rest(noise: list[Segment], left: float) -> Segment:
     """The motion at rest, for ever or as long as is asked for, in the place of phases that are rounding.
 

@@ -29,7 +29,7 @@ from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
 from ..results import Result
 from .closed_forms import check_closed_forms
-from .phases import MARCHED_AT_MOST, MarchFailure, Segment, march
+from .phases import MARCHED_AT_MOST, MarchFailure, Segment, before_rest, march
 from .segment import NoEnd
 
 Array = np.ndarray
@@ -308,11 +308,17 @@ def look(
 def _difference(coarse: list[Segment], fine: list[Segment], scale: Array) -> float:
     """What two runs of one motion differ by: times of events relative to the duration, states relative to their sizes.
 
-    Infinite where the sequences of the phases are not the same.
+    Infinite where the sequences of the phases are not the same; those of a rest, which are rounding, may differ.
     """
-    if [(s.mode, s.event) for s in coarse] != [(s.mode, s.event) for s in fine]:
-        return float("inf")
-    whole = sum(s.duration for s in fine)
+    whole, states = sum(s.duration for s in fine), [(coarse[-1].end - fine[-1].end) / scale]
+    if _names_of(coarse) != _names_of(fine):
+        coarse, fine = before_rest(coarse, scale), before_rest(fine, scale)
+        if _names_of(coarse) != _names_of(fine):
+            return float("inf")
     times = np.cumsum([a.duration - b.duration for a, b in zip(coarse, fine, strict=True)]) / whole
-    states = [(a.end - b.end) / scale for a, b in zip(coarse, fine, strict=True)]
-    return float(max(np.max(np.abs(times)), np.max(np.abs(states))))
+    states += [(a.end - b.end) / scale for a, b in zip(coarse, fine, strict=True)]
+    return float(max(np.max(np.abs(times), initial=0.0), np.max(np.abs(states))))
+
+
+def _names_of(segments: list[Segment]) -> list[tuple[str, str]]:
+    return [(s.mode, s.event) for s in segments]

@@ -8,6 +8,8 @@ import pytest
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.motion import simulate
+from casahunt.motion.segment import Segment
+from casahunt.motion.simulation import _difference
 from casahunt.orbits import find_cycle
 from problems import canudas_gain
 
@@ -30,6 +32,20 @@ def test_it_rests_where_the_forces_do():
     assert HIGH_GAIN["K"] * p["ki"] * end["w"] == pytest.approx(-p["sigma0"] * end["z"], rel=1e-9)
     times, states = motion.sample()
     assert times[-1] == pytest.approx(5e4) and np.ptp(states[:, times > 2.5e4], axis=1).max() < 1e-13
+
+
+@pytest.mark.parametrize(("rests", "same"), [(1e-16, True), (1e-9, False)])
+def test_two_runs_of_a_motion_may_rest_in_other_phases(rests, same):
+    """One of them turns back in its rounding, the other does not: the last reversal before is that of both."""
+
+    def run(last, *at):
+        times = (4.0, last, *np.full(len(at), 10.0))
+        ends = np.array([[1.0], [0.3], [0.0], *([x] for x in at)])
+        names = zip(("up", "down") * 3, times, ends[:-1], ends[1:], strict=False)
+        return [Segment(mode, "turns", T, np.array([0.0, 1.0]), np.array([a, b]), b) for mode, T, a, b in names]
+
+    found = _difference(run(5.0, rests, -rests, rests), run(25.0, rests), np.ones(1))
+    assert found == (pytest.approx(20 / 39) if same else np.inf)
 
 
 def _two_modes(damping: float, stiff: bool) -> System:

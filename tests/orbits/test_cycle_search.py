@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from oscillator import START, VAN_DER_POL, assert_period, van_der_pol
 
-from casahunt.collocation.admissibility import check_admissible
+from casahunt.collocation.admissibility import check_admissible, stands_still
 from casahunt.errors import InputError, NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.motion import simulate
@@ -30,6 +30,14 @@ def test_van_der_pol(tol):
     divergence = 1 - x[0] ** 2
     integral = float(np.sum(np.diff(t) * (divergence[1:] + divergence[:-1]) / 2))
     assert math.log(abs(np.prod(orbit.multipliers.full))) == pytest.approx(integral, rel=1e-3)
+
+
+def test_what_stands_still_is_no_cycle():
+    """An equilibrium solves the equations of any cycle, whatever its durations; but for rounding."""
+    t, u, _ = unknowns_of(find_cycle(van_der_pol(), **START))
+    states = u.size - t.durations_of(u).size
+    for size, still in ((1.0, False), (1e-3, False), (1e-15, True)):
+        assert stands_still(t, np.append(0.3 + size * u[:states], u[states:])) == still
 
 
 @pytest.mark.parametrize("stiff", [False, True])

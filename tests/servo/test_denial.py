@@ -241,3 +241,11 @@ def test_pure_coulomb_friction_below_is_not_found(branch, monkeypatch):
     with pytest.raises(NoOrbit, match="was found at gain .*, which does not prove that there is none") as refused:
         find_orbit(COULOMB, "switch", 0.3 * routh_hurwitz_gain(COULOMB), branch=branch)
     assert refused.value.status is Status.NOT_FOUND
+
+
+@pytest.mark.parametrize(
+    ("failed", "motions", "conclusive"), [(0, 20, True), (1, 200, True), (100, 100, False), (3, 0, False)]
+)
+def test_a_scan_shows_nothing_where_too_many_motions_failed(failed, motions, conclusive):
+    seen = Scan(1e-3, 1.0, 0.5, 0.1, None, tuple(np.geomspace(1e-3, 1.0, failed)), motions)
+    assert seen.conclusive == conclusive

@@ -15,9 +15,10 @@ from casahunt.collocation.newton import newton
 from casahunt.continuation.fold import confirmed, next_fold
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
+from casahunt.servo.basin import stick_position
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.secant_search import near_stable
-from casahunt.servo.find_fold import find_any_orbit
+from casahunt.servo.find_fold import _has_fixed_point, find_any_orbit
 from casahunt.servo.hunting import Model
 from casahunt.servo.linear_loop import routh_hurwitz_gain
 from casahunt.servo.problem import HuntingFold
@@ -347,3 +348,11 @@ def test_grazing_is_located():
         vanishes = np.linalg.solve((T[:, None] / T[0]) ** [0, 2, 3, 4], gains)[0]
         assert orbit.gain == pytest.approx(vanishes, rel=2e-5)
         assert len(orbit.arcs) == len(above.arcs)
+
+
+def test_what_the_event_map_shows_next_to_a_place():
+    """At gain 0.1 the map of Table 1 has a fixed point where the stable cycle sticks; above the fold, none there."""
+    a = stick_position(find_orbit(Servo(), "switch", 0.1))
+    assert _has_fixed_point(Servo(), 0.1, a)
+    assert not _has_fixed_point(Servo(), 0.1, 12 * a)
+    assert not _has_fixed_point(Servo(), 0.7, a)
