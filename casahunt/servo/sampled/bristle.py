@@ -9,7 +9,8 @@ With u = s v >= 0, c = s z, M = s m, r = z' s, and the time tau = t/h in a step 
     g = Fs - (Fs - Fc) w,   w = 1 - exp(-(u/vs)^2)
 
 The coefficients in tau follow from each other.  A step is as long as the last ones are below rounding, which bounds it
-where the bristle is stiff, too; it ends where u = 0, behind which s is the sign of m - sigma0 z.
+where the bristle is stiff, too, to a part of its swing; so u is zero once in a step at most.  There it ends, and
+behind it s is the sign of m - sigma0 z.
 """
 
 from __future__ import annotations
@@ -26,8 +27,6 @@ from .slip import LAST_COEFFICIENTS, LEAST_SHARE, LOOKED, ORDER, TAKEN_OFF, UNSE
 
 SMALLEST_TAIL = 1e-300
 """Next to nothing, for a step as long as may be."""
-SIGNS_AT = (0.25, 0.5, 0.75, 1.0)
-"""Where in a step the sign of the velocity is looked at."""
 
 
 @kept(None)
@@ -87,7 +86,7 @@ class Bristles:
             now = lasts if taken == lasts - now else now + taken
             x, v, self.z = x + s * way, s * u, s * c
             if stopped:
-                v = 0.0
+                pass
                 stops.append(now)
         return x, v, stops
 
@@ -114,8 +113,6 @@ class Bristles:
             h *= max(self._share(tail), LEAST_SHARE)
         self._next = h * min(self._share(tail), 1 / LEAST_SHARE)
         bristle = self._found[ORDER + 2 :].tolist()
-        for tau in SIGNS_AT:
-            if value_at(velocity, tau) <= 0:
-                tau = first_zero(velocity, tau)
-                return 0.0, h * integral(velocity, tau), value_at(bristle, tau), h * tau, True
-        return value_at(velocity, 1.0), h * integral(velocity, 1.0), value_at(bristle, 1.0), h, False
+        end = value_at(velocity, 1.0)
+        tau = 1.0 if end > 0 else first_zero(velocity)
+        return max(end, 0.0), h * integral(velocity, tau), value_at(bristle, tau), h * tau, end <= 0

@@ -106,13 +106,13 @@ class Slips:
         if end > 0:
             return end, h * way, h, False
         series = found[3:].tolist()
-        tau = first_zero(series, 1.0)
+        tau = first_zero(series)
         return 0.0, h * integral(series, tau), h * tau, True
 
 
-def first_zero(series: list[float], high: float) -> float:
-    """The place in (0, high] where a polynomial is zero that begins positive and ends negative; by its coefficients."""
-    low, tau = 0.0, high
+def first_zero(series: list[float]) -> float:
+    """The place in (0, 1] where a polynomial is zero that begins positive and ends negative; by its coefficients."""
+    low, high, tau = 0.0, 1.0, 1.0
     for _ in range(NEWTON_MOST):
         value = slope = 0.0
         for coefficient in reversed(series):
