@@ -41,7 +41,7 @@ SHARES = (0.05, 0.8)
 """Gains, as parts of that of the fold."""
 PERIODS, SAMPLES = (5, 12), (300, 1500)
 """Whole periods of a record, and samples in each."""
-NOISE, FEWEST = 0.01, 10.0
+NOISE, FEWEST = 0.01, 20.0
 """Of the positions, in amplitudes; counts of the amplitude."""
 LITTLE = 1e-3
 """Viscous friction [N m s/rad] of the servos that are drawn without any: its logarithm is sought."""

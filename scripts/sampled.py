@@ -2,6 +2,7 @@
 
     python scripts/sampled.py                       50 random cases
     python scripts/sampled.py --count 200 --seed 7  others
+    python scripts/sampled.py --lugre --samples 500 LuGre friction
 
 A case: inertia, friction, PID, gain, sample time, delay (none, a part of a sample, several), encoder (none, 500 to
 20000 counts), torque step, filtered derivative, trapezoid, dead band, leak, set point, start; followed for `SAMPLES`
@@ -77,9 +78,20 @@ def case(seed: int) -> dict[str, Any]:
     return {"servo": servo, "gain": kp, "drive": drive, "set_point": one_of(0.0, float(r.normal())), "start": start}
 
 
+def bristles(case: dict[str, Any]) -> dict[str, Any]:
+    """The case with LuGre friction: bristles that bend by a thousandth to a hundredth of vs/omega, and are damped."""
+    servo, r = case["servo"], np.random.default_rng(int(1e9 * case["servo"].friction.static))
+    f, omega = servo.friction, math.sqrt(case["gain"] / servo.inertia)
+    stiffness = f.static * omega / f.stribeck_velocity * 10 ** float(r.uniform(2, 3))
+    damping = float(r.uniform(0.3, 2.0)) * math.sqrt(stiffness * servo.inertia)
+    changed = servo.replace(**{"friction.stiffness": stiffness, "friction.damping": damping})
+    return {**case, "servo": changed, "bristle": 0.0}
+
+
 def ours(case: dict[str, Any], samples: int) -> Sampled:
     """The motion by casahunt."""
-    return SampledLoop(*(case[key] for key in ("servo", "gain", "drive", "set_point", "start"))).run(samples, math.inf)
+    loop = SampledLoop(*(case[key] for key in ("servo", "gain", "drive", "set_point", "start")), case.get("bristle"))
+    return loop.run(samples, math.inf)
 
 
 def theirs(case: dict[str, Any], samples: int, nudge: float = 0.0) -> tuple[Array, Array]:
@@ -92,14 +104,16 @@ def theirs(case: dict[str, Any], samples: int, nudge: float = 0.0) -> tuple[Arra
         drive.integration == "trapezoid", drive.dead_band, case["set_point"],
         drive.leak,
     )  # fmt: skip
+    if "bristle" in case:
+        peer.bristle = f.stiffness, f.damping
     x, v, w = case["start"]
     return peer.motion(x * (1 + nudge), v, w, samples)
 
 
-def compared(seed: int, samples: int) -> dict[str, float]:
+def compared(seed: int, samples: int, *, lugre: bool = False) -> dict[str, float]:
     """Largest relative difference of the states and of the stops [samples] up to the horizon, and numbers of samples up
     to there, of those that slip, of stops and of counts read."""
-    one = case(seed)
+    one = bristles(case(seed)) if lugre else case(seed)
     began = time.perf_counter()
     found = ours(one, samples)
     took = time.perf_counter() - began
@@ -125,11 +139,12 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--samples", type=int, default=SAMPLES)
+    parser.add_argument("--lugre", action="store_true")
     options = parser.parse_args()
     print("seed  difference  of stops, T  samples  that slip  stops  counts read  casahunt, s")
     worst = 0.0
     for seed in range(options.seed, options.seed + options.count):
-        row = compared(seed, options.samples)
+        row = compared(seed, options.samples, lugre=options.lugre)
         worst = max(worst, row["off"])
         flag = "" if row["off"] <= AGREES else "  DIFFERS"
         print(

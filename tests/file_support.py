@@ -41,7 +41,7 @@ def full_disk(monkeypatch, *, numbers: Sequence[int] = range(1000)) -> None:
 
 def cheap_tuning(monkeypatch) -> None:
     """A tuning that takes no time: only what is written matters here."""
-    found = SimpleNamespace(verification=SimpleNamespace(unverified=(), against=()))
+    found = SimpleNamespace(servo=None, gain=1.0, verification=SimpleNamespace(unverified=(), against=()))
     for name, value in (
         ("tune", found),
         ("before_tasks", None),

@@ -88,6 +88,13 @@ def test_a_loop_from_parts(capsys):
         scope["loop"].with_parts(HYSTERESIS, hysteresis=0.01).system  # noqa: B018
 
 
+def test_friction_from_a_record(capsys):
+    """The record of the page is a computed cycle of Table 1: what it was made with is found."""
+    found = run("identify.md")["found"]
+    assert found.values == pytest.approx({"friction.static": 0.53, "friction.coulomb": 0.44}, rel=1e-3)
+    assert "friction.static" in capsys.readouterr().out
+
+
 def test_results_as_they_are_shown(capsys):
     scope = run("python.md")
     printed = capsys.readouterr().out

@@ -56,7 +56,16 @@ if TYPE_CHECKING:
     from .grazing_search import grazing
     from .sheet import Axis
     from .special_charts import SpecialOrbit
-    from .special_points import FOLD, GRAZING, SUPERSTABLE, SYMMETRY_BREAKING, Missed, Monitor, SpecialPoint, user_monitor
+    from .special_points import (
+        FOLD,
+        GRAZING,
+        SUPERSTABLE,
+        SYMMETRY_BREAKING,
+        Missed,
+        Monitor,
+        SpecialPoint,
+        user_monitor,
+    )
     from .terminations import End
     from .two_parameters import SpecialCurve, special_curve, special_walk
     from .walk import walk_to_end

@@ -78,8 +78,14 @@ class SampledServo:
         states[:, samples] = x, v, w
         return states, np.array(stops)
 
+    bristle: tuple[float, float] = (0.0, 0.0)
+    """Of LuGre friction: sigma0, sigma1; 0: Switch."""
+    z: float = 0.0
+
     def piece(self, x: float, v: float, m: float, lasts: float) -> tuple[float, float, list[float]]:
         """(x, v) after a time of constant torque, and the times of the stops in it."""
+        if self.bristle[0]:
+            return self.slide(x, v, m, lasts)
         now, stops = 0.0, []
         while lasts - now > 0:
             if v == 0 and abs(m) <= self.Fs:
@@ -98,6 +104,32 @@ class SampledServo:
             longest = NARROW * self.vs / hastens  # or a step would pass over the drop of the friction, unseen
             found: Any = solve_ivp(field, (now, lasts), [x, v], events=stop, max_step=longest, **TIGHT)
             now, (x, v) = float(found.t[-1]), found.y[:, -1]
+            if found.status == 1:
+                v = 0.0
+                stops.append(now)
+        return float(x), float(v), stops
+
+    def slide(self, x: float, v: float, m: float, lasts: float) -> tuple[float, float, list[float]]:
+        """As `piece`, of LuGre friction: from one change of sign of v to the next."""
+        sigma0, sigma1 = self.bristle
+        now, stops = 0.0, []
+        while lasts - now > 0:
+            s = math.copysign(1.0, v if v != 0 else m - sigma0 * self.z)
+
+            def field(t: float, y: Array, s: float = s) -> list[float]:
+                g = self.Fc + (self.Fs - self.Fc) * math.exp(-((y[1] / self.vs) ** 2))
+                rate = y[1] - sigma0 * s * y[1] * y[2] / g
+                return [y[1], (m - sigma0 * y[2] - sigma1 * rate - self.b * y[1]) / self.J, rate]
+
+            def turn(t: float, y: Array, s: float = s, begins: float = now if v == 0 else -1.0) -> float:
+                return s * y[1] if t > begins else 1.0
+
+            turn.terminal, turn.direction = True, -1  # type: ignore[attr-defined]
+            hastens = (abs(m) + self.Fs + self.b * abs(v)) / self.J
+            longest = NARROW * self.vs / hastens
+            with np.errstate(all="ignore"):  # a first step of scipy's may be far too long
+                found: Any = solve_ivp(field, (now, lasts), [x, v, self.z], events=turn, max_step=longest, **TIGHT)
+            now, (x, v, self.z) = float(found.t[-1]), found.y[:, -1]
             if found.status == 1:
                 v = 0.0
                 stops.append(now)

@@ -56,7 +56,7 @@ def test_what_was_left_out_is_counted(tmp_path):
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        ({"position_column": "Lage"}, "position-column = 'Lage': .* has no such column .columns: 'Zeit .s.', 'Drehzahl"),
+        ({"position_column": "Lage"}, "position-column = 'Lage': .* has no such column .columns: 'Zeit .s.', 'Dreh"),
         ({"position_column": "4"}, "position-column = '4'"),
         ({}, "has no column 'position'"),
     ],

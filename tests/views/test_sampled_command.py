@@ -58,6 +58,13 @@ def test_every_option_arrives(capsys, built):
     assert one_json(out)["drive"] == words
 
 
+def test_lugre_friction_is_simulated_too(capsys, built):
+    words = ("--model", "lugre", "--time", 1, "--bristle", 1e-6, "--json", "--quiet")
+    code, out, _ = run(capsys, "simulate", built, "--gain", 1, *words)
+    found = one_json(out)
+    assert code == 0 and found["model"] == "lugre" and found["bristle"] != 0 and found["cause"] is None
+
+
 def test_a_sample_time_of_zero_is_the_continuous_loop(capsys, built):
     code, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 20, "--sample-time", 0, "--json", "--quiet")
     found = one_json(out)
@@ -86,9 +93,8 @@ def test_table_and_picture(capsys, tmp_path, built):
     (("--set", "drive.encder=3"), "unknown key 'drive.encder'; did you mean 'drive.encoder'?"),
     (("--derivative", "filterd"), "did you mean 'filtered'?"),
     (("--encoder", "many"), "drive.encoder = 'many': must be a finite number"),
-    (("--model", "lugre"), "--sample-time 0 simulates the continuous loop"),
     (("--regularised",), "regularised: must be left out"),
-    (("--bristle", "1e-6"), "bristle: must be left out"),
+    (("--bristle", "1e-6"), "bristle = 1e-06: must be 0 with the model 'switch'"),
     (("--time", "1e6"), "between 1 and 5000000 samples"),
 ])  # fmt: skip
 def test_refusals(capsys, built, words, said):

@@ -1,10 +1,13 @@
 """The computed cycle laid over records: least squares, or the likelihood of counts, by Levenberg and Marquardt.
 
-    y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (ln q_1 ... ln q_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
+    y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (z_1 ... z_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
+    q_j = s_j ln(1 + exp z_j)
 
-tau, b, T, a: phase, offset, measured period and amplitude of each record.  x1 and its derivatives by q are those of the
-boundary value problem (orbits/state_sensitivity.py), so a step costs one solve and as many back substitutions as there
-are parameters:
+So a parameter is positive, and linear in its unknown where it is larger than its scale s: friction enters a cycle
+linearly, and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  tau, b,
+T, a: phase, offset, measured period and amplitude of a record.  x1 and its derivatives by q are those of the boundary
+value problem (orbits/state_sensitivity.py), so a step costs one solve and as many back substitutions as there are
+parameters:
 
     (J'CJ + mu diag J'CJ) dz = J's,      s, C: score and curvature of the samples (likelihood.py)
 
@@ -35,7 +38,11 @@ from .likelihood import Noise
 Array = np.ndarray
 
 MOST_OF_A_STEP = 0.4
-"""Of a logarithm in one step: a model that is half as large is another cycle."""
+"""Relative change of a parameter in one step: a model that is half as large is another cycle."""
+NEXT_TO_NOTHING = -3.0
+"""Unknown below which a parameter is not followed: it is a twentieth of its scale, and moves nothing."""
+MOST_OF_NOTHING = 3.0
+"""Of an unknown below zero, whose parameter is next to nothing."""
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
 FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-3, 8.0, 0.2, 1e8
@@ -44,7 +51,7 @@ FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
 GOES_ALONG = 0.2
-"""Change of the logarithms up to which the cycle is sought from the last one."""
+"""Relative change of the parameters up to which the cycle is sought from the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +87,35 @@ class Data:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is fitted: records, the servo with its known parameters, the friction model, k free ones."""
+    """What is fitted: records, the servo with its known parameters, the friction model, k free ones, their scales."""
 
     records: tuple[Data, ...]
     servo: Servo
     model: Model
     free: tuple[str, ...]
     options: Options
+    scales: Array
+
+    def numbers(self, z: Array) -> Array:
+        """(k,) the free parameters of the unknowns."""
+        return np.asarray(self.scales * np.logaddexp(0.0, z[: len(self.free)]))
+
+    def unknowns(self, q: Array) -> Array:
+        """(k,) the unknowns of free parameters."""
+        part = np.maximum(q / self.scales, 1e-12)
+        return np.maximum(part + np.log(-np.expm1(-part)), NEXT_TO_NOTHING)
+
+    def rates(self, z: Array) -> Array:
+        """(k,) dq/dz."""
+        return np.asarray(self.scales / (1 + np.exp(-z[: len(self.free)])))
+
+    def sizes(self, z: Array) -> Array:
+        """(k,) a parameter, or its scale where that is larger: what a change of it is measured by."""
+        return np.maximum(self.numbers(z), self.scales)
 
     def values(self, z: Array) -> dict[str, float]:
-        """The free parameters of the unknowns."""
-        return dict(zip(self.free, map(float, np.exp(z[: len(self.free)])), strict=True))
+        """The free parameters by name."""
+        return dict(zip(self.free, map(float, self.numbers(z)), strict=True))
 
     def servo_at(self, z: Array) -> Servo:
         """The servo of the unknowns.  Raises InputError: there is none."""
@@ -150,7 +175,7 @@ def at(
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
     k = len(q.free)
-    if near is not None and np.max(np.abs(z[:k] - near.z[:k]), initial=0.0) <= GOES_ALONG:
+    if near is not None and np.max(np.abs(q.numbers(z) - q.numbers(near.z)) / q.sizes(z), initial=0.0) <= GOES_ALONG:
         if np.array_equal(z[:k], near.z[:k]):
             return near.orbits[i]
         try:
@@ -178,12 +203,12 @@ def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> Hunti
 def _positions(
     question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool
 ) -> tuple[Array, Array, Array]:
-    """Positions (m,), their derivatives (m, k + 2) by the logarithms, phase and offset; those of ln T (k,)."""
+    """Positions (m,), their derivatives (m, k + 2) by the unknowns, phase and offset; those of ln T (k,)."""
     tau, b = z[own]
     factor = orbit.period / data.period if stretched else 1.0
     way = data.times - tau * data.period
     found = state_sensitivity(orbit, way * factor, question.free)
-    values = np.exp(z[: len(question.free)])
+    values = question.rates(z)
     log_period = found.period_derivatives * values / orbit.period
     J = np.empty((data.times.size, len(question.free) + 2))
     J[:, :-2] = (found.derivatives[:, 0] * values[:, None]).T
@@ -215,8 +240,12 @@ def climb(
             return point
         dz = np.zeros(point.z.size)
         dz[moving] = step
-        dz *= min(1.0, MOST_OF_A_STEP / max(float(np.max(np.abs(dz[:k]), initial=0.0)), 1e-300))
-        trial = at(question, point.z + dz, noises, point, stretched=stretched)
+        change = np.maximum(np.abs(dz[:k] * question.rates(point.z)) / question.sizes(point.z) / MOST_OF_A_STEP,
+                            np.where(point.z[:k] < 0, np.abs(dz[:k]) / MOST_OF_NOTHING, 0.0))  # fmt: skip
+        dz /= max(1.0, float(np.max(change, initial=0.0)))
+        z = point.z + dz
+        z[:k] = np.maximum(z[:k], NEXT_TO_NOTHING)
+        trial = at(question, z, noises, point, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
             gained = point.deviance - trial.deviance
             point, mu = trial, max(mu * LESS, 1e-9)

@@ -30,7 +30,7 @@ from .fit import Array, Data, Point, Question, at, climb
 from .intervals import BetterFound, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import LEAST_NOISE, Noise, likeliest
-from .start import COULOMB, STATIC, STRIBECK, VISCOUS, starts
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
 from .suitable import suitable
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
@@ -39,6 +39,10 @@ MOST_BETTER = 4
 """Better points that refits may come upon."""
 WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
+LEAST_TOLD = 1e-6
+"""Information about a logarithm that is added to all directions: one that nothing tells has the variance 1e6."""
+FIRST_STEPS = 20
+"""Of the stretched fit: one that takes more leads nowhere."""
 ONE_POINT, RIVAL = 1.0, 30.0
 """Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
 GROSS = 0.1
@@ -209,7 +213,8 @@ def identify(
         raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
     data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(records, each, strict=True))
     options = of_kind("options", options or Options(), Options)
-    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE)), advise=advise)
+    scales = scales_of(data[0], servo, free)
+    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales), advise=advise)
 
 
 def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
@@ -257,12 +262,12 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
             break
         except BetterFound as better:
             best, noises = _with_noise(question, climb(question, better.point, noises), noises)
-    J = marginal_information(best, len(question.free))
+    J = marginal_information(question, best)
     return Identification(
         model=question.model,
         servo=best.orbits[0].servo,
         intervals={name: (end.low, end.high) for name, end in zip(question.free, ends, strict=True)},
-        covariance=np.linalg.pinv(J, hermitian=True) * judgement.factor,
+        covariance=np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))) * judgement.factor,
         judgement=judgement,
         untold=untold(question, J, judgement.factor),
         further=further_gain(question, best, noises) if advise else None,
@@ -286,7 +291,7 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
     for z in starts(question):
         point = at(question, z, plain, stretched=True)
         if point is not None:
-            point = at(question, climb(question, point, plain, stretched=True).z, plain, point)
+            point = at(question, climb(question, point, plain, stretched=True, most=FIRST_STEPS).z, plain, point)
         if point is None:
             continue
         point = climb(question, point, plain)

@@ -19,8 +19,8 @@ from .fit import Array, Point, Question, at, climb
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
-FARTHEST_END = math.log(10.0)
-"""A parameter that may be ten times as large or small is not told by the record."""
+FAR_OUT_FACTOR = 10.0
+"""A parameter that may be ten times as large, or ten times its scale, is not bounded."""
 MOST_REFITS = 8
 END_NEAR = 0.03
 """Relative distance from the end of an interval, at which the secant is as good as a refit."""
@@ -32,7 +32,7 @@ BELOW_BEST = 0.2
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
 FIRST_REACH = 0.5
-"""Of a logarithm: the first step is no longer, however little is known."""
+"""Of an unknown: the first step is no longer, however little is known."""
 
 
 class BetterFound(Exception):
@@ -63,8 +63,20 @@ def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, ri
     strict: a refit that comes out below the best point is an exception.
     Raises BetterFound: it did.
     """
-    ends = [_end(question, best, noises, j, sign, rise, strict) for sign in (-1, 1)]
-    return Interval(*(math.exp(best.z[j] + d) if math.isfinite(d) else (0.0 if d < 0 else math.inf) for d in ends))
+    ends = []
+    for sign in (-1, 1):
+        z = best.z.copy()
+        z[j] += _end(question, best, noises, j, sign, rise, strict)
+        ends.append(float(question.numbers(z)[j]) if math.isfinite(z[j]) else 0.0 if sign < 0 else math.inf)
+    return Interval(*ends)
+
+
+def _farthest(question: Question, best: Point, j: int, sign: int) -> float:
+    """How far the unknown may go before it is said that nothing bounds it."""
+    q, scale = question.numbers(best.z), question.scales[j]
+    size = q[j]
+    q[j] = max(FAR_OUT_FACTOR * size, FAR_OUT_FACTOR * scale) if sign > 0 else 0.0
+    return abs(float(question.unknowns(q)[j] - best.z[j]))
 
 
 def _end(
@@ -79,7 +91,10 @@ def _end(
     bend = max(float(follow @ H @ follow), 1e-12)
     wanted, point, wall = math.sqrt(rise), best, math.inf
     below, above = (0.0, 0.0), (math.inf, math.inf)
-    reach = min(wanted / math.sqrt(bend), FIRST_REACH)
+    farthest = _farthest(question, best, j, sign)
+    if farthest == 0 or best.z[j] > 0 and wanted > 2 * math.sqrt(bend) * farthest:
+        return sign * math.inf  # next to nothing already, or the others make up for all of it
+    reach = min(wanted / math.sqrt(bend), FIRST_REACH * max(best.z[j], 1.0), farthest)
     for _ in range(MOST_REFITS):
         trial = at(question, point.z + (sign * reach - (point.z[j] - best.z[j])) * follow, noises, point)
         if trial is None:
@@ -97,25 +112,26 @@ def _end(
             above = seen
         else:
             below, point = seen, trial
-            if reach >= FARTHEST_END:
+            if reach >= farthest:
                 return sign * math.inf
-        reach = _next(below, above, wanted, wall)
+        reach = _next(below, above, wanted, min((below[0] + wall) / 2, farthest))
         if above[0] < math.inf and above[0] - below[0] < END_NEAR * above[0]:
             break
-    return sign * reach
+    return sign * (reach if above[0] < math.inf else math.inf)
 
 
-def _next(below: tuple[float, float], above: tuple[float, float], wanted: float, wall: float) -> float:
+def _next(below: tuple[float, float], above: tuple[float, float], wanted: float, most: float) -> float:
     """Where the rise is expected that is wanted, from (reach, root of the rise) on both sides of it."""
     if above[0] < math.inf:
         slope = (above[1] - below[1]) / (above[0] - below[0])
         return below[0] + (wanted - below[1]) / slope
-    ahead = below[0] * min(wanted / max(below[1], 1e-6), LONGEST_STRIDE)
-    return min(ahead, FARTHEST_END, (below[0] + wall) / 2)
+    return min(below[0] * min(wanted / max(below[1], 1e-6), LONGEST_STRIDE), most)
 
 
-def marginal_information(point: Point, k: int) -> Array:
+def marginal_information(question: Question, point: Point) -> Array:
     """(k, k) curvature of half the deviance in the logarithms of the parameters, phases and offsets refitted."""
-    H = point.curvature
+    H, k = point.curvature, len(question.free)
     rest = H[k:, k:]
-    return np.asarray(H[:k, :k] - H[:k, k:] @ np.linalg.lstsq(rest, H[k:, :k], rcond=1e-13)[0])
+    J = H[:k, :k] - H[:k, k:] @ np.linalg.lstsq(rest, H[k:, :k], rcond=1e-13)[0]
+    by_logarithm = question.numbers(point.z) / question.rates(point.z)
+    return np.asarray(J * by_logarithm[:, None] * by_logarithm)

@@ -121,7 +121,7 @@ def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]
 
 def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[float, float] | None:
     """(gain, information gained) of the further record that would tell most; None where none would tell much."""
-    J = marginal_information(point, len(question.free))
+    J = marginal_information(question, point)
     first = point.orbits[0]
     try:
         fold = find_fold(first.servo, question.model, options=question.options.rough(), start=first).gain
@@ -137,7 +137,7 @@ def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> t
         there = at(other, z, [noise])
         if there is None:
             continue
-        gained = float(np.linalg.slogdet(J + marginal_information(there, len(question.free)))[1] - known) / 2
+        gained = float(np.linalg.slogdet(J + marginal_information(question, there))[1] - known) / 2
         if best is None or gained > best[1]:
             best = float(gain), gained
     return best if best is not None and best[1] > LEAST_GAINED else None

@@ -20,6 +20,7 @@ import numpy as np
 
 from ...errors import InputError, NoOrbit
 from ...servo.problem import HuntingOrbit
+from ...servo.servo import Servo, flatten
 from .fit import Array, Data, Question, cycle_at
 
 STATIC, COULOMB, VISCOUS, STRIBECK = (
@@ -31,14 +32,33 @@ FACTORS = (1.0, 0.3, 3.0)
 """Of the values that are stated, where vs and viscous friction are tried."""
 OF_PEAK_SPEED = (0.05, 0.2)
 """vs in units of the largest speed of a slip that are tried besides."""
+SCALE, LITTLE_VISCOUS = 0.2, 0.02
+"""Scale of a parameter in units of its value; share of the friction below which the viscous one is next to nothing."""
 VISCOUS_SHARE = 0.1
 """Share of the friction that is tried for the viscous one where the servo states none."""
 LEAST_COULOMB, MOST_COULOMB = 0.2, 0.995
 """Coulomb friction in units of the static one, within which a trial lies."""
 COMPARED = 512
 """Phases at which a cycle is compared with a waveform."""
-STARTS = 4
+STARTS = 3
 """Trials that are climbed from, the best first."""
+
+
+def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
+    """Scales of the free parameters: a part of their values; of viscous friction a small part of all friction."""
+    own = flatten(servo)
+    a, slip = data.amplitude, _slip(data)
+    kp, _, ki = servo.torque_gains(data.gain)
+    static = kp * a + ki * data.period / 4 * float(np.mean(np.abs(data.shape)))
+    viscous = LITTLE_VISCOUS * static * 4 * slip / (a * math.pi**2)
+    guess = {STATIC: static, COULOMB: static, VISCOUS: viscous / SCALE}
+    return np.array([SCALE * guess.get(name, own[name]) for name in free])
+
+
+def _slip(data: Data) -> float:
+    """About the duration of a slip [s]."""
+    inside = float(np.mean(np.abs(data.shape) < INNER * data.amplitude))
+    return max(inside, 1 / data.shape.size) * data.period / 2 / INNER_TIME
 
 
 def trials(question: Question) -> Iterator[dict[str, float]]:
@@ -47,11 +67,12 @@ def trials(question: Question) -> Iterator[dict[str, float]]:
     kp, kd, ki = servo.torque_gains(data.gain)
     a, half = data.amplitude, data.period / 2
     area = half * float(np.mean(np.abs(data.shape)))
-    slip = max(float(np.mean(np.abs(data.shape) < INNER * a)), 1 / data.shape.size) * half / INNER_TIME
+    slip = _slip(data)
     static = kp * a + ki * (area / 2 - a * slip / math.pi)
     mean = ki * (area / 2 - (1 - math.pi / 4) * a * slip / math.pi) - kd * a * math.pi**2 / (4 * slip)
     speed, peak = a * math.pi**2 / (4 * slip), a * math.pi / slip
     Fs = static if STATIC in free else servo.friction.static
+    stated = flatten(servo)
     own_vs, own_viscous = servo.friction.stribeck_velocity, servo.friction.viscous
     rates = [own_vs * f for f in FACTORS] + [peak * f for f in OF_PEAK_SPEED] if STRIBECK in free else [own_vs]
     shares = [own_viscous * f for f in FACTORS] if own_viscous > 0 else [VISCOUS_SHARE * abs(mean) / speed]
@@ -61,9 +82,8 @@ def trials(question: Question) -> Iterator[dict[str, float]]:
         left = (mean - viscous * speed - Fs * share) / max(1 - share, 0.05)
         own = {STATIC: Fs, COULOMB: float(np.clip(left, LEAST_COULOMB * Fs, MOST_COULOMB * Fs)), VISCOUS: viscous,
                STRIBECK: vs}  # fmt: skip
-        own_values = {name: question.servo.parameters(1.0)[question.servo.names.index(name)] for name in free}
-        yield {name: own.get(name, float(own_values[name])) for name in free}
-    yield {name: question.servo.parameters(1.0)[question.servo.names.index(name)] for name in free}
+        yield {name: own.get(name, stated[name]) for name in free}
+    yield {name: stated[name] for name in free}
 
 
 def starts(question: Question) -> list[Array]:
@@ -76,7 +96,7 @@ def starts(question: Question) -> list[Array]:
             orbits = [cycle_at(servo, "switch", data.gain, rough) for data in question.records]
         except (NoOrbit, InputError):
             continue
-        z, off = [math.log(v) for v in values.values()], 0.0
+        z, off = [*question.unknowns(np.array(list(values.values())))], 0.0
         for data, orbit in zip(question.records, orbits, strict=True):
             tau, b, misfit = laid_over(orbit, data)
             z += [tau, b]

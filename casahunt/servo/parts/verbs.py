@@ -195,7 +195,7 @@ def fold_in(
     >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, fold_in, loop_cycle
     >>> cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.1}), "static")
     >>> round(fold_in(cycle, "static", sense=-1).value, 6)  # N m: with less of it there is no hunting
-    0.451446
+    0.45736
     """
     extremum, options = (largest if sense > 0 else smallest), options or Options(tol=max(cycle.error_estimate, 1e-8))
     far = sense * math.inf if to is None else to

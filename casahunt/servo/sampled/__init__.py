@@ -2,6 +2,7 @@
 
 border.py     when an encoder may decide how a servo hunts
 slip.py       a slip under constant torque, by its Taylor series
+bristle.py    a LuGre servo under constant torque, likewise
 loop.py       the difference equations, sample by sample, and whole sticks at once
 verdict.py    what a motion shows, and the pattern that hunting repeats
 motion.py     the motion as data

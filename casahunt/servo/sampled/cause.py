@@ -113,9 +113,10 @@ def told_apart(seen: SampledVerdict, without: SampledVerdict) -> tuple[Kind, str
 def _again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> SampledMotion:
     """The motion with another drive, from its own start or from its end."""
     x, v, w = motion.states[:, -1 if from_end else 0]
+    bristle = motion.bristle if from_end else 0.0
     return simulate_sampled(
-        motion.servo, motion.gain, drive, set_point=motion.set_point, time=motion.duration,
-        position=motion.set_point + x, velocity=v, integral=w,
+        motion.servo, motion.gain, drive, model=motion.model, set_point=motion.set_point, time=motion.duration,
+        position=motion.set_point + x, velocity=v, integral=w, bristle=bristle,
     )  # fmt: skip
 
 

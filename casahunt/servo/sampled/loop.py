@@ -13,7 +13,8 @@ At t_k = k T the drive reads theta in counts of q = 2 pi/encoder and forms, thet
     m   = u_k for t_k + delay <= t < t_{k+1} + delay, and 0 before the first of them
 
 with e_{-1} = e_0, z_{-1} = z_0, d_{-1} = 0.  Under a constant m the Switch servo slips (slip.py) or is stuck; it breaks
-away only where m changes to |m| > Fs, and the only event between two changes is a stop.
+away only where m changes to |m| > Fs, and the only event between two changes is a stop.  The LuGre servo (bristle.py)
+is never stuck and never proven to rest: it is followed sample by sample.
 
 While it is stuck e_k does not change: w_k and d_k are sums and powers, and all samples up to the breakaway are one
 array.  It rests for ever, and that is a proof, where it is stuck, d_k -> 0 and w_k (to z/leak, or with z = 0 constant)
@@ -33,6 +34,7 @@ import numpy as np
 from ... import effort
 from ..drive import Drive
 from ..servo import Servo
+from .bristle import Bristles
 from .slip import Slips
 
 Array = np.ndarray
@@ -62,17 +64,20 @@ class Sampled:
 class SampledLoop:
     """One servo with its drive, at one gain and set point.
 
-    servo, gain, drive: the loop; set_point: theta_d [rad]; start: theta - theta_d, theta', w at the start.
+    servo, gain, drive: the loop; set_point: theta_d [rad]; start: theta - theta_d, theta', w at the start; bristle: of
+    LuGre friction at the start [rad]; None: Switch.
     """
 
     def __init__(
-        self, servo: Servo, gain: float, drive: Drive, set_point: float, start: tuple[float, float, float]
-    ) -> None:
+        self, servo: Servo, gain: float, drive: Drive, set_point: float, start: tuple[float, float, float],
+        bristle: float | None = None,
+    ) -> None:  # fmt: skip
         friction, self.drive = servo.friction, drive
         self.kp, self.kd, self.ki = servo.torque_gains(gain)
-        self.slips = Slips(
-            servo.inertia, friction.static, friction.coulomb, friction.stribeck_velocity, friction.viscous
-        )
+        self.sticks = bristle is None
+        self.slips: Slips | Bristles = Slips(servo.inertia, friction)
+        if bristle is not None:
+            self.slips = Bristles(servo.inertia, friction, bristle)
         kp, kd = servo.controller.shape
         filter_time = drive.filter_time if drive.filter_time is not None else kd / kp / 10
         T = self.T = drive.sample_time
@@ -103,7 +108,7 @@ class SampledLoop:
         effort.motion_begins()
         effort.at(lambda: f"followed to sample {k} of {samples}")
         while k < samples and abs(self.x) <= farthest:
-            if self.v == 0:
+            if self.sticks and self.v == 0:
                 if self.rests():
                     rests_from = k
                     self._sit(k, samples - k)

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import COMPUTED, moderate, of_kind, sensible
+from ...checks import COMPUTED, choice_of, moderate, of_kind, sensible
 from ...errors import InputError
 from ...export import Columns
 from ...results import Result
 from ..drive import Drive
+from ..hunting import MODELS, Model
 from ..servo import Servo, a_servo
 from .loop import SampledLoop
 from .verdict import Ending, SampledVerdict, judge
@@ -37,7 +38,8 @@ class SampledMotion(Result):
 
     Attributes
     ----------
-    servo, gain, drive, set_point : the loop; set point theta_d [rad].
+    model, servo, gain, drive, set_point : the loop; set point theta_d [rad].
+    bristle : its deflection at the end [rad] (LuGre), else 0.
     times : (n,) of the samples [s].
     states : (3, n) theta - theta_d [rad], theta' [rad/s], and the controller's sum [rad s] before the sample.
     torque : (n - 1,) what each sample asks for [N m].
@@ -55,17 +57,19 @@ class SampledMotion(Result):
     'at rest'
     """
 
-    _quantities = ("gain [V/rad]", "set_point [rad]", "duration [s]", "verdict = verdict.kind", "wall_s [s]")
+    _quantities = ("model", "gain [V/rad]", "set_point [rad]", "duration [s]", "verdict = verdict.kind", "wall_s [s]")
     _details = (
         "servo", "reason = verdict.sentence", "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]",
         "pattern = verdict.pattern", "swings = verdict.swings", "rests_since [s]", "peak_torque [N m]",
         "number_of_stops = stops.size", "readings",
     )  # fmt: skip
 
+    model: Model
     servo: Servo
     gain: float
     drive: Drive
     set_point: float
+    bristle: float
     times: Array
     states: Array
     torque: Array
@@ -95,7 +99,8 @@ class SampledMotion(Result):
         """What the end of the motion shows."""
         friction = self.servo.friction
         unit = (friction.static - friction.coulomb) / self.servo.torque_gains(self.gain)[0]
-        end = Ending(self.rests_since, self.far, self._waits(), self.drive.count, unit)
+        bends = friction.static / friction.stiffness if self.model == "lugre" else 0.0
+        end = Ending(self.rests_since, self.far, self._waits(), self.drive.count, unit, bends)
         return judge(self.times, self.states[0], end)
 
     def _waits(self) -> str:
@@ -112,19 +117,22 @@ class SampledMotion(Result):
 
     def _more(self) -> dict[str, Any]:
         x, v, w = self.states[:, -1]
-        return {"drive": vars(self.drive), "position": self.set_point + x, "velocity": v, "integral": w}
+        return {"drive": vars(self.drive), "position": self.set_point + x, "velocity": v, "integral": w,
+                "bristle": self.bristle if self.model == "lugre" else None}  # fmt: skip
 
 
 def simulate_sampled(
-    servo: Servo, gain: float, drive: Drive, *, set_point: float = 1.0, time: float = 100.0, position: float = 0.0,
-    velocity: float = 0.0, integral: float = 0.0,
+    servo: Servo, gain: float, drive: Drive, *, model: Model = "switch", set_point: float = 1.0, time: float = 100.0,
+    position: float = 0.0, velocity: float = 0.0, integral: float = 0.0, bristle: float = 0.0,
 ) -> SampledMotion:  # fmt: skip
-    """The motion of the loop as built, with Switch friction, from an initial state.
+    """The motion of the loop as built from an initial state.
 
     Parameters
     ----------
     servo, gain, drive
         the loop; gain > 0.
+    model
+        "switch" or "lugre", whose sticks are followed sample by sample.
     set_point
         theta_d [rad]; where it lies between two counts of the encoder the error that is read is never 0.
     time
@@ -133,6 +141,8 @@ def simulate_sampled(
         theta [rad] and theta' [rad/s] at the start.
     integral
         the controller's sum at the start [rad s].
+    bristle
+        z at the start [rad] (LuGre only).
 
     Returns
     -------
@@ -153,19 +163,26 @@ def simulate_sampled(
     of_kind("drive", drive, Drive, "such as Drive(sample_time=1e-3, encoder=2000)")
     sensible("gain", gain, power=COMPUTED)
     sensible("time", time, power=COMPUTED)
-    given = {"set_point": set_point, "position": position, "velocity": velocity, "integral": integral}
+    choice_of("model", model, MODELS)
+    if bristle != 0 and model != "lugre":
+        raise InputError(f"bristle = {bristle!r}: must be 0 with the model {model!r}, which has no bristle")
+    given = {"set_point": set_point, "position": position, "velocity": velocity, "integral": integral,
+             "bristle": bristle}  # fmt: skip
     numbers = {key: moderate(key, value) for key, value in given.items()}
     T = drive.sample_time
     samples = round(time / T)
     if not 1 <= samples <= LONGEST_MOTION:
         raise InputError(f"time = {time:g}: must be between 1 and {LONGEST_MOTION} samples of {T:g} s")
     x = numbers["position"] - numbers["set_point"]
-    loop = SampledLoop(servo, gain, drive, numbers["set_point"], (x, numbers["velocity"], numbers["integral"]))
+    start = x, numbers["velocity"], numbers["integral"]
+    z = numbers["bristle"] if model == "lugre" else None
+    loop = SampledLoop(servo, gain, drive, numbers["set_point"], start, z)
     farthest = FAR_AWAY * max(abs(x), servo.friction.static / loop.kp)
     found = loop.run(samples, farthest)
     n = found.states.shape[1]
     return SampledMotion(
-        servo=servo, gain=gain, drive=drive, set_point=numbers["set_point"], times=T * np.arange(n),
+        model=model, servo=servo, gain=gain, drive=drive, set_point=numbers["set_point"],
+        bristle=loop.slips.z, times=T * np.arange(n),
         states=found.states, torque=found.torque, stops=found.stops,
         rests_since=T * found.rests_from if found.rests_from >= 0 else float("nan"),
         far=bool(abs(found.states[0, -1]) > farthest), wall_s=clock.perf_counter() - began,

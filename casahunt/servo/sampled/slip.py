@@ -19,6 +19,7 @@ import numpy as np
 
 from ... import effort
 from ...compiled import Caller, caller, kept
+from ..friction import Friction
 
 ORDER = 20
 """Of the series."""
@@ -55,10 +56,13 @@ def _series() -> Caller:
 class Slips:
     """The slips of one servo.
 
-    J, Fs, Fc, vs, sigma2: its inertia and friction.
+    J, friction: its inertia and friction; z: it has no bristle.
     """
 
-    def __init__(self, J: float, Fs: float, Fc: float, vs: float, sigma2: float) -> None:
+    z = 0.0
+
+    def __init__(self, J: float, friction: Friction) -> None:
+        Fs, Fc, vs, sigma2 = friction.static, friction.coulomb, friction.stribeck_velocity, friction.viscous
         self.static, self._vs, self._steps = Fs, vs, 0
         self._a, self._b, self._c = 1 / (J * vs), (Fs - Fc) / (J * vs), sigma2 / J
         buffers = _series().buffers
@@ -102,12 +106,12 @@ class Slips:
         if end > 0:
             return end, h * way, h, False
         series = found[3:].tolist()
-        tau = _first_zero(series)
-        return 0.0, h * _integral(series, tau), h * tau, True
+        tau = first_zero(series)
+        return 0.0, h * integral(series, tau), h * tau, True
 
 
-def _first_zero(series: list[float]) -> float:
-    """The place in (0, 1] where a falling polynomial is zero; series: its coefficients."""
+def first_zero(series: list[float]) -> float:
+    """The place in (0, 1] where a polynomial is zero that begins positive and ends negative; by its coefficients."""
     low, high, tau = 0.0, 1.0, 1.0
     for _ in range(NEWTON_MOST):
         value = slope = 0.0
@@ -128,7 +132,15 @@ def _first_zero(series: list[float]) -> float:
     return tau
 
 
-def _integral(series: list[float], tau: float) -> float:
+def value_at(series: list[float], tau: float) -> float:
+    """Of the polynomial."""
+    value = 0.0
+    for coefficient in reversed(series):
+        value = value * tau + coefficient
+    return value
+
+
+def integral(series: list[float], tau: float) -> float:
     """Of the polynomial from 0 to tau."""
     total = 0.0
     for k in range(len(series) - 1, -1, -1):

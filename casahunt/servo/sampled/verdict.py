@@ -3,7 +3,8 @@
 Turning points T_i [rad] are the extremes of the position between which it moves by more than `TURNED_BACK` of its range
 in the second half of the motion; swings S_i = |T_{i+1} - T_i|.
 
-    at rest     it is stuck with nothing to integrate and a torque within static friction: proven (loop.py)
+    at rest     it is stuck with nothing to integrate and a torque within static friction: proven (loop.py); LuGre,
+                which never is: in the second half of the motion it moves by less than bristles bend, Fs/sigma0
     hunting     swings and the times that they take repeat within `PATTERN_WITHIN` (and half a count of the encoder)
                 after a pattern of p swings, p even, over two patterns, and do not drift: the period is the pattern's.
                 Counts that do not lie the same way on both sides make patterns longer than two swings.
@@ -118,7 +119,7 @@ class Ending:
 
     rests_since: when it came to rest for ever [s], nan where it did not; far: whether it was given up far away; waits:
     what is said of a servo that is stuck; count: of the encoder [rad], or 0; unit: (Fs - Fc)/kp [rad], the size of
-    hunting by stiction.
+    hunting by stiction; bends: Fs/sigma0 of LuGre friction [rad], or 0.
     """
 
     rests_since: float
@@ -126,6 +127,7 @@ class Ending:
     waits: str
     count: float
     unit: float
+    bends: float = 0.0
 
 
 def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
@@ -139,6 +141,9 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     if end.far:
         return SampledVerdict("growing", f"it was followed only until {x[-1]:+.3g} rad beside the set point")
     half = x[x.size // 2 :]
+    if np.ptp(half) < end.bends:
+        text = f"since {times[-half.size]:.4g} s it moves by less than its bristles bend, {end.bends:.2g} rad"
+        return SampledVerdict("at rest", text)
     turns = turning_points(x, TURNED_BACK * float(np.ptp(half)))
     t, S = times[turns], np.abs(np.diff(x[turns]))
     last, lasts = (tuple(map(float, values[-LONGEST_PATTERN:])) for values in (S, np.diff(t)))

@@ -16,13 +16,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from ...checks import choice_of
-from ...errors import InputError
 from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
-from ...servo.hunting import MODELS
 from ...servo.sampled.border import below_border
 from ...servo.servo import Servo
-from .arguments import Parser, drive_of, gain_of, left_out
+from .arguments import Parser, drive_of, gain_of, left_out, model_of
 from .output import give
 
 if TYPE_CHECKING:
@@ -50,21 +47,14 @@ def of_drive(
 ) -> int:
     """Simulate and print; returns the exit code.
 
-    numbers: of the command line: set_point, position, velocity, integral.
+    numbers: of the command line: set_point, position, velocity, integral, bristle.
     """
     from ...servo.sampled.cause import cause_of  # not read for the continuous loop
     from ...servo.sampled.motion import simulate_sampled
 
-    if choice_of("model", options.model or MODELS[0], MODELS) != MODELS[0]:
-        raise InputError(
-            "model = lugre: must be left out as built, between samples only Switch friction is computed; "
-            "--sample-time 0 simulates the continuous loop"
-        )
     left_out(options, "the loop as built has an exact stick, and its table has every sample", "regularised", "step")
-    if numbers["bristle"]:
-        raise InputError("bristle: must be left out as built, Switch friction has none")
-    start = {key: numbers[key] for key in ("set_point", "position", "velocity", "integral")}
-    found = simulate_sampled(servo, gain_of(options), drive, time=length, **start)
+    start = {key: numbers[key] for key in ("set_point", "position", "velocity", "integral", "bristle")}
+    found = simulate_sampled(servo, gain_of(options), drive, model=model_of(options), time=length, **start)
     cause = cause_of(found)
     record = {**found.to_dict(table=False), "cause": cause}
     table = found._columns() if options.csv else None
@@ -74,7 +64,7 @@ def of_drive(
 
 def _lines(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     drive, verdict, q = found.drive, found.verdict, found.drive.count
-    name = f"switch servo as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
+    name = f"{found.model} servo as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
     yield f"{name}, {found.duration:.10g} s: {verdict.kind}"
     yield f"  because          {verdict.sentence}"
     yield f"  drive            {'; '.join(_drive(drive))}"

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...errors import InputError
 from .state import State, state_of_file
 
-FOLDERS = (Path(__file__).with_name("presets"), Path(__file__).parents[3] / "problems")
+FOLDERS = (Path(__file__).with_name("servos"), Path(__file__).parents[3] / "problems")
 """Of an installed package, and of a checkout."""
 PRESET_GAINS = {"canudas": 1.0}
 """Gains to begin with [V/rad], where the first one of the page is none for it."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ctypes
 import multiprocessing
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -30,6 +31,9 @@ LONGEST_SILENCE = 30.0
 """Seconds without a word after which a worker that has a question is ended: five times what a stage may take."""
 TO_END = 1.0
 """Seconds that a worker has to end by itself."""
+MOST_MEGABYTES = 600.0
+"""Memory beyond which a worker ends, behind an answer, and another one takes its place: some five times its first.
+The engine keeps what it has compiled, and a page may be open for days."""
 WARM = "gain=0.1"
 """A first question to itself: it fills the caches of the engine."""
 
@@ -52,6 +56,18 @@ def serve(pipe: Any, newest: Any) -> None:
                 for stage, shown in asked.of(state_of_address(address), partial(_passed, newest, number)):
                     pipe.send((number, stage, shown))
                 pipe.send((number, DONE, {}))
+            if _megabytes() > MOST_MEGABYTES:
+                return
+
+
+def _megabytes() -> float:
+    """The most memory that this process has had; 0 where the system does not say."""
+    try:
+        import resource
+    except ImportError:
+        return 0.0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(peak) / (1e6 if sys.platform == "darwin" else 1e3)
 
 
 def _passed(newest: Any, number: int) -> bool:
@@ -139,9 +155,14 @@ class Worker:
         with self._lock:
             if self._closed:
                 return
+            self._process.join(TO_END)
+            meant = self._process.exitcode == 0
             again, number = self._question, self._newest.value
-            self._question = None  # one that ends a worker is not asked twice
             self._start()
+            if meant and again is not None:
+                self._pipe.send(again)
+                return
+            self._question = None  # one that ends a worker is not asked twice
         if again is not None:
             why = "the computation broke off; move something, and it is asked again"
             self._heard(number, DONE, {"why": why})

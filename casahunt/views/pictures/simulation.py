@@ -107,7 +107,7 @@ def sampled_motion(found: SampledMotion, *, axes: Any = None) -> Array:
     title = f"as built, {found.drive.sample_time:g} s, K = {found.gain:.4g}: {found.verdict.kind}"
     curves = found.set_point + x[0, kept], x[1, kept], torque[kept]
     static = found.servo.friction.static
-    return _three(axes, t[kept], curves, sticks, title, LOOKS[MODELS[0]].colour, found.set_point, (-static, static))
+    return _three(axes, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, (-static, static))
 
 
 def loop_motion(step: LoopMotion, set_point: float, title: str, *, axes: Any = None) -> Array:

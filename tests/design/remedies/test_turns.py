@@ -12,13 +12,14 @@ class Branch:
 
     def __init__(self, values, *kinds):
         self.values, self.orbits = np.array(values), list(values)
+        self.special = ()
         self.missed = [type("Missed", (), {"kind": kind, "meaning": "between two cycles"}) for kind in kinds]
 
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_the_border_is_the_outermost_cycle_and_known_to_its_neighbours(sense):
     values = 1 + sense * np.array([-0.5, -1e-5, 0.0, -2e-5, -0.3])
-    found = border._turned(Branch(values, "fold"), sense)
+    found = border._turned(Branch(values, "fold"), sense, 1e-9)
     assert (found.kind, found.size, found.why) == ("fold", 1.0, "between two cycles")
     assert found.error == pytest.approx(2e-5, rel=1e-6)
 
@@ -29,4 +30,13 @@ def test_the_border_is_the_outermost_cycle_and_known_to_its_neighbours(sense):
 ])  # fmt: skip
 def test_what_is_no_border(values, kinds):
     """No turn was met; cycles too far apart on either side; a branch that only ends."""
-    assert border._turned(Branch(values, *kinds), 1) is None
+    assert border._turned(Branch(values, *kinds), 1, 1e-9) is None
+
+
+@pytest.mark.parametrize(("value", "border_there"), [(1.01, True), (0.7, False)])
+def test_a_grazing_at_the_outer_end_is_a_border(value, border_there):
+    """Behind it the branch came back on the mirror image of its cycle; one on the way is none."""
+    branch = Branch([0.5, 1.0, 0.5])
+    branch.special = [type("Special", (), {"kind": "grazing", "value": value, "orbit": None, "meaning": "an event"})]
+    found = border._turned(branch, 1, 1e-9)
+    assert (found is not None) is border_there and (found is None or (found.kind, found.size) == ("grazing", value))

@@ -12,7 +12,7 @@ import pytest
 from peer_support import needs
 from stick_map_support import border
 
-from casahunt import InputError, Options, Servo, find_orbit
+from casahunt import InputError, Options, Servo, find_fold, find_orbit
 from casahunt.continuation import follow, special_curve
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle, orbit_ensemble
@@ -38,6 +38,7 @@ from casahunt.servo.parts.reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_
 from casahunt.servo.parts.switch import SWITCH
 from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
 from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
+from casahunt.servo.parts.verbs import fold_in, loop_cycle
 
 PLAIN = (INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR)
 
@@ -291,3 +292,10 @@ def test_a_slip_that_creeps_to_rest_is_followed_to_its_end():
     motion = simulate(loop.system, "stick", start=start, duration=1416.9523223606943, tol=1e-8)
     assert sum(phase.count for phase in motion.phases) < 2000
     assert abs(motion.end["x1"]) < 1e-11
+
+
+def test_a_fold_in_another_parameter_is_that_in_the_gain():
+    """At the static friction at which hunting ends, the gain is that of the servo's own fold."""
+    cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.1}), "static")
+    found = fold_in(cycle, "static", sense=-1)
+    assert find_fold(Servo().replace(**{"friction.static": found.value}), "switch").gain == pytest.approx(0.1, rel=1e-8)

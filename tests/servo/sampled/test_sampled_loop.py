@@ -21,6 +21,28 @@ def test_another_program_has_the_same_motion(seed):
     assert found["horizon"] >= 400
 
 
+@pytest.mark.parametrize("seed", [1, 7, 9])
+def test_another_program_has_the_same_motion_of_lugre_friction(seed):
+    found = sampled.compared(seed, 100, lugre=True)
+    assert found["off"] <= sampled.AGREES and found["horizon"] == 101
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(15))
+def test_cases_of_lugre_friction(seed):
+    assert sampled.compared(seed, 250, lugre=True)["off"] <= sampled.AGREES
+
+
+def test_lugre_friction_hunts_and_rests_with_a_dead_band():
+    """Next to the Switch servo's, by some per cent; at rest its bristles creep, by less than they bend."""
+    hunts, rests = (
+        simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-3, encoder=2000, dead_band=band), model="lugre", time=12.0)
+        for band in (0.0, 0.018)
+    )
+    assert np.ptp(hunts.states[0, 6000:]) == pytest.approx(2 * 0.0188, rel=0.05)
+    assert rests.verdict.kind == "at rest" and "bristles bend" in rests.verdict.sentence
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(50))
 def test_fifty_cases_of_another_program(seed):

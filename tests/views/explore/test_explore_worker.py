@@ -80,6 +80,23 @@ def test_no_stage_is_computed_for_nobody(monkeypatch):
     assert said == [(1, "hunts"), *((2, stage) for stage in (*STAGES, DONE))]
 
 
+def test_one_that_has_grown_ends_behind_an_answer(monkeypatch):
+    newest, said, questions = SimpleNamespace(value=1), [], [(1, "gain=0.2"), (2, "gain=0.3"), None]
+    monkeypatch.setattr(module.interrupts, "serve", lambda: None)
+    monkeypatch.setattr(module, "MOST_MEGABYTES", 1.0)
+    if not module._megabytes():
+        pytest.skip("this system does not say how much memory a process has")
+    module.serve(SimpleNamespace(recv=lambda: questions.pop(0), send=lambda answer: said.append(answer[1])), newest)
+    assert said[-1] == DONE and len(questions) == 2
+
+
+def test_one_that_ends_as_it_should_is_replaced_and_asked_again(worker, heard):
+    before = worker.process_id
+    worker._pipe.send(None)
+    worker.ask(105, "gain=0.26")
+    assert until_done(heard, 105)["hunts"]["verdict"] == "hunts" and worker.process_id != before
+
+
 def test_what_rests_says_nothing(worker, heard):
     worker.ask(110, "model=lugre&gain=0.123")
     worker.rest()
