@@ -196,3 +196,16 @@ def test_a_parameter_that_turns_round_without_a_fold_is_told(stick_slip):
     assert unseen_turns(replace(there, special=(fold, fold))) == unseen_turns(replace(there, orbits=up)) == ()
     still = replace(there, orbits=(up[0], up[1], replace(up[1], period_error=1.0), up[0]))
     assert unseen_turns(still) == ()  # by less than is known
+
+
+def test_two_real_multipliers_whose_product_passes_one_are_no_torus():
+    """exp(0.4 pi) and exp(2 pi (lam - 0.2)): at lam = 0 the one is the inverse of the other."""
+
+    def saddle(x, p):
+        rate = 1 - x.x**2 - x.y**2
+        return {"x": rate * x.x - x.y, "y": rate * x.y + x.x, "z": 0.2 * x.z, "w": (p.lam - 0.2) * x.w}
+
+    system = System("saddle", ("x", "y", "z", "w"), {"lam": -0.1}, (Mode("smooth", saddle),))
+    start = find_cycle(system, x=1.0, y=0.0, z=0.0, w=0.0, settled=True)
+    branch = follow(start, "lam", to=0.1)
+    assert branch.end.kind == "range" and not branch.special and not branch.missed
