@@ -46,7 +46,7 @@ MOST_OF_NOTHING = 3.0
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
 FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-3, 8.0, 0.2, 1e8
-WELL_KNOWN = 1e-3
+STIFF_SHARE = 1e-3
 """Eigenvalue in units of the largest, curvatures scaled to one, of a direction that the records know well."""
 RESTORATIONS = 2
 """Steps back to the bottom of a valley, until a step counts as taken in vain."""
@@ -277,7 +277,7 @@ def _stiffly(H: Array, g: Array) -> Array:
     """
     scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
     values, vectors = np.linalg.eigh(H * scale[:, None] * scale)
-    stiff = values > WELL_KNOWN * values[-1]
+    stiff = values > STIFF_SHARE * values[-1]
     return np.asarray(scale * (vectors[:, stiff] @ ((vectors[:, stiff].T @ (g * scale)) / values[stiff])))
 
 
