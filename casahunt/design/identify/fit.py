@@ -46,7 +46,11 @@ MOST_OF_NOTHING = 3.0
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
 FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-3, 8.0, 0.2, 1e8
-MOST_FIT_STEPS = 30
+STIFF_SHARE = 1e-3
+"""Eigenvalue in units of the largest, curvatures scaled to one, of a direction that the records know well."""
+RESTORATIONS = 2
+"""Steps back to the bottom of a valley, until a step counts as taken in vain."""
+MOST_FIT_STEPS = 60
 FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
@@ -246,6 +250,13 @@ def climb(
         z = point.z + dz
         z[:k] = np.maximum(z[:k], NEXT_TO_NOTHING)
         trial = at(question, z, noises, point, stretched=stretched)
+        for _ in range(RESTORATIONS):
+            if trial is None or trial.deviance <= point.deviance:
+                break
+            back = trial.z.copy()
+            back[moving] += _stiffly(trial.curvature[np.ix_(moving, moving)], trial.gradient[moving])
+            back[:k] = np.maximum(back[:k], NEXT_TO_NOTHING)
+            trial = at(question, back, noises, trial, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
             gained = point.deviance - trial.deviance
             point, mu = trial, max(mu * LESS, 1e-9)
@@ -256,6 +267,18 @@ def climb(
             if mu > MOST_DAMPING:
                 return point
     return point
+
+
+def _stiffly(H: Array, g: Array) -> Array:
+    """Newton's step in the stiff directions alone: back to the bottom of a curved valley.
+
+    A record of many periods knows the period and the phase far better than all else: a long step along what it hardly
+    knows leaves the curved surface on which these are right, by its square.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    values, vectors = np.linalg.eigh(H * scale[:, None] * scale)
+    stiff = values > STIFF_SHARE * values[-1]
+    return np.asarray(scale * (vectors[:, stiff] @ ((vectors[:, stiff].T @ (g * scale)) / values[stiff])))
 
 
 def _solution(A: Array, b: Array) -> Array:

@@ -41,7 +41,7 @@ WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
 LEAST_TOLD = 1e-6
 """Information about a logarithm that is added to all directions: one that nothing tells has the variance 1e6."""
-FIRST_STEPS = 20
+FIRST_STEPS = 40
 """Of the stretched fit: one that takes more leads nowhere."""
 ONE_POINT, RIVAL = 1.0, 30.0
 """Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""

@@ -32,7 +32,7 @@ FACTORS = (1.0, 0.3, 3.0)
 """Of the values that are stated, where vs and viscous friction are tried."""
 OF_PEAK_SPEED = (0.05, 0.2)
 """vs in units of the largest speed of a slip that are tried besides."""
-SCALE, LITTLE_VISCOUS = 0.2, 0.02
+SCALE, LITTLE_VISCOUS = 0.2, 0.005
 """Scale of a parameter in units of its value; share of the friction below which the viscous one is next to nothing."""
 VISCOUS_SHARE = 0.1
 """Share of the friction that is tried for the viscous one where the servo states none."""
@@ -57,8 +57,8 @@ def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
 
 def _slip(data: Data) -> float:
     """About the duration of a slip [s]."""
-    inside = float(np.mean(np.abs(data.shape) < INNER * data.amplitude))
-    return max(inside, 1 / data.shape.size) * data.period / 2 / INNER_TIME
+    inside = float(np.mean(np.abs(data.position - data.position.mean()) < INNER * data.amplitude))
+    return max(inside, 1 / data.times.size) * data.period / 2 / INNER_TIME
 
 
 def trials(question: Question) -> Iterator[dict[str, float]]:

@@ -171,7 +171,8 @@ def test_a_record_that_cannot_be_fitted_is_refused(capsys, tmp_path, kind):
 
 
 def test_a_gain_that_does_not_fit_is_refused(capsys, file, tmp_path):
-    assert cli.main(["identify", str(file), "--gain", "0.0005", "--out", str(tmp_path / "new"), "--quiet"]) == 2
+    assert cli.main(["identify", str(file), "--gain", "0.0005", "--free", "friction.static",
+                     "--out", str(tmp_path / "new"), "--quiet"]) == 2  # fmt: skip
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and "gain = 0.0005: does not fit" in err
     assert not (tmp_path / "new").exists()
