@@ -77,6 +77,8 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "diagram": (2, lambda: ([branch()],)),
     "elasticities": (1, lambda: ([fold()], [casahunt.fold_sensitivities(fold())])),
     "equilibria": (1, lambda: (casahunt.equilibria(SERVO, "switch", 0.1),)),
+    "fitted_records": (2, lambda: (
+        casahunt.identify([record()], SERVO, 0.04, free=["friction.static"], advise=False),)),
     "fold_curves": (1, lambda: ([casahunt.fold_curve(
         SERVO, "switch", vary="friction.static", start=0.53, end=0.54, points=2)],)),
     "fold_map": (1, lambda: (folds(),)),

@@ -35,7 +35,7 @@ from ...servo.parts.verbs import loop_cycle
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
 from .border import BORDERS, Border, Scales, border, with_remedy
-from .cures import MARGIN_TO_CHOOSE, Cure, Cures
+from .cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
 from .price import LOOKED_PERIODS, MOST_WINDOWS, task, verdict
 
 LARGER_SIZES = (1.5, 2.0, 3.0)
@@ -191,12 +191,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     if found.kind == "not found":
         return Cure(remedy.name, remedy.unit, found.kind, why=found.why, followed_to=found.size, first=found.first)
     if found.kind == "none":
-        tried = f"hunting goes on up to {found.size:.4g} {remedy.unit}".rstrip()
-        return Cure(
-            remedy.name, remedy.unit, found.kind, rests=_rests(remedy, found.size, numbers),
-            why=f"{tried}, the last size looked at: {remedy.why_not}".rstrip(": "), followed_to=found.size,
-            first=found.first,
-        )  # fmt: skip
+        return _without_end(asked, remedy, found)
     size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
     worst = _worst(asked, remedy, found)
     least = worst if math.isfinite(worst) else size
@@ -219,6 +214,21 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
         worst_size=worst, why=found.why, followed_to=size, first=found.first,
     )  # fmt: skip
+
+
+def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
+    """A remedy whose cycles go on: hunting does, where the last of them is stable or motions hunt."""
+    loop, orbit, size = asked.loop, found.orbit, f"{found.size:.4g} {remedy.unit}".rstrip()
+    if orbit is not None and not orbit.stable:
+        seen = verdict(with_remedy(loop, remedy, found.size), orbit.amplitude, orbit.period)
+        if seen in ENDED:
+            mu = abs(orbit.multipliers.leading)
+            why = f"its cycle goes on up to {size}, the last size looked at, but unstable (half multiplier {mu:.2g}), and "
+            why += "motions there came to rest: where before it hunting ends is not known"
+            return Cure(remedy.name, remedy.unit, "not found", why=why, followed_to=found.size, first=found.first)
+    why = f"hunting goes on up to {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
+    return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(loop)), why=why,
+                followed_to=found.size, first=found.first)  # fmt: skip
 
 
 def _misfit(loop: Loop, remedy: Remedy) -> str:

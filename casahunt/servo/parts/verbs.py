@@ -223,7 +223,7 @@ class LoopMotion:
     --------
     >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_motion
     >>> step = loop_motion(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR)), 10.0)
-    >>> round(float(abs(step.torque).max()), 2)  # 2 * 16 * 0.04 V/rad * 1 rad
+    >>> round(float(abs(step.torque[0])), 2)  # 2 * 16 * 0.04 V/rad * 1 rad
     1.28
     """
 

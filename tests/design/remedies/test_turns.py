@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from casahunt import Controller, Friction, Servo, remedies
 from casahunt.design.remedies import border
+from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies.border import TURN_KNOWN
 
 
@@ -40,3 +42,16 @@ def test_a_grazing_at_the_outer_end_is_a_border(value, border_there):
     branch.special = [type("Special", (), {"kind": "grazing", "value": value, "orbit": None, "meaning": "an event"})]
     found = border._turned(branch, 1, 1e-9)
     assert (found is not None) is border_there and (found is None or (found.kind, found.size) == ("grazing", value))
+
+
+def test_cycles_that_go_on_unstable_are_no_hunting(monkeypatch):
+    """A servo whose cycle loses its stability on the way, and whose motions come to rest at the last size."""
+    servo = Servo(
+        inertia=0.0341, motor_gain=48.8, controller=Controller(lead_time=0.959, integral_time=0.0324),
+        friction=Friction(static=0.93, coulomb=0.729, stribeck_velocity=0.06, viscous=0.00736),
+    )  # fmt: skip
+    row = remedies(servo, "switch", 0.00944, only=["error dead band"]).remedies[0]
+    assert row.kind == "not found" and "unstable" in row.why and "motions there came to rest" in row.why
+    monkeypatch.setattr(table, "verdict", lambda *a: "hunts")
+    row = remedies(servo, "switch", 0.00944, only=["error dead band"]).remedies[0]
+    assert row.kind == "none" and "hunting goes on" in row.why
