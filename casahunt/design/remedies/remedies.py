@@ -223,8 +223,8 @@ def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
         seen = verdict(with_remedy(loop, remedy, found.size), orbit.amplitude, orbit.period)
         if seen in ENDED:
             mu = abs(orbit.multipliers.leading)
-            why = f"its cycle goes on up to {size}, the last size looked at, but unstable (half multiplier {mu:.2g}), and "
-            why += "motions there came to rest: where before it hunting ends is not known"
+            goes = f"its cycle goes on up to {size}, the last size looked at, but unstable (half multiplier {mu:.2g})"
+            why = f"{goes}, and motions there came to rest: where before it hunting ends is not known"
             return Cure(remedy.name, remedy.unit, "not found", why=why, followed_to=found.size, first=found.first)
     why = f"hunting goes on up to {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
     return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(loop)), why=why,
