@@ -150,6 +150,7 @@ def test_the_scheme_that_is_asked_for_is_taken():
         follow(orbit, "belt", to=0.5, options=Options(degree=0.5))
 
 
+@pytest.mark.slow
 def test_a_parameter_passes_through_zero():
     """Van der Pol's oscillator at -mu is the one at mu with the time reversed: T is the same, mu_2 the inverse."""
     system = System(

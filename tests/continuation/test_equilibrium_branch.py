@@ -119,6 +119,7 @@ def test_what_is_born_has_the_parameter_and_the_multiplier_of_its_normal_form():
     assert ways[0] / ways[1] == pytest.approx((sizes[0] / sizes[1]) ** 2, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_cycle_is_followed_and_leads_back_to_its_birth():
     (hopf,) = equilibria(LORENZ, vary="rho", to=30.0, x=6.0, y=6.0, z=13.0).special
     cycle = born_at(hopf)

@@ -19,6 +19,7 @@ def given(demands, uncertainty=None):
     return Given(Servo(), "switch", demands, uncertainty, (), {}, "settling", Options())
 
 
+@pytest.mark.slow
 def test_the_gain_that_the_torque_leaves():
     """The fastest servo would take more: what is allowed is taken at the start of the step, and not exceeded."""
     tuning = tune(Servo(), "switch", demands=Demands(max_torque=30.0), cost="settling")
@@ -45,6 +46,7 @@ def test_the_strongest_motor_of_the_set():
     assert given(Demands(), uncertain).largest_gain(Servo()) == math.inf
 
 
+@pytest.mark.slow
 def test_what_the_simulated_tasks_take_is_held_against_it():
     """Apart from the search: were its torque too small, the tasks would speak against it."""
     found = given(Demands())

@@ -62,6 +62,7 @@ def test_a_servo_that_has_crept_to_the_set_point_is_at_rest():
         assert motion.modes[-1] == "slip+" and motion.verdict.kind == "at rest", motion.verdict.sentence
 
 
+@pytest.mark.slow
 def test_a_servo_that_still_moves_has_not_crept_there():
     servo = Servo().replace(**DAMPED)
     moving = simulate(servo, "switch", 0.88383, position=1.0048, time=1.0)

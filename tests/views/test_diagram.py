@@ -199,6 +199,7 @@ def test_diagram_as_it_is_asked_for(tmp_path):
     assert all(is_picture(tmp_path / "out" / name) for name in command_diagram.PICTURES)
 
 
+@pytest.mark.slow
 def test_earlier_results_are_replaced(capsys, tmp_path):
     """By new ones of the same name, and not before those are there: without a cycle nothing is touched."""
     old = dict.fromkeys(command_diagram.PICTURES, command_diagram.PICTURE_SIGN) | {"notes.txt": b"mine"}

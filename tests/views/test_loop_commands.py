@@ -88,6 +88,7 @@ def test_folds_in_any_parameter(capsys, loop_file, parts, values, vary, way, tru
         assert found["elasticities"]["motor_gain"] == pytest.approx(-1)
 
 
+@pytest.mark.slow
 def test_hunting_ends_downwards_in_the_static_friction(capsys, loop_file):
     """Where it does, the servo's own fold gain is the gain of the loop."""
     words = "--vary", "static", "--tol", "1e-9", "--json", "--quiet"

@@ -41,6 +41,7 @@ def test_the_table_is_read_at_a_glance(capsys):
     assert err.splitlines()[0].startswith("dead band: 0.043345724") and len(err.splitlines()) == 3  # as they are found
 
 
+@pytest.mark.slow
 def test_where_less_is_more(capsys):
     out = run(capsys, *GAIN, "--only", "freeze", "--quiet")[1]
     row = next(line for line in out.splitlines() if line.startswith("  freeze"))
@@ -79,6 +80,7 @@ def test_a_picture(capsys, tmp_path):
     assert np.count_nonzero(red) > 100  # the line at which hunting ends
 
 
+@pytest.mark.slow
 def test_limits(capsys):
     """The cheapest within them is named; where there is none, the table stands, and the exit code says it."""
     words = (*GAIN, "--only", "dead band,gain", "--quiet")

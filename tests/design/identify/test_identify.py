@@ -56,6 +56,7 @@ def test_true_values_lie_in_the_intervals(found):
     assert found.bounded and found.values.keys() == set(FREE)
 
 
+@pytest.mark.slow
 def test_other_wrong_values_lead_to_the_same_optimum(found):
     other = {"friction.static": 0.3, "friction.coulomb": 0.25, "friction.viscous": 0.2,
              "friction.stribeck_velocity": 0.01}  # fmt: skip
@@ -115,12 +116,14 @@ def test_what_a_record_cannot_tell_is_said():
     assert not found.bounded
 
 
+@pytest.mark.slow
 def test_lugre_friction():
     record = made(each=300, whole=4, model="lugre")
     found = identify([record], WRONG, GAIN, "lugre", free=["friction.static", "friction.coulomb"], advise=False)
     assert found.model == "lugre" and found.judgement.misfit < 2.5
 
 
+@pytest.mark.slow
 def test_several_records_at_several_gains():
     """Their common interval is narrower than that of either."""
     times, a = np.arange(0.0, 60.0, 0.03), find_orbit(Servo(), "switch", 0.05).amplitude
@@ -170,6 +173,7 @@ def test_a_record_that_cannot_be_fitted_is_refused(capsys, tmp_path, kind):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_a_gain_that_does_not_fit_is_refused(capsys, file, tmp_path):
     assert cli.main(["identify", str(file), "--gain", "0.0005", "--free", "friction.static",
                      "--out", str(tmp_path / "new"), "--quiet"]) == 2  # fmt: skip

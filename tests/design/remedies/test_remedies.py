@@ -39,6 +39,7 @@ def test_integrators_that_forget(name, gain, low, high):
     assert found.kind == "fold" and found.size == pytest.approx(truth, rel=2e-10) and found.ends_hunting
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.04, 0.1])
 def test_hysteresis_ends_where_the_cycle_stops_on_its_edge(gain):
     """P(delta) = delta: a stop within the band is not left any more."""
@@ -62,6 +63,7 @@ def test_more_gain_is_the_fold_of_the_servo():
     assert found.rest_error == 0
 
 
+@pytest.mark.slow
 def test_freezing_must_come_before_the_servo_breaks_away():
     """The dwell is the time for which the plain cycle sticks."""
     orbit = find_orbit(Servo(), "switch", 0.04, options=Options(tol=1e-9))
@@ -75,6 +77,7 @@ def test_what_does_not_end_hunting_says_why(name):
     assert not found.ends_hunting and (found.why or "grows" in found.stays)
 
 
+@pytest.mark.slow
 def test_demands_and_the_cheapest():
     table = remedies(Servo(), "switch", 0.04, only=["dead band", "leak", "gain"])
     assert table.best and [r.name for r in table.remedies][0] == table.best
@@ -84,6 +87,7 @@ def test_demands_and_the_cheapest():
     assert remedies(Servo(), "switch", 0.04, only=["dead band", "gain"], max_error=0.01, max_torque=5).best == ""
 
 
+@pytest.mark.slow
 def test_the_worst_servo_of_a_set_needs_more():
     found = row("dead band", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}))
     other = remedies(Servo().replace(**{"friction.static": 0.54}), "switch", 0.04, only=["dead band"]).remedies[0]
@@ -115,6 +119,7 @@ def test_the_worst_servo_is_that_of_all_corners():
     assert found.worst_size == pytest.approx(min(stuck), rel=1e-6) and found.worst_size < found.size
 
 
+@pytest.mark.slow
 def test_rows_have_the_margins_of_their_linear_loop():
     table = {name: row(name, 0.04) for name in ("gain", "integral", "dead band")}
     found, truth = table["gain"], margins(Servo(), table["gain"].recommended)

@@ -40,6 +40,7 @@ def seen():
     return {gain: (motion, cause_of(motion)) for gain, motion in motions.items()}
 
 
+@pytest.mark.slow
 def test_it_hunts_at_half_the_frequency_by_its_encoder(seen):
     """1 ms and 2000 counts: the other program repeats every 4.78 s, the continuous loop every 2.49 s."""
     states, _ = peer(1.0).motion(-1.0, 0.0, 0.0, 26000)

@@ -201,6 +201,7 @@ def test_another_site_may_not_ask(served):
             asyncio.run(begun(served, Origin=origin))
 
 
+@pytest.mark.slow
 def test_two_pages_do_not_disturb_each_other(served):
     async def both():
         async with connected(served) as one, connected(served) as other:

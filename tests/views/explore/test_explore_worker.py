@@ -49,6 +49,7 @@ def test_it_answers_as_the_library_does(worker, heard):
     assert said["hunts"]["amplitude"]["value"] == find_orbit(Servo(), "switch", 0.2).amplitude
 
 
+@pytest.mark.slow
 def test_of_fifty_quick_moves_the_last_one_wins(worker, heard):
     """The others are dropped: not even their curves are drawn, and it takes no fifty answers' time."""
     for number in range(2, 52):
@@ -60,6 +61,7 @@ def test_of_fifty_quick_moves_the_last_one_wins(worker, heard):
     assert heard.empty()
 
 
+@pytest.mark.slow
 def test_dropped_in_the_middle(worker, heard):
     """A question in its first stage is left within that stage, not at its end."""
     worker.ask(100, "model=lugre&remedy=dead+band&dead_band=0.01")
