@@ -60,6 +60,11 @@ class Status(Enum):
         "others near them"
     )
 
+    FIT_NOT_CONVERGED = (
+        "the fit stopped short of an optimum, so its values are none and it has no intervals; start from other values, "
+        "or leave fewer parameters free"
+    )
+
     @property
     def ok(self) -> bool:
         """True for a trustworthy result."""

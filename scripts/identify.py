@@ -9,6 +9,7 @@ up or down by chance, and once more from others.
 
     inside     share of the true values inside their 95 % intervals, of all and of each parameter
     same       both starts end in the same optimum: deviances within 0.5, or values within a tenth of their intervals
+    settled    both fits say that they have converged; the intervals of the first one do not count where it says not
     explained  the model is said to explain its own record
     time       of one record [s of the processor]
 
@@ -85,6 +86,8 @@ def same(a: Identification, b: Identification) -> bool:
     if abs(a.deviance - b.deviance) < ALIKE:
         return True
     for name, (low, high) in a.intervals.items():
+        if math.isnan(low):
+            return False
         width = math.log(min(high, 1e3 * a.values[name]) / max(low, 1e-3 * a.values[name]))
         if abs(math.log(a.values[name] / b.values[name])) > SAME * max(width, 1e-6):
             return False
@@ -120,11 +123,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             lost += 1
             continue
         found, truth = answers[0], flatten(made.servo)
+        sums["settled"] += all(answer.status.ok for answer in answers)
         said = []
         for name, (low, high) in found.intervals.items():
             good = low <= truth[name] <= high
             inside[name] += good
-            said.append(f"{math.log(found.values[name] / truth[name]):+.3f}{' ' if good else '!'}")
+            mark = " " if good else "!" if found.status.ok else "?"
+            said.append(f"{math.log(found.values[name] / truth[name]):+.3f}{mark}")
+        sums["told"] += found.status.ok
         sums["servos"] += 1
         sums["explained"] += found.judgement.explained
         sums["same"] += len(answers) == 2 and same(*answers)
@@ -134,10 +140,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{found.orbits[0].amplitude * made.counts / 2 / math.pi:6.1f} counts: {' '.join(said)} misfit "
             f"{found.judgement.misfit:.2f} {alike} {times[-len(answers)]:.1f} s", flush=True,
         )  # fmt: skip
-    n = max(sums["servos"], 1)
-    each = ", ".join(f"{name} {count / n:.0%}" for name, count in inside.items())
-    print(f"inside {sum(inside.values()) / n / len(FREE):.1%}: {each}")
-    print(f"same optimum {sums['same'] / n:.1%}, explained {sums['explained'] / n:.1%}, refused {lost}")
+    n, told = max(sums["servos"], 1), max(sums["told"], 1)
+    each = ", ".join(f"{name} {count / told:.0%}" for name, count in inside.items())
+    print(f"inside {sum(inside.values()) / told / len(FREE):.1%}: {each}")
+    shares = ", ".join(f"{name} {sums[name] / n:.1%}" for name in ("same", "settled", "explained"))
+    print(f"{shares}, refused {lost}")
     print(f"time: median {np.median(times):.2f} s, 95 % {np.quantile(times, 0.95):.2f} s, longest {max(times):.2f} s")
     return 0
 

@@ -45,9 +45,7 @@ MOST_OF_NOTHING = 3.0
 """Of an unknown below zero, whose parameter is next to nothing."""
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
-FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-3, 8.0, 0.2, 1e8
-STIFF_SHARE = 1e-3
-"""Eigenvalue in units of the largest, curvatures scaled to one, of a direction that the records know well."""
+FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8
 RESTORATIONS = 2
 """Steps back to the bottom of a valley, until a step counts as taken in vain."""
 MOST_FIT_STEPS = 60
@@ -234,53 +232,50 @@ def climb(
     most: int = MOST_FIT_STEPS,
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
-    moving = np.array([i for i in range(point.z.size) if i != held])
-    mu, k = FIRST_DAMPING, len(question.free)
+    mu = FIRST_DAMPING
     for _ in range(most):
-        H, g = point.curvature[np.ix_(moving, moving)], point.gradient[moving]
-        diagonal = np.maximum(np.diag(H), 1e-12 * np.max(np.diag(H), initial=1e-300))
-        step = _solution(H + mu * np.diag(diagonal), g)
-        if mu <= FIRST_DAMPING and step @ g < settled:
+        if expected(point, held) < settled or mu > MOST_DAMPING:
             return point
-        dz = np.zeros(point.z.size)
-        dz[moving] = step
-        change = np.maximum(np.abs(dz[:k] * question.rates(point.z)) / question.sizes(point.z) / MOST_OF_A_STEP,
-                            np.where(point.z[:k] < 0, np.abs(dz[:k]) / MOST_OF_NOTHING, 0.0))  # fmt: skip
-        dz /= max(1.0, float(np.max(change, initial=0.0)))
-        z = point.z + dz
-        z[:k] = np.maximum(z[:k], NEXT_TO_NOTHING)
-        trial = at(question, z, noises, point, stretched=stretched)
+        trial = at(question, _stepped(question, point, mu, held), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):
             if trial is None or trial.deviance <= point.deviance:
                 break
-            back = trial.z.copy()
-            back[moving] += _stiffly(trial.curvature[np.ix_(moving, moving)], trial.gradient[moving])
-            back[:k] = np.maximum(back[:k], NEXT_TO_NOTHING)
-            trial = at(question, back, noises, trial, stretched=stretched)
+            trial = at(question, _stepped(question, trial, mu, held), noises, trial, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
-            gained = point.deviance - trial.deviance
-            point, mu = trial, max(mu * LESS, 1e-9)
-            if gained < settled and mu <= FIRST_DAMPING:
-                return point
+            point, mu = trial, max(mu * LESS, LEAST_DAMPING)
         else:
-            mu = max(mu, 1e-4) * MORE
-            if mu > MOST_DAMPING:
-                return point
+            mu *= MORE
     return point
 
 
-def _stiffly(H: Array, g: Array) -> Array:
-    """Newton's step in the stiff directions alone: back to the bottom of a curved valley.
-
-    A record of many periods knows the period and the phase far better than all else: a long step along what it hardly
-    knows leaves the curved surface on which these are right, by its square.
-    """
-    scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    values, vectors = np.linalg.eigh(H * scale[:, None] * scale)
-    stiff = values > STIFF_SHARE * values[-1]
-    return np.asarray(scale * (vectors[:, stiff] @ ((vectors[:, stiff].T @ (g * scale)) / values[stiff])))
+def expected(point: Point, held: int | None = None) -> float:
+    """Decrease of the deviance that is expected of a step without damping: 0 at an optimum."""
+    moving = _moving(point, held)
+    g = point.gradient[moving]
+    return float(_solution(point.curvature[np.ix_(moving, moving)], g, LEAST_DAMPING) @ g)
 
 
-def _solution(A: Array, b: Array) -> Array:
-    scale = 1 / np.sqrt(np.diag(A))
-    return np.asarray(scale * np.linalg.lstsq(A * scale[:, None] * scale, b * scale, rcond=1e-15)[0])
+def _moving(point: Point, held: int | None) -> Array:
+    """Unknowns that may move: neither held, nor those of parameters that are next to nothing and would be less."""
+    stays = (point.z <= NEXT_TO_NOTHING) & (point.gradient <= 0)
+    return np.array([i for i in range(point.z.size) if i != held and not stays[i]], int)
+
+
+def _stepped(question: Question, point: Point, mu: float, held: int | None) -> Array:
+    """The unknowns behind a damped step, which is cut where a parameter would change by much."""
+    moving, k = _moving(point, held), len(question.free)
+    dz = np.zeros(point.z.size)
+    dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], point.gradient[moving], mu)
+    change = np.maximum(np.abs(dz[:k] * question.rates(point.z)) / question.sizes(point.z) / MOST_OF_A_STEP,
+                        np.where(point.z[:k] < 0, np.abs(dz[:k]) / MOST_OF_NOTHING, 0.0))  # fmt: skip
+    z = point.z + dz / max(1.0, float(np.max(change, initial=0.0)))
+    z[:k] = np.maximum(z[:k], NEXT_TO_NOTHING)
+    return z
+
+
+def _solution(H: Array, g: Array, mu: float) -> Array:
+    """Of (H + mu diag H) dz = g."""
+    diagonal = np.diag(H)
+    scale = 1 / np.sqrt(np.maximum(diagonal, 1e-12 * np.max(diagonal, initial=1e-300)))
+    A = H * scale[:, None] * scale + mu * np.eye(g.size)
+    return np.asarray(scale * np.linalg.lstsq(A, g * scale, rcond=1e-15)[0])

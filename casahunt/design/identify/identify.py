@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import choice_of, of_kind, require
-from ...errors import InputError
+from ...errors import InputError, NoOrbit, Status
 from ...export import Columns
 from ...orbits import Options
 from ...results import Result
@@ -26,8 +26,8 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement
 from ..uncertainty.set import Uncertainty
-from .fit import Array, Data, Point, Question, at, climb
-from .intervals import BetterFound, marginal_information, profile, student_95
+from .fit import Array, Data, Point, Question, at, climb, expected
+from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import LEAST_NOISE, Noise, likeliest
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
@@ -36,7 +36,9 @@ from .suitable import suitable
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
 """What is sought where nothing else is said."""
 MOST_BETTER = 4
-"""Better points that refits may come upon."""
+"""Better points that refits may come upon, until it is said that there is no knowing where the best one lies."""
+STATIONARY = 0.05
+"""Decrease of the deviance that may still be expected at an optimum: a ninth of the way to the end of an interval."""
 WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
 LEAST_TOLD = 1e-6
@@ -64,8 +66,10 @@ class Identification(Result):
 
     Attributes
     ----------
+    status : CONVERGED; FIT_NOT_CONVERGED: the fit stopped short of an optimum, no interval is known.
     model, servo : the friction model, and the servo with the values found.
-    intervals : (low, high) of each free parameter, 95 %; 0 and infinity where the records do not bound it.
+    intervals : (low, high) of each free parameter, 95 %; 0 and infinity where the records do not bound it, nan
+        where the fit has not converged.
     covariance : (k, k) of the logarithms of the free parameters.
     judgement : whether the model explains the records (judgement.py).
     untold : combinations of parameters that the records do not tell, as their powers.
@@ -89,9 +93,10 @@ class Identification(Result):
     0.53
     """
 
-    _quantities = ("model", "values", "misfit = judgement.misfit", "explained = judgement.explained")
+    _quantities = ("status", "model", "values", "misfit = judgement.misfit", "explained = judgement.explained")
     _details = ("untold", "scatter = judgement.scatter", "systematic = judgement.systematic", "servo")
 
+    status: Status
     model: Model
     servo: Servo
     intervals: Mapping[str, tuple[float, float]]
@@ -114,7 +119,12 @@ class Identification(Result):
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """The intervals as `fold_sensitivities`' neighbours take them; without bounds they end at a factor."""
+        """The intervals as `fold_sensitivities`' neighbours take them; without bounds they end at a factor.
+
+        Raises NoOrbit: the fit has not converged.
+        """
+        if not self.status.ok:
+            raise NoOrbit(self.status.advice, self.status)
         return Uncertainty(
             {
                 name: (low if low > 0 else value / BOUND_FACTOR, high if math.isfinite(high) else value * BOUND_FACTOR)
@@ -250,27 +260,28 @@ def data_of(record: Record, m: Measurement, gain: float) -> Data:
 def fitted(question: Question, *, advise: bool = True) -> Identification:
     """The identification of suitable records.  Raises InputError: a gain that does not fit; NoOrbit: no fit."""
     best, noises = _best(question)
-    for tries in range(MOST_BETTER + 1):
+    for _ in range(MOST_BETTER + 1):
         judgement = judged(question, best, noises)
         if not judgement.explained and judgement.systematic > GROSS:
             raise _no_fit(question, judgement.systematic)
-        freedom = sum(data.times.size for data in question.records) - best.z.size
-        rise = student_95(freedom) ** 2 * judgement.factor
         try:
-            last = tries == MOST_BETTER
-            ends = [profile(question, best, noises, j, rise, strict=not last) for j in range(len(question.free))]
+            ends = _ends(question, best, noises, judgement.factor)
             break
         except BetterFound as better:
             best, noises = _with_noise(question, climb(question, better.point, noises), noises)
+    else:
+        ends = None
     J = marginal_information(question, best)
+    nowhere = [Interval(math.nan, math.nan)] * len(question.free)
     return Identification(
+        status=Status.FIT_NOT_CONVERGED if ends is None else Status.CONVERGED,
         model=question.model,
         servo=best.orbits[0].servo,
-        intervals={name: (end.low, end.high) for name, end in zip(question.free, ends, strict=True)},
+        intervals={name: (end.low, end.high) for name, end in zip(question.free, ends or nowhere, strict=True)},
         covariance=np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))) * judgement.factor,
         judgement=judgement,
         untold=untold(question, J, judgement.factor),
-        further=further_gain(question, best, noises) if advise else None,
+        further=further_gain(question, best, noises) if advise and ends else None,
         noises=tuple(noises),
         orbits=best.orbits,
         records=question.records,
@@ -278,6 +289,21 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         deviance=best.deviance,
         phases=tuple(float(best.z[question.own(i)][0]) * d.period for i, d in enumerate(question.records)),
     )
+
+
+def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: float) -> list[Interval] | None:
+    """The interval of each parameter; None where the best point, or one of those along a profile, is no optimum.
+
+    Raises BetterFound: a refit came out below the best point.
+    """
+    if expected(best) > STATIONARY:
+        return None
+    freedom = sum(data.times.size for data in question.records) - best.z.size
+    rise = student_95(freedom) ** 2 * factor
+    try:
+        return [profile(question, best, noises, j, rise) for j in range(len(question.free))]
+    except Unsettled:
+        return None
 
 
 def _best(question: Question) -> tuple[Point, list[Noise]]:

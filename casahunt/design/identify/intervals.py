@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import Array, Point, Question, at, climb
+from .fit import Array, Point, Question, at, climb, expected
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
@@ -29,6 +29,8 @@ REFIT = 0.05
 """Decrease of the deviance that ends a refit: one per cent of the 3.84 of an interval."""
 BELOW_BEST = 0.2
 """Decrease of the deviance below the best that shows that it was none."""
+UNSURE_PART = 0.1
+"""Part of the rise by which a refit may lie above its optimum: the end of the interval is then off by a twentieth."""
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
 FIRST_REACH = 0.5
@@ -41,6 +43,10 @@ class BetterFound(Exception):
     def __init__(self, point: Point) -> None:
         super().__init__()
         self.point = point
+
+
+class Unsettled(Exception):
+    """A refit stopped short of its optimum: where the interval ends is not known."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +63,15 @@ def student_95(freedom: float) -> float:
     return z + (z**3 + z) / (4 * n) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
 
 
-def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, rise: float, *, strict: bool) -> Interval:
+def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, rise: float) -> Interval:
     """The interval of parameter j in which the deviance rises by less than `rise`.
 
-    strict: a refit that comes out below the best point is an exception.
-    Raises BetterFound: it did.
+    Raises BetterFound: a refit came out below the best point; Unsettled: one stopped short of its optimum.
     """
     ends = []
     for sign in (-1, 1):
         z = best.z.copy()
-        z[j] += _end(question, best, noises, j, sign, rise, strict)
+        z[j] += _end(question, best, noises, j, sign, rise)
         ends.append(float(question.numbers(z)[j]) if math.isfinite(z[j]) else 0.0 if sign < 0 else math.inf)
     return Interval(*ends)
 
@@ -79,10 +84,8 @@ def _farthest(question: Question, best: Point, j: int, sign: int) -> float:
     return abs(float(question.unknowns(q)[j] - best.z[j]))
 
 
-def _end(
-    question: Question, best: Point, noises: Sequence[Noise], j: int, sign: int, rise: float, strict: bool
-) -> float:
-    """How far ln q_j goes to one side; infinite where nothing bounds it."""
+def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign: int, rise: float) -> float:
+    """How far z_j goes to one side; infinite where nothing bounds it."""
     others = np.array([i for i in range(best.z.size) if i != j])
     H = best.curvature
     follow = np.zeros(best.z.size)
@@ -103,8 +106,10 @@ def _end(
                 return sign * wall  # the model has no cycle beyond
             continue
         trial = climb(question, trial, noises, held=j, settled=REFIT, most=MOST_REFIT_STEPS)
-        if strict and trial.deviance < best.deviance - BELOW_BEST:
+        if trial.deviance < best.deviance - BELOW_BEST:
             raise BetterFound(trial)
+        if expected(trial, j) > UNSURE_PART * max(rise, trial.deviance - best.deviance):
+            raise Unsettled
         seen = reach, math.sqrt(max(trial.deviance - best.deviance, 0.0))
         if abs(seen[1] / wanted - 1) < END_NEAR:
             return sign * seen[0] * wanted / seen[1]

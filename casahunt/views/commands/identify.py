@@ -1,9 +1,9 @@
 """casahunt identify: friction, or other parameters, from records of a hunting servo.
 
 Keys of the JSON object, the `to_dict` of the identification: parameters {name: {value, low, high}}, 95 %, low 0 or high
-null where the records do not bound it; misfit, 1 where the model leaves nothing but noise; explained; scatter and
-systematic (judgement.py); untold, combinations that the records do not tell, as powers of the parameters; further_gain,
-of the record that would tell most besides, or null; records; servo; wall_s.
+null where the records do not bound it, both null where status is "fit_not_converged"; misfit, 1 where the model leaves
+nothing but noise; explained; scatter and systematic (judgement.py); untold, combinations that the records do not tell,
+as powers of the parameters; further_gain, of the record that would tell most besides, or null; records; servo; wall_s.
 """
 
 from __future__ import annotations
@@ -73,13 +73,17 @@ def run(options: argparse.Namespace) -> int:
         keep_others(options.out, FILES)
     say(stream, f"fitting {len(free)} parameters to {len(records)} record{'s' * (len(records) > 1)}")
     found = identify(records, servo, gains, model, free=free, options=how)
-    if options.out is not None:
+    if options.out is not None and found.status.ok:
         with folder(options.out, FILES) as out:
             options.outputs.write(_write, out, found)
     give(
         options, {**found.to_dict(table=False), "wall_s": time.perf_counter() - began}, _lines(found),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
+    if not found.status.ok:
+        kept = "; --out is not written" if options.out is not None else ""
+        complain("casahunt identify", f"{found.status.advice}{kept}")
+        return 1
     if not found.judgement.explained:
         complain("casahunt identify", _not_explained(found))
         return 1
@@ -132,6 +136,8 @@ def _lines(found: Identification) -> Iterator[str]:
     yield f"  {verdict}: misfit {judgement.misfit:.3g} (1 of noise alone), {left}"
     if judgement.factor > 1:
         yield f"  intervals widened by {math.sqrt(judgement.factor):.3g}: the residuals scatter more than noise does"
+    if not found.status.ok:
+        yield "  the fit has NOT CONVERGED: values are those where it stopped, without intervals"
     for d, noise, orbit in zip(data, found.noises, found.orbits, strict=True):
         rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
         yield (
