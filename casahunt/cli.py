@@ -42,13 +42,14 @@ COMMANDS = (
     "simulate",
     "record",
     "identify",
+    "cure",
     "uncertainty",
     "tune",
     "explore",
     "glossary",
 )
 """Each is a module of views/commands, loaded when it is called or when all of them are listed."""
-SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map", "remedies", "identify")
+SAY_THEMSELVES = ("map", "tune", "uncertainty", "fold-curve", "fold-map", "remedies", "identify", "cure")
 """Commands with lines of their own about where they are."""
 ONE_ANSWER = ("orbit", "fold", "basin", "simulate", "equilibria", "loop", "map", "record", "identify")
 """Commands that compute one thing; the others go on as long as there is more, and keep what they have."""

@@ -40,6 +40,7 @@ COMMANDS = {
     "simulate": (*GAIN, "--time", 20),
     "record": (ROOT / "tests" / "design" / "no such record.csv",),
     "identify": (ROOT / "tests" / "design" / "no such record.csv",),
+    "cure": (ROOT / "tests" / "design" / "no such record.csv",),
     "uncertainty": ("--uncertainty", SET, "--samples", 2),
     "tune": ("--uncertainty", SET),
     "explore": (),
@@ -60,7 +61,8 @@ def record(tmp_path_factory) -> Path:
 
 
 def words_of(command: str, record: Path, out: Path) -> list[object]:
-    words = [record, "--gain", 0.04] if command in ("record", "identify") else list(COMMANDS[command])
+    words = [record, "--gain", 0.04] if command in ("record", "identify", "cure") else list(COMMANDS[command])
+    words += ["--free", "friction.static", "--only", "leak"] if command == "cure" else []
     return [command, *words, "--quiet", *(["--out", out] if command == "diagram" else [])]
 
 
@@ -101,7 +103,7 @@ def test_help_fits_and_is_explained(capsys, monkeypatch, command):
     usage, *sections = body.split("\n\n")
     required = next((s for s in sections if s.startswith("required:")), "")
     needed = {"orbit", "fold-curve", "fold-map", "loop", "equilibria", "map", "basin", "simulate", "uncertainty",
-              "remedies", "identify"}  # fmt: skip
+              "remedies", "identify", "cure"}  # fmt: skip
     assert bool(required) == (command in needed)
     assert not required or sections.index(required) < next(i for i, s in enumerate(sections) if s[:8] == "options:")
     for option in re.findall(r"^  (--[\w-]+)", required, re.MULTILINE):

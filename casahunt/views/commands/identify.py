@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +52,31 @@ def add(commands: Any) -> None:
         records="times and positions; one file for each record", model=", for the fit",
         csv="the parameters with their intervals", plot="the records laid over the fitted cycle, and what is left",
     )  # fmt: skip
+    add_sought(command)
+    add_out(command, lambda _: FILES, help="write friction.toml, the intervals for --uncertainty, and servo.toml")
+
+
+def add_sought(command: Any) -> None:
+    """The arguments of what is fitted to what."""
     add_gain(command, action="append", help="gain of the records in V/rad; repeat it, one for each, where they differ")
     add_reading(command)
     free = f"parameters that are sought, with commas (default {', '.join(FREE)})"
     command.add_argument("--free", dest="sought", action="append", metavar="NAME", help=free)
-    add_out(command, lambda _: FILES, help="write friction.toml, the intervals for --uncertainty, and servo.toml")
+
+
+def fit_of(options: argparse.Namespace) -> Callable[[], Identification]:
+    """The fit that the command line asks for, to be called.  Raises InputError: it is wrong, or a record is."""
+    model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
+    gains = [positive("gain", gain) for gain in options.gain]
+    free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
+    records = [later_part(read_record(path, **reading), options) for path in options.records]
+
+    def fit() -> Identification:
+        many = f"{len(records)} record{'s' * (len(records) > 1)}"
+        say(progress(options.quiet), f"fitting {len(free)} parameters to {many}")
+        return identify(records, servo, gains, model, free=free, options=how)
+
+    return fit
 
 
 def run(options: argparse.Namespace) -> int:
@@ -64,20 +84,15 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line or a record is wrong; NoOrbit: no fit.
     """
-    began, stream = time.perf_counter(), progress(options.quiet)
-    model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
-    gains = [positive("gain", gain) for gain in options.gain]
-    free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
-    records = [later_part(read_record(path, **reading), options) for path in options.records]
+    began, fit = time.perf_counter(), fit_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
-    say(stream, f"fitting {len(free)} parameters to {len(records)} record{'s' * (len(records) > 1)}")
-    found = identify(records, servo, gains, model, free=free, options=how)
+    found = fit()
     if options.out is not None and found.status.ok:
         with folder(options.out, FILES) as out:
-            options.outputs.write(_write, out, found)
+            options.outputs.write(write_found, out, found)
     give(
-        options, {**found.to_dict(table=False), "wall_s": time.perf_counter() - began}, _lines(found),
+        options, {**found.to_dict(table=False), "wall_s": time.perf_counter() - began}, identified_lines(found),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
     if not found.status.ok:
@@ -85,12 +100,12 @@ def run(options: argparse.Namespace) -> int:
         complain("casahunt identify", f"{found.status.advice}{kept}")
         return 1
     if not found.judgement.explained:
-        complain("casahunt identify", _not_explained(found))
+        complain("casahunt identify", not_explained(found))
         return 1
     return 0
 
 
-def _write(out: Path, found: Identification) -> None:
+def write_found(out: Path, found: Identification) -> None:
     """The intervals as an uncertainty file, and the servo with the values found."""
     keep_others(out, FILES)
     uncertainty = found.uncertainty.intervals
@@ -112,7 +127,8 @@ def _write(out: Path, found: Identification) -> None:
                 stream.write(text)
 
 
-def _not_explained(found: Identification) -> str:
+def not_explained(found: Identification) -> str:
+    """What is said of a model that leaves more than noise."""
     return (
         f"the {found.model} model does not explain the record{'s' * (len(found.records) > 1)}: what is left is "
         f"{found.judgement.systematic:.2g} of the amplitude and no noise (misfit {found.judgement.misfit:.3g}, 1 of "
@@ -121,7 +137,8 @@ def _not_explained(found: Identification) -> str:
     )
 
 
-def _lines(found: Identification) -> Iterator[str]:
+def identified_lines(found: Identification) -> Iterator[str]:
+    """What was found, as text."""
     data, judgement = found.records, found.judgement
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     yield f"{found.model} servo identified from {many}, {sum(d.times.size for d in data)} samples"

@@ -68,9 +68,18 @@ AFTERWARDS = {
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    about, names = "what stops the hunting, how large, at what price", ", ".join(REMEDY_NAMES)
-    plot = "amplitudes against sizes"
+    about, plot = "what stops the hunting, how large, at what price", "amplitudes against sizes"
     command = add_command(commands, "remedies", about, gain=True, model="", csv="the rows", plot=plot)
+    add_demands(command)
+    more = f"of what to choose, relative (default {MARGIN_TO_CHOOSE:g})"
+    command.add_argument("--margin", default=MARGIN_TO_CHOOSE, help=more)
+    command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
+    add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
+
+
+def add_demands(command: Any) -> None:
+    """The arguments of which remedies are looked at, and of what they may cost."""
+    names = ", ".join(REMEDY_NAMES)
     command.add_argument(
         "--only", action="append", default=[], metavar="NAME",
         help=f"only this remedy; repeat for more, or name several with commas between them: {names}",
@@ -79,10 +88,6 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
     )
-    more = f"of what to choose, relative (default {MARGIN_TO_CHOOSE:g})"
-    command.add_argument("--margin", default=MARGIN_TO_CHOOSE, help=more)
-    command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
-    add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -101,16 +106,16 @@ def run(options: argparse.Namespace) -> int:
     def computed() -> Cures:
         return remedies(
             asked, model, gain, only=names, options=how, uncertainty=uncertainty, margin=margin,
-            progress=lambda row: say(stream, _as_it_is_found(row)), **limits,
+            progress=lambda row: say(stream, as_it_is_found(row)), **limits,
         )  # fmt: skip
 
     if options.out is None:
         found = computed()
-        built = {} if loop is not None else _as_built(options, found, servo, gain)
+        built = {} if loop is not None else remedies_as_built(options, found, servo, gain)
     else:
         with folder(options.out, FILES) as out:
             found = computed()
-            built = {} if loop is not None else _as_built(options, found, servo, gain)
+            built = {} if loop is not None else remedies_as_built(options, found, servo, gain)
             say(stream, "drawing")
             given = flatten(servo) if loop is None else loop.parameters
             record = _record(found, options, limits, given, uncertain=uncertainty is not None)
@@ -123,12 +128,12 @@ def run(options: argparse.Namespace) -> int:
     result = found.to_dict() | {"as_built": built} if built else found
     give(options, result, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
-        complain("casahunt remedies", f"no remedy ends hunting{_within(limits)}; allow more, or look at the table")
+        complain("casahunt remedies", none_within(limits))
         return 1
     return 0
 
 
-def _as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: float) -> dict[str, AsBuilt | str]:
+def remedies_as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: float) -> dict[str, AsBuilt | str]:
     """Remedies that end hunting, with the size to choose, in the loop as built; {} where the servo file has none.
 
     Of those that a drive's controller does not have, a sentence.
@@ -184,13 +189,13 @@ def _record(
         for value in given if isinstance(given, list) else [given]:
             words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
     return record | {
-        "advice": _advice(found, _within(limits)), "limits": limits, "task_step": TASK_STEP, "uncertain": uncertain,
+        "advice": advice_of(found, limits), "limits": limits, "task_step": TASK_STEP, "uncertain": uncertain,
         "parts": [part.name for part in found.loop.present], "servo": own,
         "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
     }  # fmt: skip
 
 
-def _as_it_is_found(row: Cure) -> str:
+def as_it_is_found(row: Cure) -> str:
     return f"{row.name}: {_exact(row) if math.isfinite(row.size) else row.why}"
 
 
@@ -206,6 +211,11 @@ def _with(number: str | float, unit: str) -> str:
     return f"{text} {unit}".rstrip()
 
 
+def none_within(limits: dict[str, float]) -> str:
+    """What is said where no remedy is within the limits."""
+    return f"no remedy ends hunting{_within(limits)}; allow more, or look at the table"
+
+
 def _within(limits: dict[str, float]) -> str:
     """The demands, as a part of a sentence."""
     said = [f"{word} up to {limits[key]:g} {unit}" for key, (word, unit) in DEMANDS.items() if key in limits]
@@ -214,12 +224,11 @@ def _within(limits: dict[str, float]) -> str:
 
 def remedy_lines(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> Iterator[str]:
     """The table as text."""
-    within = _within(limits)
     yield (
         f"{found.name} at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
-    yield f"  {_advice(found, within)}"
+    yield f"  {advice_of(found, limits)}"
     ending = [row for row in found.remedies if row.ends_hunting]
     if ending:
         yield ""
@@ -284,8 +293,9 @@ def _after(row: Cure) -> str:
     return " or ".join(AFTERWARDS[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in ENDED)
 
 
-def _advice(found: Cures, within: str) -> str:
+def advice_of(found: Cures, limits: dict[str, float]) -> str:
     """The sentence that names one."""
+    within = _within(limits)
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
         return f"none of these remedies ends it{within}"

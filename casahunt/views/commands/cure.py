@@ -1,0 +1,149 @@
+"""casahunt cure: from records of a hunting servo to what stops it.
+
+    records -> identify -> fold gain, and that of the worst servo -> remedies for the worst servo -> the loop as built
+
+Each step is a command of its own.  Keys of the JSON object: advice (the sentence that names a remedy); identified,
+remedies, as_built, as `identify` and `remedies` give them; fold {gain, worst, refused}: up to which gain the servo as
+found can hunt, and the worst one that the records allow, null where it was not computed, and why not; gain, of the
+first record, at which remedies are looked for; limits; wall_s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ...checks import to_error
+from ...design.identify.identify import Identification
+from ...design.remedies.cures import Cures
+from ...design.remedies.remedies import remedies
+from ...design.uncertainty.worst_corner import worst_corner
+from ...errors import NoOrbit
+from ...export import plain
+from ...files import together, whole_text
+from ...orbits import Options
+from ...results import tables_of
+from ...servo.find_fold import find_fold
+from ...servo.parts.table import remedy_name
+from ..evidence.cure_page import TITLE, cure_page
+from ..evidence.record import made
+from . import identify as identification
+from .arguments import add_command, add_out, how_of, positive
+from .console import complain, folder, progress, say
+from .output import give
+from .output_paths import keep_others
+from .remedies import (
+    DEMANDS,
+    add_demands,
+    advice_of,
+    as_it_is_found,
+    built_lines,
+    none_within,
+    remedies_as_built,
+    remedy_lines,
+)
+
+FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"casahunt": "'}
+"""What --out writes, and what stands in each."""
+
+
+def add(commands: Any) -> None:
+    """The arguments of the command."""
+    command = add_command(
+        commands, "cure", "from records of a hunting servo to what stops it",
+        records="times and positions; one file for each record", model=", for the fit", csv="the rows of remedies",
+        plot="the records laid over the fitted cycle, and what is left",
+    )  # fmt: skip
+    identification.add_sought(command)
+    add_demands(command)
+    add_out(command, lambda _: FILES, help="write the page cure.html, cure.json, friction.toml and servo.toml")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
+    began, fit = time.perf_counter(), identification.fit_of(options)
+    how, stream = how_of(options), progress(options.quiet)
+    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
+    names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
+    if options.out is not None:
+        keep_others(options.out, FILES)
+    found = fit()
+    if not found.status.ok:
+        complain("casahunt cure", f"the records were not fitted: {found.status.advice}")
+        return 1
+    gain = found.records[0].gain
+    say(stream, "computing the fold")
+    fold = _fold(found, how)
+    cures = remedies(
+        found.servo, found.model, gain, only=names, options=how, uncertainty=found.uncertainty,
+        progress=lambda row: say(stream, as_it_is_found(row)), **limits,
+    )  # fmt: skip
+    built = remedies_as_built(options, cures, found.servo, gain)
+    record = {
+        "advice": advice_of(cures, limits), "gain": gain, "limits": limits,
+        "identified": found.to_dict(table=False), "fold": fold, "remedies": cures.to_dict(),
+        "as_built": built, "wall_s": time.perf_counter() - began,
+    }  # fmt: skip
+    if options.out is not None:
+        with folder(options.out, FILES) as out:
+            from ..pictures.identify import fitted_records
+            from ..pictures.plotting import png
+
+            whole = plain(record) | {"made": made(options.servo, options.set)}
+            page = cure_page(whole, {"fit": png(fitted_records(found))})
+            options.outputs.write(_write, out, found, page, whole)
+    lines = (*identification.identified_lines(found), *_fold_lines(fold),
+             *remedy_lines(cures, limits, of_a_set=True), *built_lines(built))  # fmt: skip
+    give(options, record, lines, table=tables_of([cures]), picture=("identify.fitted_records", found))
+    return _judged(found, cures, limits)
+
+
+def _judged(found: Identification, cures: Cures, limits: dict[str, float]) -> int:
+    """The exit code, with what speaks against the answer."""
+    if not found.judgement.explained:
+        complain("casahunt cure", identification.not_explained(found))
+    if not cures.best:
+        complain("casahunt cure", none_within(limits))
+    return 0 if found.judgement.explained and cures.best else 1
+
+
+def _fold(found: Identification, how: Options) -> dict[str, Any]:
+    """The fold gain of the servo as found, and of the worst one that the records allow."""
+    try:
+        fold = find_fold(found.servo, found.model, options=how)
+    except NoOrbit as refusal:
+        return {"gain": None, "worst": None, "refused": str(refusal)}
+    try:
+        worst = worst_corner(found.servo, found.model, found.uncertainty, options=how, fold=fold)
+    except NoOrbit as refusal:
+        return {"gain": fold.gain, "worst": None, "refused": str(refusal)}
+    return {"gain": fold.gain, "worst": worst.gain, "refused": worst.failures[0] if worst.failures else ""}
+
+
+def _fold_lines(fold: Mapping[str, Any]) -> Iterator[str]:
+    """Where hunting ends if the gain is raised."""
+    gain, worst = (None if fold[key] is None else to_error(fold[key], FOLD_SHOWN) for key in ("gain", "worst"))
+    if gain is not None:
+        yield f"with these values hunting is possible up to gain {gain} V/rad" + (
+            "" if worst is None else f", with the worst that the records allow up to {worst}"
+        )
+    if fold["refused"]:
+        yield f"  the fold gain, or its worst: {fold['refused']}"
+
+
+FOLD_SHOWN = 1e-4
+"""Relative error to which fold gains are shown: friction from a record is known far less."""
+
+
+def _write(out: Path, found: Identification, html: str, record: dict[str, Any]) -> None:
+    """The page and its object, the servo and its intervals."""
+    keep_others(out, FILES)  # it has taken its time
+    with together():
+        identification.write_found(out, found)
+        for name, text in (("cure.html", html), ("cure.json", json.dumps(record, indent=1) + "\n")):
+            with whole_text(out / name) as stream:
+                stream.write(text)

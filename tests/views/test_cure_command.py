@@ -1,0 +1,88 @@
+"""casahunt cure: from a record to what stops the hunting, each step as by its own command."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from command_line import one_json, run
+
+from casahunt import cli, find_fold, load, load_uncertainty, remedies
+from casahunt.views.commands import cure as command
+
+GAIN, SOUGHT = 0.04, ("--free", "friction.static,friction.coulomb", "--set", "friction.static=0.6")
+TRUE = {"friction.static": 0.53, "friction.coulomb": 0.44}
+BAND = 0.0433457242337
+"""Of the servo that made the record, by an independent event map [rad]."""
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cure") / "record.csv"
+    words = ["simulate", "--gain", str(GAIN), "--time", "120", "--step", "0.05", "--csv", str(path), "--quiet"]
+    assert cli.main(words) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def cured(record, tmp_path_factory):
+    out = tmp_path_factory.mktemp("page") / "page"
+    words = ["cure", str(record), "--gain", str(GAIN), *SOUGHT, "--only", "dead band", "--out", str(out), "--quiet"]
+    assert cli.main(words) == 0
+    return out
+
+
+def test_the_remedy_is_that_of_the_servo_that_made_the_record(cured):
+    """Its friction is found to a per cent, and what is chosen for the worst that the record allows is enough."""
+    said = json.loads((cured / "cure.json").read_text())
+    for name, true in TRUE.items():
+        assert said["identified"]["parameters"][name]["value"] == pytest.approx(true, rel=1e-2)
+    (row,) = said["remedies"]["remedies"]
+    assert row["size"] == pytest.approx(BAND, rel=0.05) and BAND < row["recommended"] < 1.5 * BAND
+    assert row["worst_size"] >= row["size"] and row["recommended"] == pytest.approx(1.1 * row["worst_size"])
+    assert "dead band" in said["advice"] and said["as_built"] == {} and said["gain"] == GAIN
+
+
+def test_each_step_is_the_command_that_exists(cured):
+    """The files beside the page lead to the same fold and the same size."""
+    said, servo = json.loads((cured / "cure.json").read_text()), load(cured / "servo.toml")
+    allowed = load_uncertainty(cured / "friction.toml", servo)
+    assert find_fold(servo, "switch").gain == pytest.approx(said["fold"]["gain"], rel=1e-6)
+    assert said["fold"]["worst"] > said["fold"]["gain"]
+    (again,) = remedies(servo, "switch", GAIN, only=["dead band"], uncertainty=allowed).remedies
+    assert again.worst_size == pytest.approx(said["remedies"]["remedies"][0]["worst_size"], rel=1e-5)
+    page = (cured / "cure.html").read_text()
+    assert all(f"href='{name}'" in page for name in ("servo.toml", "friction.toml", "cure.json"))
+    assert "casahunt identify" in page and "data:image/png" in page
+
+
+def test_what_no_remedy_meets(capsys, record):
+    words = "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--max-error", 0.001, "--quiet"
+    code, out, err = run(capsys, *words)
+    assert code == 1 and "friction.static" in out and "no remedy ends hunting with error at rest up to 0.001 rad" in err
+
+
+def test_a_fold_that_is_not_found_says_so(capsys, record, monkeypatch):
+    def refused(*a, **k):
+        raise command.NoOrbit("nothing there")
+
+    monkeypatch.setattr(command, "find_fold", refused)
+    words = "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--quiet", "--json"
+    code, out, _ = run(capsys, *words)
+    assert code == 0 and one_json(out)["fold"] == {"gain": None, "worst": None, "refused": "nothing there"}
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (("--only", "brake"), "unknown remedy 'brake'"), (("--max-error", "-1"), "max_error = -1"),
+    (("--free", "friction.stiction"), "friction.static"), (("--gain", "0"), "gain"),
+])  # fmt: skip
+def test_what_is_wrong_is_said_before_anything_is_written(capsys, record, tmp_path, words, says):
+    code, out, err = run(capsys, "cure", record, "--gain", GAIN, *words, "--out", tmp_path / "page")
+    assert (code, out) == (2, "") and says in err and not list(tmp_path.iterdir())
+
+
+def test_a_servo_at_rest_has_nothing_to_cure(capsys, tmp_path):
+    path = tmp_path / "rest.csv"
+    path.write_text("time,position\n" + "\n".join(f"{0.01 * k},0.3" for k in range(4000)))
+    code, out, err = run(capsys, "cure", path, "--gain", GAIN, "--out", tmp_path / "page")
+    assert (code, out) == (2, "") and "rest" in err and not (tmp_path / "page").exists()
