@@ -196,6 +196,7 @@ def _record(
 
 
 def as_it_is_found(row: Cure) -> str:
+    """A row as it is found, for the progress."""
     return f"{row.name}: {_exact(row) if math.isfinite(row.size) else row.why}"
 
 
