@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, Record, Servo, Status, cli, identify
 from casahunt.design.identify import identify as rooms
+from casahunt.design.identify import intervals
 from casahunt.design.identify.fit import Question, at, climb, expected
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
 from casahunt.design.identify.likelihood import Noise
@@ -111,7 +113,12 @@ def test_better_points_without_end_are_no_optimum(monkeypatch, record):
 
 
 def test_a_refit_that_stops_short_ends_no_interval(monkeypatch, record):
-    from casahunt.design.identify import intervals
+    """Refits whose slope says that there is more to gain."""
+    refit = intervals._refit
 
-    monkeypatch.setattr(intervals, "climb", lambda asked, point, *_, **__: point)
+    def slanted(*args):
+        point = refit(*args)
+        return replace(point, gradient=point.gradient + np.sqrt(np.diag(point.curvature)) * 3)
+
+    monkeypatch.setattr(intervals, "_refit", slanted)
     assert identify([record], Servo(), GAIN, advise=False).status is Status.FIT_NOT_CONVERGED
