@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,12 +43,12 @@ NEXT_TO_NOTHING = -3.0
 """Unknown below which a parameter is not followed: it is a twentieth of its scale, and moves nothing."""
 MOST_OF_NOTHING = 3.0
 """Of an unknown below zero, whose parameter is next to nothing."""
-LEAST_PERIOD_ERROR = 1e-4
-"""Relative error below which a measured period is not trusted on the way."""
 FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8
-RESTORATIONS = 2
-"""Steps back to the bottom of a valley, until a step counts as taken in vain."""
-MOST_FIT_STEPS = 60
+RESTORATIONS = 6
+"""Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
+period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
+square, and the next ones come back to it."""
+MOST_FIT_STEPS = 120
 FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
@@ -130,12 +130,15 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The model at z: cycles, positions and derivatives (m, k + 2) for each record; the deviance and its slopes."""
+    """The model at z, k of which are parameters: cycles and positions for each record; the deviance and its slopes.
+
+    gradient and curvature are those of -deviance/2 and deviance/2.
+    """
 
     z: Array
+    k: int
     orbits: tuple[HuntingOrbit, ...]
     positions: tuple[Array, ...]
-    jacobians: tuple[Array, ...]
     deviance: float
     gradient: Array
     curvature: Array
@@ -154,7 +157,7 @@ def at(
     except (NoOrbit, InputError):
         return None
     deviance, gradient, curvature = 0.0, np.zeros(z.size), np.zeros((z.size, z.size))
-    positions, jacobians = [], []
+    positions = []
     for i, (data, orbit, noise) in enumerate(zip(question.records, orbits, noises, strict=True)):
         x, J, log_period = _positions(question, orbit, data, z, question.own(i), stretched)
         at_z = [*range(k), *range(k + 2 * i, k + 2 * i + 2)]
@@ -163,16 +166,15 @@ def at(
         gradient[at_z] += J.T @ found.score
         curvature[np.ix_(at_z, at_z)] += J.T @ (found.curvature[:, None] * J)
         if stretched:
-            size = max(data.period_error, LEAST_PERIOD_ERROR)
+            size = data.period_error
             off = math.log(data.period / orbit.period) / size
             deviance += off**2
             gradient[:k] += log_period * off / size
             curvature[:k, :k] += np.outer(log_period, log_period) / size**2
         positions.append(x)
-        jacobians.append(J)
     if not np.isfinite(deviance):
         return None
-    return Point(z, orbits, tuple(positions), tuple(jacobians), deviance, gradient, curvature)
+    return Point(z, k, orbits, tuple(positions), deviance, gradient, curvature)
 
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
@@ -233,13 +235,14 @@ def climb(
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
     mu = FIRST_DAMPING
-    for _ in range(most):
-        if expected(point, held) < settled or mu > MOST_DAMPING:
-            return point
+    while most > 0 and mu <= MOST_DAMPING and expected(point, held) >= settled:
+        most -= 1
         trial = at(question, _stepped(question, point, mu, held), noises, point, stretched=stretched)
+        last = math.inf
         for _ in range(RESTORATIONS):
-            if trial is None or trial.deviance <= point.deviance:
+            if trial is None or not point.deviance < trial.deviance < last:
                 break
+            last, most = trial.deviance, most - 1
             trial = at(question, _stepped(question, trial, mu, held), noises, trial, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
             point, mu = trial, max(mu * LESS, LEAST_DAMPING)
@@ -248,24 +251,43 @@ def climb(
     return point
 
 
+def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Question, Point]:
+    """The question with the periods of an optimum as the measured ones, and as exactly as the records tell them.
+
+    That is d ln T = T/sqrt(mean t^2 H), H the information about the phase.
+    """
+    records, z = [], point.z.copy()
+    for i, (data, orbit) in enumerate(zip(question.records, point.orbits, strict=True)):
+        phase = question.own(i).start
+        z[phase] *= data.period / orbit.period
+        known = float(np.mean(data.times**2)) * point.curvature[phase, phase] / data.period**2
+        records.append(replace(data, period=orbit.period, period_error=1 / math.sqrt(known)))
+    question = replace(question, records=tuple(records))
+    return question, at(question, z, noises, point) or point
+
+
 def expected(point: Point, held: int | None = None) -> float:
     """Decrease of the deviance that is expected of a step without damping: 0 at an optimum."""
-    moving = _moving(point, held)
-    g = point.gradient[moving]
-    return float(_solution(point.curvature[np.ix_(moving, moving)], g, LEAST_DAMPING) @ g)
+    return float(_step(point, LEAST_DAMPING, held) @ point.gradient)
 
 
-def _moving(point: Point, held: int | None) -> Array:
-    """Unknowns that may move: neither held, nor those of parameters that are next to nothing and would be less."""
-    stays = (point.z <= NEXT_TO_NOTHING) & (point.gradient <= 0)
-    return np.array([i for i in range(point.z.size) if i != held and not stays[i]], int)
+def _step(point: Point, mu: float, held: int | None) -> Array:
+    """A damped step of what is not held; none of a parameter that is next to nothing and would be less."""
+    moving = np.array([i for i in range(point.z.size) if i != held])
+    dz = np.zeros(point.z.size)
+    while moving.size:
+        dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], point.gradient[moving], mu)
+        stays = (point.z <= NEXT_TO_NOTHING) & (dz < 0)
+        stays[point.k :] = False
+        if not stays[moving].any():
+            break
+        dz[stays], moving = 0.0, moving[~stays[moving]]
+    return dz
 
 
 def _stepped(question: Question, point: Point, mu: float, held: int | None) -> Array:
     """The unknowns behind a damped step, which is cut where a parameter would change by much."""
-    moving, k = _moving(point, held), len(question.free)
-    dz = np.zeros(point.z.size)
-    dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], point.gradient[moving], mu)
+    dz, k = _step(point, mu, held), len(question.free)
     change = np.maximum(np.abs(dz[:k] * question.rates(point.z)) / question.sizes(point.z) / MOST_OF_A_STEP,
                         np.where(point.z[:k] < 0, np.abs(dz[:k]) / MOST_OF_NOTHING, 0.0))  # fmt: skip
     z = point.z + dz / max(1.0, float(np.max(change, initial=0.0)))

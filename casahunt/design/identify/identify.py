@@ -26,7 +26,7 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement
 from ..uncertainty.set import Uncertainty
-from .fit import Array, Data, Point, Question, at, climb, expected
+from .fit import Array, Data, Point, Question, at, climb, expected, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import LEAST_NOISE, Noise, likeliest
@@ -37,8 +37,10 @@ FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
 """What is sought where nothing else is said."""
 MOST_BETTER = 4
 """Better points that refits may come upon, until it is said that there is no knowing where the best one lies."""
-STATIONARY = 0.05
+LITTLE_TO_GAIN = 0.05
 """Decrease of the deviance that may still be expected at an optimum: a ninth of the way to the end of an interval."""
+LEAST_PERIOD_ERROR = 1e-4
+"""Relative error below which a measured period is not trusted on the way."""
 WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
 LEAST_TOLD = 1e-6
@@ -121,7 +123,9 @@ class Identification(Result):
     def uncertainty(self) -> Uncertainty:
         """The intervals as `fold_sensitivities`' neighbours take them; without bounds they end at a factor.
 
-        Raises NoOrbit: the fit has not converged.
+        Raises
+        ------
+        NoOrbit : the fit has not converged.
         """
         if not self.status.ok:
             raise NoOrbit(self.status.advice, self.status)
@@ -252,8 +256,8 @@ def data_of(record: Record, m: Measurement, gain: float) -> Data:
     inside = inside[:: -(-inside.size // MOST_FITTED)]
     t = record.times[inside]
     return Data(
-        t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period, m.period_error / m.period, m.amplitude,
-        m.quantum, m.noise, m.shape, record.name,
+        t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
+        max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, m.quantum, m.noise, m.shape, record.name,
     )  # fmt: skip
 
 
@@ -261,6 +265,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
     """The identification of suitable records.  Raises InputError: a gain that does not fit; NoOrbit: no fit."""
     best, noises = _best(question)
     for _ in range(MOST_BETTER + 1):
+        question, best = sharpened(question, best, noises)
         judgement = judged(question, best, noises)
         if not judgement.explained and judgement.systematic > GROSS:
             raise _no_fit(question, judgement.systematic)
@@ -296,7 +301,7 @@ def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: floa
 
     Raises BetterFound: a refit came out below the best point.
     """
-    if expected(best) > STATIONARY:
+    if expected(best) > LITTLE_TO_GAIN:
         return None
     freedom = sum(data.times.size for data in question.records) - best.z.size
     rise = student_95(freedom) ** 2 * factor

@@ -15,16 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import Array, Point, Question, at, climb, expected
+from .fit import NEXT_TO_NOTHING, Array, Point, Question, at, climb, expected
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
 FAR_OUT_FACTOR = 10.0
 """A parameter that may be ten times as large, or ten times its scale, is not bounded."""
-MOST_REFITS = 8
+MOST_REFITS = 12
 END_NEAR = 0.03
 """Relative distance from the end of an interval, at which the secant is as good as a refit."""
-MOST_REFIT_STEPS = 20
+MOST_UNSURE = 1
+"""Refits of one end that may stop short of their optimum."""
+MOST_REFIT_STEPS = 60
 REFIT = 0.05
 """Decrease of the deviance that ends a refit: one per cent of the 3.84 of an interval."""
 BELOW_BEST = 0.2
@@ -86,30 +88,28 @@ def _farthest(question: Question, best: Point, j: int, sign: int) -> float:
 
 def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign: int, rise: float) -> float:
     """How far z_j goes to one side; infinite where nothing bounds it."""
-    others = np.array([i for i in range(best.z.size) if i != j])
+    others = np.array([i for i in range(best.z.size) if i != j and best.z[i] > NEXT_TO_NOTHING])
     H = best.curvature
     follow = np.zeros(best.z.size)
     follow[others] = -np.linalg.lstsq(H[np.ix_(others, others)], H[others, j], rcond=1e-13)[0]
     follow[j] = 1.0
     bend = max(float(follow @ H @ follow), 1e-12)
-    wanted, point, wall = math.sqrt(rise), best, math.inf
+    wanted, point, wall, ends, unsure = math.sqrt(rise), best, math.inf, False, 0
     below, above = (0.0, 0.0), (math.inf, math.inf)
     farthest = _farthest(question, best, j, sign)
     if farthest == 0 or best.z[j] > 0 and wanted > 2 * math.sqrt(bend) * farthest:
         return sign * math.inf  # next to nothing already, or the others make up for all of it
     reach = min(wanted / math.sqrt(bend), FIRST_REACH * max(best.z[j], 1.0), farthest)
     for _ in range(MOST_REFITS):
-        trial = at(question, point.z + (sign * reach - (point.z[j] - best.z[j])) * follow, noises, point)
-        if trial is None:
-            wall, reach = reach, (below[0] + reach) / 2
-            if wall - below[0] < END_NEAR * wall:
-                return sign * wall  # the model has no cycle beyond
-            continue
-        trial = climb(question, trial, noises, held=j, settled=REFIT, most=MOST_REFIT_STEPS)
-        if trial.deviance < best.deviance - BELOW_BEST:
+        trial = _refit(question, point, point.z + (sign * reach - (point.z[j] - best.z[j])) * follow, noises, j)
+        if trial is not None and trial.deviance < best.deviance - BELOW_BEST:
             raise BetterFound(trial)
-        if expected(trial, j) > UNSURE_PART * max(rise, trial.deviance - best.deviance):
-            raise Unsettled
+        if trial is None or expected(trial, j) > UNSURE_PART * max(rise, trial.deviance - best.deviance):
+            wall, ends, reach = reach, trial is None, (below[0] + reach) / 2
+            unsure += trial is not None
+            if wall - below[0] < END_NEAR * wall or unsure > MOST_UNSURE:
+                break
+            continue
         seen = reach, math.sqrt(max(trial.deviance - best.deviance, 0.0))
         if abs(seen[1] / wanted - 1) < END_NEAR:
             return sign * seen[0] * wanted / seen[1]
@@ -121,8 +121,25 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
                 return sign * math.inf
         reach = _next(below, above, wanted, min((below[0] + wall) / 2, farthest))
         if above[0] < math.inf and above[0] - below[0] < END_NEAR * above[0]:
-            break
-    return sign * (reach if above[0] < math.inf else math.inf)
+            return sign * reach
+    if ends and above[0] == math.inf and wall - below[0] < END_NEAR * wall:
+        return sign * wall  # the model has no cycle beyond
+    raise Unsettled
+
+
+def _refit(question: Question, near: Point, z: Array, noises: Sequence[Noise], j: int) -> Point | None:
+    """The likeliest point from z with z_j as it is; None where the model has no cycle.
+
+    The way there is that of the stretched problem, whose slips stay where they are while the period is not yet right.
+    """
+    plain = [noise.plain for noise in noises]
+    z[: near.k] = np.maximum(z[: near.k], NEXT_TO_NOTHING)
+    trial = at(question, z, plain, near, stretched=True)
+    if trial is None:
+        return None
+    trial = climb(question, trial, plain, stretched=True, held=j, settled=REFIT, most=MOST_REFIT_STEPS)
+    trial = at(question, trial.z, noises, trial)
+    return None if trial is None else climb(question, trial, noises, held=j, settled=REFIT, most=MOST_REFIT_STEPS)
 
 
 def _next(below: tuple[float, float], above: tuple[float, float], wanted: float, most: float) -> float:

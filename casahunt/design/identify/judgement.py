@@ -127,8 +127,7 @@ def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> t
         fold = find_fold(first.servo, question.model, options=question.options.rough(), start=first).gain
     except NoOrbit:
         return None
-    data, noise = question.records[0], noises[0]
-    noise = Noise(math.sqrt(noise.variance), 0.0)
+    data, noise = question.records[0], noises[0].plain
     known = np.linalg.slogdet(J)[1]
     best: tuple[float, float] | None = None
     for gain in fold * np.geomspace(LOWEST_SHARE, HIGHEST_SHARE, FURTHER_GAINS):

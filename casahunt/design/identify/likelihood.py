@@ -56,6 +56,11 @@ class Noise:
         """Of a sample, where rounding is an independent error [rad2]."""
         return self.sigma**2 + self.quantum**2 / 12
 
+    @property
+    def plain(self) -> Noise:
+        """As if rounding were an independent error: no counts, between whose borders nothing leads anywhere."""
+        return Noise(math.sqrt(self.variance), 0.0)
+
     def slopes(self, y: Array, x: Array) -> Slopes:
         """log P of samples y where the position is x, and its derivatives by x."""
         r = y - x
