@@ -32,6 +32,7 @@ from ...servo.parts.remedy import Corners, Remedy
 from ...servo.parts.switch import SWITCH
 from ...servo.parts.table import REMEDIES, REMEDY_NAMES, remedy_name
 from ...servo.parts.verbs import loop_cycle
+from ...servo.parts.with_exponent import WITH_EXPONENT
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
 from .border import BORDERS, Border, Scales, border, with_remedy
@@ -40,8 +41,8 @@ from .price import LOOKED_PERIODS, MOST_WINDOWS, task, verdict
 
 LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
-RESTS_OF_THE_SERVO = {INERTIA, SWITCH, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR, DERIVATIVE_FILTER,
-                      DERIVATIVE_FILTER_BY_N}  # fmt: skip
+RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
+                      DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
 """Parts with which a loop rests where the plain servo does."""
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its largest value on a cycle is zero."""

@@ -14,6 +14,7 @@ inertia.py               plant: one inertia
 two_masses.py            plant: motor and load with a shaft
 switch.py                Switch friction, of the motor and of the load
 by_direction.py          Switch friction that differs by direction
+with_exponent.py         Switch friction whose drop has an exponent of its own
 monotone_cubic.py        a table as a smooth expression
 tabulated.py             Switch friction by a table of velocity and torque
 lugre.py                 LuGre friction
@@ -73,14 +74,15 @@ if TYPE_CHECKING:
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
     from .verbs import LoopMotion, fold_in, loop_cycle, loop_motion, unstable_cycle
+    from .with_exponent import WITH_EXPONENT
 
 __all__ = [
     "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N",
     "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER", "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR",
     "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES",
     "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
-    "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "Edge", "Law", "Loop", "LoopMotion", "Part", "PartMode", "Remedy",
-    "fold_in", "friction_table", "from_object", "load_loop", "loop_cycle", "loop_motion", "loop_of", "series",
+    "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "WITH_EXPONENT", "Edge", "Law", "Loop", "LoopMotion", "Part", "PartMode",
+    "Remedy", "fold_in", "friction_table", "from_object", "load_loop", "loop_cycle", "loop_motion", "loop_of", "series",
     "state_space", "transfer_function", "unstable_cycle",
 ]  # fmt: skip
 __getattr__ = lazily(
@@ -114,5 +116,6 @@ __getattr__ = lazily(
         "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
         "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
         "verbs": ("LoopMotion", "fold_in", "loop_cycle", "loop_motion", "unstable_cycle"),
+        "with_exponent": ("WITH_EXPONENT",),
     },
 )

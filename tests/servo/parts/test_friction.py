@@ -1,5 +1,7 @@
 """Friction as parts: a table of it, and friction on either of two masses or on both."""
 
+import math
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -17,8 +19,10 @@ from casahunt.servo.parts import (
     SWITCH,
     TWO_MASSES,
     TWO_MASSES_LOAD_SEEN,
+    WITH_EXPONENT,
     Loop,
     friction_table,
+    loop_cycle,
 )
 from casahunt.servo.parts.monotone_cubic import interpolated
 
@@ -122,3 +126,26 @@ def test_friction_of_the_load_alone(plain):
     assert {arc.mode for arc in stiff.arcs} <= {"load slip+", "load slip-", "load stick"}
     assert stiff.period == pytest.approx(plain.period, rel=1e-4)
     assert len(Loop((TWO_MASSES, BY_DIRECTION, LOAD_SWITCH, *CONTROLLER)).system.modes) == 9
+
+
+@pytest.mark.parametrize("exponent", [0.7, 1.0, 2.0])
+def test_an_exponent_of_the_stribeck_curve(exponent, plain):
+    """A slip by scipy from the brink at the cycle's place ends as far on the other side; of 2 it is the servo's own."""
+    integrate = pytest.importorskip("scipy.integrate")
+    loop = Loop((INERTIA, WITH_EXPONENT, *CONTROLLER), {"stribeck_exponent": exponent, "gain": 0.04})
+    cycle = loop_cycle(loop, options=Options(tol=1e-9))
+    a, (kp, kd, ki) = cycle.amplitude, Servo().torque_gains(0.04)
+
+    def rate(t, y):
+        friction = 0.44 + 0.09 * math.exp(-((max(y[1], 0.0) / 0.02) ** exponent)) + 0.1 * y[1]
+        return [y[1], (-(kp * y[0] + kd * y[1] + ki * y[2]) - friction) / 0.026, y[0]]
+
+    def stop(t, y):
+        return y[1] if t > 1e-3 else 1.0
+
+    stop.terminal = True
+    start = [-a, 0.0, (kp * a - 0.53 * (1 + 1e-12)) / ki]
+    slip = integrate.solve_ivp(rate, (0, 10), start, events=stop, rtol=1e-12, atol=1e-14, method="DOP853")
+    assert slip.y[0, -1] == pytest.approx(a, rel=1e-7)
+    if exponent == 2.0:
+        assert cycle.period == pytest.approx(plain.period, rel=2e-9)
