@@ -170,4 +170,4 @@ def test_no_interrupt_is_lost(ctrl_c, what):
 
     first = {} if what == "newton" else places_of(lambda: work("newton"))
     number, gone = lost(work, but=first)
-    assert number > 5 and not gone
+    assert number and not gone
