@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 from command_line import one_json, run
 
 from casahunt import cli, find_fold, load, load_uncertainty, remedies
+from casahunt.servo.sampled.check import AsBuilt
 from casahunt.views.commands import cure as command
+from casahunt.views.evidence.cure_page import cure_page
 
 GAIN, SOUGHT = 0.04, ("--free", "friction.static,friction.coulomb", "--set", "friction.static=0.6")
 TRUE = {"friction.static": 0.53, "friction.coulomb": 0.44}
@@ -60,6 +63,32 @@ def test_what_no_remedy_meets(capsys, record):
     words = "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--max-error", 0.001, "--quiet"
     code, out, err = run(capsys, *words)
     assert code == 1 and "friction.static" in out and "no remedy ends hunting with error at rest up to 0.001 rad" in err
+
+
+def test_what_hunts_as_built_is_no_cure(capsys, record, monkeypatch):
+    """The remedy is held against the loop as built, where that is described."""
+    seen = AsBuilt("hunting", "one of 6 motions hunts", math.nan, None)
+    monkeypatch.setattr(command, "remedies_as_built", lambda *a: {"dead band": seen})
+    code, out, err = run(capsys, "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--quiet")
+    assert code == 1 and "in the loop as built" in out
+    assert "dead band does not do in the loop as built: one of 6 motions hunts" in err
+
+
+def test_a_remedy_that_rests_as_built(capsys, record):
+    words = "--set", "drive.sample_time=0.001", "--set", "drive.encoder=20000", "--only", "dead band", "--quiet"
+    code, out, _ = run(capsys, "cure", record, "--gain", GAIN, *SOUGHT, *words, "--json")
+    assert code == 0 and one_json(out)["as_built"]["dead band"]["kind"] == "at rest"
+
+
+def test_bounds_that_a_record_does_not_have_are_told(cured):
+    """The worst servo is then one of a box that the program has made."""
+    said = json.loads((cured / "cure.json").read_text())
+    page = cure_page(said, {})
+    assert said["bounded"] and "do not bound" not in page and "<span class=good>the model explains" in page
+    said["bounded"], said["identified"]["explained"] = False, False
+    page = cure_page(said, {"fit": b""})
+    assert "do not bound every parameter" in page and "<span class=bad>the model does not explain" in page
+    assert 'alt="the model does not explain the records"' in page
 
 
 def test_a_fold_that_is_not_found_says_so(capsys, record, monkeypatch):

@@ -52,8 +52,8 @@ MOST_CORNERS = 4
 
 def remedies(
     servo: Servo | Loop,
-    model: Model = "switch",
-    gain: float = 1.0,
+    model: Model | None = None,
+    gain: float | None = None,
     *,
     only: Sequence[str] = (),
     max_error: float | None = None,
@@ -68,7 +68,8 @@ def remedies(
     Parameters
     ----------
     servo, model, gain
-        the servo, its friction model and gain K > 0 [V/rad]; or a loop of parts, which says both itself.
+        the servo, its friction model (default "switch") and gain K > 0 [V/rad] (default 1); or a loop of parts, which
+        says both itself.
     only
         names of the remedies that are looked at; default all that go with the friction model.
     max_error, max_torque
@@ -137,19 +138,22 @@ class _Asked:
 
 
 def _asked(
-    servo: Servo | Loop, model: Model, gain: float, options: Options, uncertainty: Uncertainty | None, margin: float
-) -> _Asked:
+    servo: Servo | Loop, model: Model | None, gain: float | None, options: Options, uncertainty: Uncertainty | None,
+    margin: float,
+) -> _Asked:  # fmt: skip
     """What is asked, with the cycle.  Raises InputError, NoOrbit."""
     if isinstance(servo, Loop):
         if uncertainty is not None:
             raise InputError("uncertainty: is one of a servo's parameters; of a loop of parts it is not known")
+        if model is not None or gain is not None:
+            raise InputError("model, gain: must be left out, a loop of parts says both itself: loop.replace(gain=...)")
         loop = by_gains(servo)
         cycle = loop_cycle(loop, options=options)
         found: Model = "lugre" if LUGRE in loop.present else "switch"
         return _Asked(loop, found, cycle, _on_the_cycle(cycle, loop), options, None, margin)
     a_servo(servo)
+    model, gain, box = model or "switch", 1.0 if gain is None else gain, None
     choice_of("model", model, MODELS)
-    box = None
     if uncertainty is not None:
         check_box(servo, uncertainty)
         ends = zip(*(end.tolist() for end in uncertainty.box(servo)), strict=True)
@@ -218,14 +222,14 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
 
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
-    """A remedy whose cycles go on: hunting does, where the last of them is stable or motions hunt."""
+    """A remedy whose cycles go on: hunting does, if the last of them is stable or motions there hunt."""
     loop, orbit, size = asked.loop, found.orbit, f"{found.size:.4g} {remedy.unit}".rstrip()
     if orbit is not None and not orbit.stable:
         seen = verdict(with_remedy(loop, remedy, found.size), orbit.amplitude, orbit.period)
-        if seen in ENDED:
-            mu = abs(orbit.multipliers.leading)
-            goes = f"its cycle goes on up to {size}, the last size looked at, but unstable (half multiplier {mu:.2g})"
-            why = f"{goes}, and motions there came to rest: where before it hunting ends is not known"
+        if seen not in ("hunts", "grows"):
+            goes = f"its cycle goes on up to {size}, the last size looked at, but is not stable there"
+            did = "came to rest" if seen in ENDED else "could not be followed to their end"
+            why = f"{goes}, and motions {did}: whether hunting ends before is not known"
             return Cure(remedy.name, remedy.unit, "not found", why=why, followed_to=found.size, first=found.first)
     why = f"hunting goes on up to {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
     return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(loop)), why=why,

@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from ...results import Result
+from ..simulation.verdict import Kind
 
 Array = np.ndarray
 
@@ -40,8 +40,6 @@ ENDLESS, FALLING = 12, 4
 """Swings that show hunting without a pattern, or decay."""
 SMALLER = 0.75
 """Of two parts of an endless motion: the largest swing of the later one is at least so much of the earlier one's."""
-
-Kind = Literal["hunting", "decaying", "growing", "at rest", "undecided"]
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,8 +4,8 @@
 
 Each step is a command of its own.  Keys of the JSON object: advice (the sentence that names a remedy); identified,
 remedies, as_built, as `identify` and `remedies` give them; fold {gain, worst, refused}: up to which gain the servo as
-found can hunt, and the worst one that the records allow, null where it was not computed, and why not; gain, of the
-first record, at which remedies are looked for; limits; wall_s.
+found can hunt, and the worst one that the records allow, null where it was not computed, and why not; bounded, whether
+the records bound every parameter; gain, of the first record, at which remedies are looked for; limits; wall_s.
 """
 
 from __future__ import annotations
@@ -14,28 +14,27 @@ import argparse
 import json
 import time
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from ...checks import to_error
-from ...design.identify.identify import Identification
+from ...design.identify.identify import BOUND_FACTOR, Identification
 from ...design.remedies.cures import Cures
 from ...design.remedies.remedies import remedies
 from ...design.uncertainty.worst_corner import worst_corner
 from ...errors import NoOrbit
 from ...export import plain
-from ...files import together, whole_text
 from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.parts.table import remedy_name
+from ...servo.sampled.check import AsBuilt
 from ..evidence.cure_page import TITLE, cure_page
 from ..evidence.record import made
 from . import identify as identification
 from .arguments import add_command, add_out, how_of, positive
 from .console import complain, folder, progress, say
 from .output import give
-from .output_paths import keep_others
+from .output_paths import keep_others, write_results
 from .remedies import (
     DEMANDS,
     add_demands,
@@ -49,6 +48,8 @@ from .remedies import (
 
 FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
+FOLD_SHOWN = 1e-4
+"""Relative error to which fold gains are shown: friction from a record is known far less."""
 
 
 def add(commands: Any) -> None:
@@ -85,7 +86,8 @@ def run(options: argparse.Namespace) -> int:
     built = remedies_as_built(options, cures, found.servo, gain)
     record = {
         "advice": advice_of(cures, limits), "gain": gain, "limits": limits,
-        "identified": found.to_dict(table=False), "fold": fold, "remedies": cures.to_dict(),
+        "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
+        "remedies": cures.to_dict(),
         "as_built": built, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
     if options.out is not None:
@@ -95,20 +97,33 @@ def run(options: argparse.Namespace) -> int:
 
             whole = plain(record) | {"made": made(options.servo, options.set)}
             page = cure_page(whole, {"fit": png(fitted_records(found))})
-            options.outputs.write(_write, out, found, page, whole)
-    lines = (*identification.identified_lines(found), *_fold_lines(fold),
+            own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
+            options.outputs.write(write_results, out, FILES, identification.texts_of(found) | own)
+    lines = (*identification.identified_lines(found), *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True), *built_lines(built))  # fmt: skip
     give(options, record, lines, table=tables_of([cures]), picture=("identify.fitted_records", found))
-    return _judged(found, cures, limits)
+    return _judged(found, cures, built, limits)
 
 
-def _judged(found: Identification, cures: Cures, limits: dict[str, float]) -> int:
+def _judged(
+    found: Identification, cures: Cures, built: Mapping[str, AsBuilt | str], limits: dict[str, float]
+) -> int:
     """The exit code, with what speaks against the answer."""
     if not found.judgement.explained:
         complain("casahunt cure", identification.not_explained(found))
     if not cures.best:
         complain("casahunt cure", none_within(limits))
+    seen = built.get(cures.best, "")
+    if not isinstance(seen, str) and seen.kind in ("hunting", "growing"):
+        complain("casahunt cure", f"{cures.best} does not do in the loop as built: {seen.sentence}")
+        return 1
     return 0 if found.judgement.explained and cures.best else 1
+
+
+def _unbounded(found: Identification) -> Iterator[str]:
+    """What is meant by the worst servo, where the records do not bound it."""
+    if not found.bounded:
+        yield f"  not every interval is bounded: the worst servo is one within {BOUND_FACTOR:g} times the values found"
 
 
 def _fold(found: Identification, how: Options) -> dict[str, Any]:
@@ -133,17 +148,3 @@ def _fold_lines(fold: Mapping[str, Any]) -> Iterator[str]:
         )
     if fold["refused"]:
         yield f"  the fold gain, or its worst: {fold['refused']}"
-
-
-FOLD_SHOWN = 1e-4
-"""Relative error to which fold gains are shown: friction from a record is known far less."""
-
-
-def _write(out: Path, found: Identification, html: str, record: dict[str, Any]) -> None:
-    """The page and its object, the servo and its intervals."""
-    keep_others(out, FILES)  # it has taken its time
-    with together():
-        identification.write_found(out, found)
-        for name, text in (("cure.html", html), ("cure.json", json.dumps(record, indent=1) + "\n")):
-            with whole_text(out / name) as stream:
-                stream.write(text)

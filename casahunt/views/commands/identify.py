@@ -12,13 +12,11 @@ import argparse
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify
 from ...design.record.file import read_record
-from ...files import together, whole_text
 from ...results import tables_of
 from ...servo.servo import flatten
 from ...servo.units import unit_of
@@ -36,7 +34,7 @@ from .arguments import (
 )
 from .console import complain, folder, progress, say
 from .output import give
-from .output_paths import keep_others
+from .output_paths import keep_others, write_results
 
 SIGN = "# casahunt identify"
 FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
@@ -90,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     found = fit()
     if options.out is not None and found.status.ok:
         with folder(options.out, FILES) as out:
-            options.outputs.write(write_found, out, found)
+            options.outputs.write(write_results, out, FILES, texts_of(found))
     give(
         options, {**found.to_dict(table=False), "wall_s": time.perf_counter() - began}, identified_lines(found),
         table=tables_of([found]), picture=("identify.fitted_records", found),
@@ -105,9 +103,8 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def write_found(out: Path, found: Identification) -> None:
-    """The intervals as an uncertainty file, and the servo with the values found."""
-    keep_others(out, FILES)
+def texts_of(found: Identification) -> dict[str, str]:
+    """The intervals as an uncertainty file, and the servo with the values found, by the names of `FILES`."""
     uncertainty = found.uncertainty.intervals
     widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
     intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
@@ -121,10 +118,7 @@ def write_found(out: Path, found: Identification) -> None:
         f"\n[interval]\n{intervals}\n",
         f"{SIGN}: the servo with the values found, {found.model} model\n\n{servo}\n",
     )
-    with together():
-        for name, text in zip(FILES, texts, strict=True):
-            with whole_text(out / name) as stream:
-                stream.write(text)
+    return dict(zip(FILES, texts, strict=True))
 
 
 def not_explained(found: Identification) -> str:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ...errors import InputError
-from ...files import protected
+from ...files import protected, together, whole_text
 
 READ = {"servo": "the servo file", "uncertainty": "the uncertainty file", "file": "the record", "records": "the record"}
 """By the names of arguments: what is read."""
@@ -96,6 +96,19 @@ def writable(key: str, path: str | None, suffixes: tuple[str, ...]) -> Path | No
     if protected(target) or (renamed and not os.access(target.parent, os.W_OK)):
         raise InputError(f"{key} = {path!r}: cannot be written (no permission)")
     return target
+
+
+def write_results(folder: str | Path, results: Signs, texts: Mapping[str, str]) -> None:
+    """Write results of one run, all of them or none.
+
+    folder, results, texts: the folder, what may be written into it, and what is, by name.
+    Raises InputError: as `keep_others`; computing has taken its time.
+    """
+    keep_others(folder, results)
+    with together():
+        for name, text in texts.items():
+            with whole_text(Path(folder, name)) as stream:
+                stream.write(text)
 
 
 def keep_others(folder: str | Path, results: Signs) -> None:

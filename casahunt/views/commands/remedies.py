@@ -15,7 +15,6 @@ import math
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from ...checks import to_absolute_error
@@ -24,7 +23,6 @@ from ...design.remedies.price import TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...export import plain
-from ...files import together, whole_text
 from ...results import tables_of
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from ...servo.sampled.check import AsBuilt, as_built
@@ -34,7 +32,7 @@ from ..evidence.remedies_page import TITLE, remedies_page
 from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain, folder, progress, say
 from .output import give
-from .output_paths import keep_others
+from .output_paths import write_results
 from .sampled import checked_lines
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
@@ -101,11 +99,10 @@ def run(options: argparse.Namespace) -> int:
     margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
     uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
 
-    asked = servo if loop is None else loop
-
     def computed() -> Cures:
         return remedies(
-            asked, model, gain, only=names, options=how, uncertainty=uncertainty, margin=margin,
+            loop or servo, None if loop else model, None if loop else gain, only=names, options=how,
+            uncertainty=uncertainty, margin=margin,
             progress=lambda row: say(stream, as_it_is_found(row)), **limits,
         )  # fmt: skip
 
@@ -123,7 +120,8 @@ def run(options: argparse.Namespace) -> int:
             from ..pictures import remedies as pictures_remedies
 
             page = remedies_page(record, pictures_remedies.page_images(found))
-            options.outputs.write(_write, out, page, record)
+            texts = dict(zip(FILES, (page, json.dumps(record, indent=1) + "\n"), strict=True))
+            options.outputs.write(write_results, out, FILES, texts)
     lines = (*remedy_lines(found, limits, of_a_set=uncertainty is not None), *built_lines(built))
     result = found.to_dict() | {"as_built": built} if built else found
     give(options, result, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
@@ -164,15 +162,6 @@ def built_lines(checked: Mapping[str, AsBuilt | str]) -> Iterator[str]:
         yield "in the loop as built, with Switch friction and the size to choose"
     for name, seen in checked.items():
         yield from checked_lines(seen, name, "")
-
-
-def _write(out: Path, html: str, record: dict[str, Any]) -> None:
-    """The page and its object; both files are of the same table."""
-    keep_others(out, FILES)  # the table has taken its time
-    with together():
-        for name, text in zip(FILES, (html, json.dumps(record, indent=1) + "\n"), strict=True):
-            with whole_text(out / name) as stream:
-                stream.write(text)
 
 
 def _record(

@@ -31,7 +31,6 @@ import argparse
 import json
 import math
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from ...checks import choice_of, to_error
@@ -43,7 +42,6 @@ from ...design.tune.tuning import Tuning, tune
 from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError, NoOrbit
 from ...export import columns_from
-from ...files import together, whole_text
 from ...results import tables_of
 from ...servo.parts.table import remedy_name
 from ...servo.units import GAIN_UNIT, unit_of
@@ -52,7 +50,7 @@ from ..evidence.record import before_tasks, evidence_record, made
 from .arguments import add_command, add_out, finite, how_of, model_of, positive, servo_of
 from .console import complain, folder, progress, say, telling
 from .output import give
-from .output_paths import keep_others
+from .output_paths import write_results
 from .remedies import remedy_lines
 from .sampled import as_record, checked, checked_lines
 
@@ -130,7 +128,8 @@ def run(options: argparse.Namespace) -> int:
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
-            options.outputs.write(_write, out, evidence_page(record, images), record)
+            texts = evidence_page(record, images), json.dumps(record, indent=1) + "\n"
+            options.outputs.write(write_results, out, FILES, dict(zip(FILES, texts, strict=True)))
     lines = _lines(record, how.tol, None if options.outputs.troubles else options.out, checked_lines(built, "motions"))
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, lines, table=table)
@@ -179,15 +178,6 @@ def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: fl
     if not found.best:
         complain("casahunt tune", "nor does this remedy; casahunt remedies looks at others")
     return 0 if found.best else 1
-
-
-def _write(out: Path, html: str, record: dict[str, Any]) -> None:
-    """The evidence; both files are of the same tuning."""
-    keep_others(out, FILES)  # the tuning has taken its time
-    with together():
-        for name, text in zip(FILES, (html, json.dumps(record, indent=1) + "\n"), strict=True):
-            with whole_text(out / name) as stream:
-                stream.write(text)
 
 
 def _peak(task: dict[str, Any]) -> str:

@@ -12,6 +12,10 @@ from .fragments import Fragments, document, figure, made_line, table, words
 TITLE = "<title>casahunt cure</title>"
 CAPTION = "The records, laid over the period of the fitted cycle, and what is left of them."
 HEAD = ("remedy", "ends hunting", "of the worst servo", "choose", "error at rest", "torque", "as built")
+UNBOUNDED = (
+    "<p class=bad>The records do not bound every parameter: the worst servo is one between a tenth and ten times of "
+    "the values found.</p>"
+)
 FURTHER = (
     "Each step is a command: <code>casahunt identify</code>, <code>casahunt fold</code>, "
     "<code>casahunt remedies servo.toml --uncertainty friction.toml</code>, which has the margins, larger sizes and "
@@ -28,16 +32,18 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     p = Fragments(record)
     rows = record["remedies"]["remedies"]
     ending = [i for i, row in enumerate(rows) if _ends(row)]
-    misfit = "the model explains the records" if record["identified"]["explained"] else (
-        "<span class=bad>the model does not explain the records</span>")  # fmt: skip
+    explained = record["identified"]["explained"]
+    verdict = f"the model {'explains' if explained else 'does not explain'} the records"
     return document(TITLE, [
         "<h1>What stops the hunting?</h1><p class=dim>casahunt cure, from records</p>", made_line(p),
         f"<p><strong>{p.text('advice')}</strong></p>",
         "<h2>What the records tell</h2>",
         table(["parameter", "value", "95 % from", "to"],
               [_parameter(p, name) for name in record["identified"]["parameters"]]),
-        f"<p>{misfit}: misfit {p.n('identified/misfit', '.3g')}, 1 of noise alone.</p>",
-        *[figure(CAPTION, misfit, data) for data in images.values()],
+        f"<p><span class={'good' if explained else 'bad'}>{verdict}</span>: misfit "
+        f"{p.n('identified/misfit', '.3g')}, 1 of noise alone.</p>",
+        *[figure(CAPTION, verdict, data) for data in images.values()],
+        *([] if record["bounded"] else [UNBOUNDED]),
         "<h2>Where hunting ends if the gain is raised</h2>",
         f"<p>Up to gain {p.with_unit('fold/gain', GAIN_UNIT, '.4g')} with these values, and up to "
         f"{p.with_unit('fold/worst', GAIN_UNIT, '.4g')} with the worst that the records allow. "

@@ -72,3 +72,10 @@ def test_an_uncertain_loop_is_refused():
     loop = Loop((INERTIA, SWITCH, P_PI, INTEGRATOR), {"gain": 0.04})
     with pytest.raises(InputError, match="uncertainty: is one of a servo's parameters"):
         remedies(loop, uncertainty=Uncertainty({"friction.static": (0.5, 0.55)}))
+
+
+@pytest.mark.parametrize("given", [("lugre",), ("switch", 0.1)])
+def test_a_loop_says_its_friction_and_gain_itself(given):
+    """Others beside it would be left unseen."""
+    with pytest.raises(InputError, match="model, gain: must be left out"):
+        remedies(Loop((INERTIA, SWITCH, P_PI, INTEGRATOR), {"gain": 0.04}), *given)
