@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
     )  # fmt: skip
     built = remedies_as_built(options, cures, found.servo, gain)
     record = {
-        "advice": advice_of(cures, limits), "gain": gain, "limits": limits,
+        "advice": advice_of(cures, limits, of_a_set=True), "gain": gain, "limits": limits,
         "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
         "remedies": cures.to_dict(),
         "as_built": built, "wall_s": time.perf_counter() - began,
