@@ -26,7 +26,7 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement
 from ..uncertainty.set import Uncertainty
-from .fit import Array, Data, Point, Question, at, climb, expected, sharpened
+from .fit import NEAR_DAMPING, Array, Data, Point, Question, at, climb, expected, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import LEAST_NOISE, Noise, likeliest
@@ -54,8 +54,8 @@ GROSS = 0.1
 CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
 and differently on every mesh."""
-NOISE_STEPS, MOST_NOISE_STEPS = (0.6, 0.85, 1.15), 12
-"""Factors by which the noise is changed as long as that is likelier, in turn."""
+MOST_NOISE_STEPS, LONGEST_NOISE_STEP, NOISE_APART = 12, 0.5, 0.01
+"""Of the logarithm of the noise, to where that is likeliest; and between two whose deviances are compared."""
 LESS_LIKELY = 0.05
 """Decrease of the deviance below which another noise is none that is likelier."""
 BOUND_FACTOR = 10.0
@@ -325,7 +325,7 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
             point = at(question, climb(question, point, plain, stretched=True, most=FIRST_STEPS).z, plain, point)
         if point is None:
             continue
-        point = climb(question, point, plain)
+        point = climb(question, point, plain, damping=NEAR_DAMPING)
         again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
         ends.append(point)
         if again:
@@ -353,19 +353,39 @@ def _with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tu
     again = at(question, point.z, found, point)
     if again is None:
         return point, list(noises)
-    point = climb(question, again, found)
+    point = climb(question, again, found, damping=NEAR_DAMPING)
     if all(n.quantum == 0 for n in found):
         found = [likeliest(d.position, x, 0.0, d.size) for d, x in zip(question.records, point.positions, strict=True)]
         return at(question, point.z, found, point) or point, found
-    for factor in NOISE_STEPS:
-        for _ in range(MOST_NOISE_STEPS):
-            trial = [_scaled(n, factor) for n in found]
-            again = None if trial == found else at(question, point.z, trial, point)
-            other = None if again is None else climb(question, again, trial)
-            if other is None or other.deviance > point.deviance - LESS_LIKELY:
-                break
-            point, found = other, trial
+    before = None
+    for _ in range(MOST_NOISE_STEPS):
+        size = np.log([n.sigma for n in found])
+        slope, bend = _noise_slopes(question, point, found)
+        if before is not None:
+            moved = np.abs(size - before[0]) > 0
+            secant = np.divide(slope - before[1], size - before[0], out=bend.copy(), where=moved)
+            bend = np.where(secant > 0, secant, bend)
+        step = np.clip(-slope / bend, -LONGEST_NOISE_STEP, LONGEST_NOISE_STEP)
+        trial = [_scaled(n, math.exp(each)) for n, each in zip(found, step, strict=True)]
+        gain = -float(slope @ (np.log([n.sigma for n in trial]) - size)) / 2
+        again = at(question, point.z, trial, point) if gain > LESS_LIKELY else None
+        other = None if again is None else climb(question, again, trial, damping=NEAR_DAMPING)
+        if other is None or other.deviance > point.deviance:
+            break
+        before, point, found = (size, slope), other, trial
     return point, found
+
+
+def _noise_slopes(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Array, Array]:
+    """First and second derivative of the deviance by the logarithm of each noise, the model as it is: at its optimum
+    the first one is also that of the deviance with the model behind."""
+    D = np.array([
+        [replace(noise, sigma=noise.sigma * math.exp(way)).deviance(data.position, x) for way in (-NOISE_APART, 0, NOISE_APART)]
+        for data, noise, x in zip(question.records, noises, point.positions, strict=True)
+    ])
+    slope = (D[:, 2] - D[:, 0]) / (2 * NOISE_APART)
+    bend = (D[:, 2] - 2 * D[:, 1] + D[:, 0]) / NOISE_APART**2
+    return slope, np.maximum(bend, np.abs(slope) / LONGEST_NOISE_STEP)
 
 
 def _scaled(noise: Noise, factor: float) -> Noise:
