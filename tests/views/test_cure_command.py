@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 
 import pytest
 from command_line import one_json, run
 
-from casahunt import cli, find_fold, load, load_uncertainty, remedies
+from casahunt import Status, cli, find_fold, load, load_uncertainty, remedies
 from casahunt.servo.sampled.check import AsBuilt
 from casahunt.views.commands import cure as command
 from casahunt.views.evidence.cure_page import cure_page
@@ -115,3 +116,11 @@ def test_a_servo_at_rest_has_nothing_to_cure(capsys, tmp_path):
     path.write_text("time,position\n" + "\n".join(f"{0.01 * k},0.3" for k in range(4000)))
     code, out, err = run(capsys, "cure", path, "--gain", GAIN, "--out", tmp_path / "page")
     assert (code, out) == (2, "") and "rest" in err and not (tmp_path / "page").exists()
+
+
+def test_a_fit_that_did_not_settle_is_no_servo(capsys, record, monkeypatch):
+    """Nothing is computed of its values."""
+    fit = SimpleNamespace(status=Status.FIT_NOT_CONVERGED)
+    monkeypatch.setattr(command.identification, "fit_of", lambda options: lambda: fit)
+    code, out, err = run(capsys, "cure", record, "--gain", GAIN, "--quiet")
+    assert code == 1 and not out and "the records were not fitted: " in err
