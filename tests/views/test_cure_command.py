@@ -124,3 +124,12 @@ def test_a_fit_that_did_not_settle_is_no_servo(capsys, record, monkeypatch):
     monkeypatch.setattr(command.identification, "fit_of", lambda options: lambda: fit)
     code, out, err = run(capsys, "cure", record, "--gain", GAIN, "--quiet")
     assert code == 1 and not out and "the records were not fitted: " in err
+
+
+@pytest.mark.parametrize(("explained", "best"), [(True, "dead band"), (False, "dead band"), (True, "")])
+def test_what_speaks_against_the_answer(capsys, explained, best):
+    judgement = SimpleNamespace(explained=explained, systematic=0.3, misfit=9.0)
+    found = SimpleNamespace(judgement=judgement, model="switch", records=("one",))
+    assert command._judged(found, SimpleNamespace(best=best), {}, {}) == int(not (explained and best))
+    err = capsys.readouterr().err
+    assert ("does not explain the record" in err) is not explained and ("no remedy ends hunting" in err) == (not best)
