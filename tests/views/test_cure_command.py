@@ -85,6 +85,8 @@ def test_bounds_that_a_record_does_not_have_are_told(cured):
     """The worst servo is then one of a box that the program has made."""
     said = json.loads((cured / "cure.json").read_text())
     page = cure_page(said, {})
+    assert not list(command._unbounded(SimpleNamespace(bounded=True)))
+    assert "not every interval is bounded" in next(command._unbounded(SimpleNamespace(bounded=False)))
     assert said["bounded"] and "do not bound" not in page and "<span class=good>the model explains" in page
     said["bounded"], said["identified"]["explained"] = False, False
     page = cure_page(said, {"fit": b""})
