@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 
 import pytest
 from command_line import one_json, run
 
-from casahunt import cli, find_fold, load, load_uncertainty, remedies
+from casahunt import Status, cli, find_fold, load, load_uncertainty, remedies
 from casahunt.servo.sampled.check import AsBuilt
 from casahunt.views.commands import cure as command
 from casahunt.views.evidence.cure_page import cure_page
@@ -84,6 +85,8 @@ def test_bounds_that_a_record_does_not_have_are_told(cured):
     """The worst servo is then one of a box that the program has made."""
     said = json.loads((cured / "cure.json").read_text())
     page = cure_page(said, {})
+    assert not list(command._unbounded(SimpleNamespace(bounded=True)))
+    assert "not every interval is bounded" in next(command._unbounded(SimpleNamespace(bounded=False)))
     assert said["bounded"] and "do not bound" not in page and "<span class=good>the model explains" in page
     said["bounded"], said["identified"]["explained"] = False, False
     page = cure_page(said, {"fit": b""})
@@ -115,3 +118,20 @@ def test_a_servo_at_rest_has_nothing_to_cure(capsys, tmp_path):
     path.write_text("time,position\n" + "\n".join(f"{0.01 * k},0.3" for k in range(4000)))
     code, out, err = run(capsys, "cure", path, "--gain", GAIN, "--out", tmp_path / "page")
     assert (code, out) == (2, "") and "rest" in err and not (tmp_path / "page").exists()
+
+
+def test_a_fit_that_did_not_settle_is_no_servo(capsys, record, monkeypatch):
+    """Nothing is computed of its values."""
+    fit = SimpleNamespace(status=Status.FIT_NOT_CONVERGED)
+    monkeypatch.setattr(command.identification, "fit_of", lambda options: lambda: fit)
+    code, out, err = run(capsys, "cure", record, "--gain", GAIN, "--quiet")
+    assert code == 1 and not out and "the records were not fitted: " in err
+
+
+@pytest.mark.parametrize(("explained", "best"), [(True, "dead band"), (False, "dead band"), (True, "")])
+def test_what_speaks_against_the_answer(capsys, explained, best):
+    judgement = SimpleNamespace(explained=explained, systematic=0.3, misfit=9.0)
+    found = SimpleNamespace(judgement=judgement, model="switch", records=("one",))
+    assert command._judged(found, SimpleNamespace(best=best), {}, {}) == int(not (explained and best))
+    err = capsys.readouterr().err
+    assert ("does not explain the record" in err) is not explained and ("no remedy ends hunting" in err) == (not best)

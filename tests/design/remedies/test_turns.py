@@ -27,7 +27,7 @@ def test_the_border_is_the_outermost_cycle_and_known_to_its_neighbours(sense):
 
 
 @pytest.mark.parametrize(("values", "kinds"), [
-    ([0.5, 1.0, 0.5], ()), ([0.5, 1.0, 0.5], ("fold",)), ([0.5, 0.9, 1.0], ("fold",)),
+    ([1 - 1e-6, 1.0, 1 - 1e-6], ()), ([0.5, 1.0, 0.5], ("fold",)), ([0.5, 0.9, 1.0], ("fold",)),
     ([1 - 1e-6, 1.0, 1 - 2 * TURN_KNOWN], ("fold",)),
 ])  # fmt: skip
 def test_what_is_no_border(values, kinds):
