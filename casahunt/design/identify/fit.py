@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times
 from ...servo.servo import Servo
 from .likelihood import Noise
+from .torque import term, torque_of
 
 Array = np.ndarray
 
@@ -71,6 +73,7 @@ class Data:
     quantum, noise : [rad] of the rounding, 0 where there is none; and about that of the noise.
     shape : the waveform, measured at even phases (measure.py) [rad].
     name : of the file.
+    torque : (m,) of the motor [N m]; None where it was not measured.
     """
 
     times: Array
@@ -83,6 +86,7 @@ class Data:
     noise: float
     shape: Array
     name: str
+    torque: Array | None = None
 
     @property
     def size(self) -> float:
@@ -130,6 +134,7 @@ class Question:
 class Point:
     """The model at z, k of which are parameters: cycles and positions for each record; the deviance and its slopes.
 
+    torques: of the motor, None where a record has none [N m].
     gradient and curvature are those of -deviance/2 and deviance/2.
     """
 
@@ -140,6 +145,7 @@ class Point:
     deviance: float
     gradient: Array
     curvature: Array
+    torques: tuple[Array | None, ...]
 
 
 def at(
@@ -155,9 +161,11 @@ def at(
     except (NoOrbit, InputError):
         return None
     deviance, gradient, curvature = 0.0, np.zeros(z.size), np.zeros((z.size, z.size))
-    positions = []
+    positions: list[Array] = []
+    torques: list[Array | None] = []
     for i, (data, orbit, noise) in enumerate(zip(question.records, orbits, noises, strict=True)):
-        x, J, log_period = _positions(question, orbit, data, z, question.own(i), stretched)
+        laid = _laid(question, orbit, data, z, question.own(i), stretched)
+        x, J, log_period = laid.position, laid.J, laid.log_period
         at_z = [*range(k), *range(k + 2 * i, k + 2 * i + 2)]
         found = noise.slopes(data.position, x)
         deviance += -2 * float(np.sum(found.value))
@@ -169,10 +177,16 @@ def at(
             deviance += off**2
             gradient[:k] += log_period * off / size
             curvature[:k, :k] += np.outer(log_period, log_period) / size**2
+        if data.torque is not None and laid.torque is not None:
+            more = term(data.torque, laid.torque, laid.torque_J)
+            deviance += more.deviance
+            gradient[at_z] += more.gradient
+            curvature[np.ix_(at_z, at_z)] += more.curvature
         positions.append(x)
+        torques.append(laid.torque)
     if not np.isfinite(deviance):
         return None
-    return Point(z, k, orbits, tuple(positions), deviance, gradient, curvature)
+    return Point(z, k, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
 
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
@@ -202,22 +216,39 @@ def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> Hunti
     return orbit
 
 
-def _positions(
-    question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool
-) -> tuple[Array, Array, Array]:
-    """Positions (m,), their derivatives (m, k + 2) by the unknowns, phase and offset; those of ln T (k,)."""
+class _Laid(NamedTuple):
+    """The cycle at the times of a record: position (m,) with derivatives (m, k + 2) by the unknowns, phase and offset;
+    derivatives of ln T (k,); the torque of the motor and its derivatives, where the record has one."""
+
+    position: Array
+    J: Array
+    log_period: Array
+    torque: Array | None
+    torque_J: Array
+
+
+def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool) -> _Laid:
+    """A cycle laid over a record."""
     tau, b = z[own]
     factor = orbit.period / data.period if stretched else 1.0
     way = data.times - tau * data.period
     found = state_sensitivity(orbit, way * factor, question.free)
     log_period = found.period_derivatives * question.scales / orbit.period
-    J = np.empty((data.times.size, len(question.free) + 2))
-    J[:, :-2] = (found.derivatives[:, 0] * question.scales[:, None]).T
-    if stretched:
-        J[:, :-2] += (found.rates[0] * way * factor)[:, None] * log_period
-    J[:, -2] = -found.rates[0] * data.period * factor
+
+    def by_unknowns(derivatives: Array, rate: Array) -> Array:
+        J = np.zeros((data.times.size, len(question.free) + 2))
+        J[:, :-2] = (derivatives * question.scales[:, None]).T
+        if stretched:
+            J[:, :-2] += (rate * way * factor)[:, None] * log_period
+        J[:, -2] = -rate * data.period * factor
+        return J
+
+    J, torque, torque_J = by_unknowns(found.derivatives[:, 0], found.rates[0]), None, np.zeros((0, 0))
     J[:, -1] = data.amplitude
-    return found.states[0] + b * data.amplitude, J, log_period
+    if data.torque is not None:
+        of_motor = torque_of(orbit, found, question.free)
+        torque, torque_J = of_motor.value, by_unknowns(of_motor.derivatives, of_motor.rate)
+    return _Laid(found.states[0] + b * data.amplitude, J, log_period, torque, torque_J)
 
 
 def climb(

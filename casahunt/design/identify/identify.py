@@ -32,6 +32,7 @@ from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import LEAST_NOISE, Noise, likeliest
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
 from .suitable import suitable
+from .torque import residual
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
 """What is sought where nothing else is said."""
@@ -77,6 +78,7 @@ class Identification(Result):
     untold : combinations of parameters that the records do not tell, as their powers.
     further : (gain [V/rad], information gained) of the record that would tell most besides; None where none would.
     noises : standard deviation of the noise and quantum of the rounding of each record [rad].
+    torque_noises : standard deviation of each measured torque [N m]; None where there is none.
     orbits : the cycle of each record.
     records : the records as they were fitted; times [s] from the middle of each.
     residuals : (m,) of each record: position less model [rad].
@@ -107,6 +109,7 @@ class Identification(Result):
     untold: Sequence[Mapping[str, float]]
     further: tuple[float, float] | None
     noises: tuple[Noise, ...]
+    torque_noises: tuple[float | None, ...]
     orbits: tuple[HuntingOrbit, ...]
     records: tuple[Data, ...] = field(repr=False)
     residuals: tuple[Array, ...] = field(repr=False)
@@ -154,8 +157,11 @@ class Identification(Result):
                 {
                     "name": data.name, "gain": data.gain, "samples": data.times.size, "period": orbit.period,
                     "amplitude": orbit.amplitude, "noise": noise.sigma, "quantum": noise.quantum,
+                    "torque_noise": torque,
                 }
-                for data, orbit, noise in zip(self.records, self.orbits, self.noises, strict=True)
+                for data, orbit, noise, torque in zip(
+                    self.records, self.orbits, self.noises, self.torque_noises, strict=True
+                )
             ],
         }  # fmt: skip
 
@@ -258,6 +264,7 @@ def data_of(record: Record, m: Measurement, gain: float) -> Data:
     return Data(
         t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
         max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, m.quantum, m.noise, m.shape, record.name,
+        None if record.torque is None else record.torque[inside],
     )  # fmt: skip
 
 
@@ -288,6 +295,10 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         untold=untold(question, J, judgement.factor),
         further=further_gain(question, best, noises) if advise and ends else None,
         noises=tuple(noises),
+        torque_noises=tuple(
+            None if d.torque is None or m is None else residual(d.torque, m)[1]
+            for d, m in zip(question.records, best.torques, strict=True)
+        ),
         orbits=best.orbits,
         records=question.records,
         residuals=tuple(d.position - x for d, x in zip(question.records, best.positions, strict=True)),

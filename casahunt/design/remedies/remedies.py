@@ -114,12 +114,17 @@ def remedies(
                 progress(rows[-1])
     loop, orbit = asked.loop, asked.orbit
     rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
+    best = _best(rows, error, torque, of_a_set=asked.uncertain is not None)
+    return Cures(loop, asked.model, loop.value("gain"), orbit.amplitude, orbit.period, tuple(rows), best, margin)
+
+
+def _best(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
+    """The cheapest within the demands; of a set one of which is known what the worst servo needs, if there is one."""
     within = [row for row in rows if row.ends_hunting and row.peak_torque <= torque
               and (error is None or row.recommended_rest_error <= error)]  # fmt: skip
-    if asked.uncertain is not None:
-        within.sort(key=lambda row: math.isnan(row.worst_size))  # of such a row nobody knows what the set needs
-    best = within[0].name if within else ""
-    return Cures(loop, asked.model, loop.value("gain"), orbit.amplitude, orbit.period, tuple(rows), best, margin)
+    if of_a_set:
+        within.sort(key=lambda row: math.isnan(row.worst_size))
+    return within[0].name if within else ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,7 @@ from .arguments import (
     add_gain,
     add_out,
     add_reading,
+    add_torque,
     how_of,
     later_part,
     model_of,
@@ -58,6 +59,7 @@ def add_sought(command: Any) -> None:
     """The arguments of what is fitted to what."""
     add_gain(command, action="append", help="gain of the records in V/rad; repeat it, one for each, where they differ")
     add_reading(command)
+    add_torque(command)
     free = f"parameters that are sought, with commas (default {', '.join(FREE)})"
     command.add_argument("--free", dest="sought", action="append", metavar="NAME", help=free)
 
@@ -149,8 +151,9 @@ def identified_lines(found: Identification) -> Iterator[str]:
         yield f"  intervals widened by {math.sqrt(judgement.factor):.3g}: the residuals scatter more than noise does"
     if not found.status.ok:
         yield "  the fit has NOT CONVERGED: values are those where it stopped, without intervals"
-    for d, noise, orbit in zip(data, found.noises, found.orbits, strict=True):
+    for d, noise, torque, orbit in zip(data, found.noises, found.torque_noises, found.orbits, strict=True):
         rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
+        rounded += "" if torque is None else f", torque with noise {torque:.2g} N m"
         yield (
             f"  gain {d.gain:.6g} V/rad: noise {noise.sigma:.2g} rad{rounded}; fitted amplitude {orbit.amplitude:.4g} "
             f"rad, period {orbit.period:.5g} s"
