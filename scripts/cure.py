@@ -1,6 +1,6 @@
 """From records of random servos to a remedy: does `casahunt cure` end with one that works in the servo that made them?
 
-    python scripts/cure.py [--count N] [--seed S] [--model switch|lugre] [--only I ...] [--remedies NAME,NAME ...]
+    python scripts/cure.py [--first I] [--count N] [--seed S] [--only I ...] [--counts LOW HIGH] [--remedies NAME,...]
 
 The servos, their records and the wrong values to start from are those of scripts/identify.py.  A record goes as a file
 through the command `casahunt cure`; then the true servo gets the remedy that the command names, of the size that it
@@ -13,6 +13,7 @@ edges of the remedy.
     unclear     a motion whose swings neither repeat nor come to rest
     no remedy   the command names none, or says that the model does not explain its own record
     refused     the command has no answer
+    too slow    or none within `TIME_LIMIT`
 
 and the same of every other row of its table that is said to end hunting, as "rows".  Prints a line per servo and the
 sums, the servos that do not work by name; exit code 1 where fewer than `WANTED` of them work.
@@ -42,11 +43,13 @@ from casahunt import NoOrbit, find_orbit  # noqa: E402
 from casahunt.cli import main as casahunt  # noqa: E402
 from casahunt.servo.servo import flatten  # noqa: E402
 from scripts.identify import Made  # noqa: E402
+from scripts.limits import TooSlow, within  # noqa: E402
 from scripts.remedies import truth  # noqa: E402
 
 REMEDIES = "dead band,leak,derivative,integral"
 """That are looked at where nothing else is said: a dead band, a leak and the plain numbers of the controller."""
-WANTED = 0.95
+WANTED, TIME_LIMIT = 0.95, 180.0
+"""Share that is to work; processor time of an answer [s]."""
 
 
 def cured(made: Made, model: str, remedies: str) -> tuple[int, dict[str, Any], str]:
@@ -74,8 +77,12 @@ def followed(made: Made, model: str, name: str, size: float) -> tuple[str, str]:
 
 def checked(made: Made, model: str, remedies: str) -> tuple[str, str, Counter[str]]:
     """(outcome, what was seen, outcomes of all rows)."""
-    code, found, complaint = cured(made, model, remedies)
     rows = Counter[str]()
+    try:
+        with within(TIME_LIMIT):
+            code, found, complaint = cured(made, model, remedies)
+    except TooSlow:
+        return "too slow", f"no answer within {TIME_LIMIT:g} s", rows
     if not found:
         return "refused", f"exit {code}: {complaint}", rows
     table = found["remedies"]
@@ -97,6 +104,7 @@ def checked(made: Made, model: str, remedies: str) -> tuple[str, str, Counter[st
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; returns 1 where too few work."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0, help="number of the first servo")
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--model", default="switch")
@@ -105,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--remedies", default=REMEDIES)
     options = parser.parse_args(arguments)
     sums, every, named = Counter[str](), Counter[str](), list[str]()
-    for number in options.only or range(options.count):
+    for number in options.only or range(options.first, options.first + options.count):
         try:
             made = Made(number, options.seed, options.model, tuple(options.counts))
         except NoOrbit as error:

@@ -10,4 +10,5 @@ intervals.py  intervals by profile likelihood
 judgement.py  misfit, what a record cannot tell, which further one would
 suitable.py   records that can be fitted
 identify.py   all of it: `identify`
+suspect.py    what to suspect where a record hunts at another frequency
 """

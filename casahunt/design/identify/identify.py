@@ -31,7 +31,7 @@ from .intervals import BetterFound, Interval, Unsettled, marginal_information, p
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import LEAST_NOISE, Noise, likeliest
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
-from .suitable import suitable
+from .suitable import of_few_steps, suitable
 from .torque import residual
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
@@ -295,16 +295,17 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         untold=untold(question, J, judgement.factor),
         further=further_gain(question, best, noises) if advise and ends else None,
         noises=tuple(noises),
-        torque_noises=tuple(
-            None if d.torque is None or m is None else residual(d.torque, m)[1]
-            for d, m in zip(question.records, best.torques, strict=True)
-        ),
+        torque_noises=tuple(map(_torque_noise, question.records, best.torques)),
         orbits=best.orbits,
         records=question.records,
         residuals=tuple(d.position - x for d, x in zip(question.records, best.positions, strict=True)),
         deviance=best.deviance,
         phases=tuple(float(best.z[question.own(i)][0]) * d.period for i, d in enumerate(question.records)),
     )
+
+
+def _torque_noise(data: Data, torque: Array | None) -> float | None:
+    return None if data.torque is None or torque is None else residual(data.torque, torque)[1]
 
 
 def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: float) -> list[Interval] | None:
@@ -407,7 +408,7 @@ def _no_fit(question: Question, left: float) -> Exception:
     data = question.records[0]
     return InputError(
         f"gain = {data.gain:g}: does not fit {data.name}: the nearest cycle of the {question.model} servo is off by "
-        f"{left:.0%} of the amplitude; are gain, servo and units right?"
+        f"{left:.0%} of the amplitude; {_what_else(data)}"
     )
 
 
@@ -415,6 +416,12 @@ def _no_start(question: Question) -> Exception:
     data = question.records[0]
     return InputError(
         f"gain = {data.gain:g}: does not fit {data.name}: with no friction that its amplitude {data.amplitude:.4g} rad "
-        f"and period {data.period:.4g} s allow does the {question.model} servo hunt there; are gain, servo and units "
-        "right?"
+        f"and period {data.period:.4g} s allow does the {question.model} servo hunt there; "
+        f"{_what_else(data)}"
     )
+
+
+def _what_else(data: Data) -> str:
+    """What to look at where no cycle fits."""
+    encoder = of_few_steps(data.amplitude, data.quantum)
+    return f"suspect {encoder}" if encoder else "are gain, servo and units right?"
