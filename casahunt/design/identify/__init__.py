@@ -3,6 +3,7 @@
     y_i = b + x1(t_i - tau; q) + noise, rounded:    q, tau, b of the largest likelihood, 95 % intervals by profiles
 
 likelihood.py positions that carry noise and are rounded
+noise.py      the likeliest noise, and the model with it
 fit.py        the computed cycle laid over records
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood
