@@ -12,7 +12,7 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
 from casahunt.collocation.newton import newton
-from casahunt.continuation.fold import confirmed, next_fold
+from casahunt.continuation.fold_check import confirmed, next_fold
 from casahunt.continuation.special_points import FOLD, GRAZING
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.basin import stick_position
