@@ -20,6 +20,11 @@ TOLERANCES = {"rtol": 1e-9, "atol": 1e-13}
 
 def positions(servo: Servo, model: str, gain: float, start: float, times: Array) -> Array:
     """(m,) positions x1 [rad] at increasing times from 0, of a servo that is stuck at -start when they begin."""
+    return motion(servo, model, gain, start, times)[0]
+
+
+def motion(servo: Servo, model: str, gain: float, start: float, times: Array) -> Array:
+    """(2, m) positions x1 [rad] and torques of the motor [N m] in the same way."""
     return (_switch if model == "switch" else _lugre)(servo, gain, start, times)
 
 
@@ -35,14 +40,16 @@ def measured(x: Array, noise: float, counts: float, level: float, rng: np.random
 def _switch(servo: Servo, gain: float, start: float, times: Array) -> Array:
     kp, kd, ki = servo.torque_gains(gain)
     f, J = servo.friction, servo.inertia
-    t, x, x3, out = 0.0, -start, 0.0, np.empty(times.size)
+    t, x, x3, out = 0.0, -start, 0.0, np.empty((2, times.size))
     while t < times[-1]:
         m = -(kp * x + ki * x3)
         side = math.copysign(1.0, m)
         if abs(m) <= f.static:
             side = -math.copysign(1.0, x)
             wait = (side * f.static - m) / (-ki * x)
-            out[(times >= t) & (times < t + wait + 1e-15)] = x
+            stuck = (times >= t) & (times < t + wait + 1e-15)
+            out[0, stuck] = x
+            out[1, stuck] = -(kp * x + ki * (x3 + x * (times[stuck] - t)))
             t, x3 = t + wait, x3 + x * wait
 
         def rate(_: float, y: Array, s: float = side) -> list[float]:
@@ -59,7 +66,8 @@ def _switch(servo: Servo, gain: float, start: float, times: Array) -> Array:
         )
         inside = (times >= t) & (times <= slip.t[-1])
         if inside.any():
-            out[inside] = slip.sol(times[inside])[0]
+            y = slip.sol(times[inside])
+            out[:, inside] = y[0], -(kp * y[0] + kd * y[1] + ki * y[2])
         t, (x, _, x3) = slip.t[-1], slip.y[:, -1]
     return out
 
@@ -78,4 +86,4 @@ def _lugre(servo: Servo, gain: float, start: float, times: Array) -> Array:
     m = 0.9 * f.static
     y = [-start, 0.0, -(m - kp * start) / ki, m / f.stiffness]
     found = solve_ivp(rate, (0.0, times[-1]), y, t_eval=times, method="LSODA", rtol=1e-8, atol=1e-12)
-    return np.asarray(found.y[0])
+    return np.array([found.y[0], -(kp * found.y[0] + kd * found.y[1] + ki * found.y[2])])

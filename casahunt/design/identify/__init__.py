@@ -3,10 +3,12 @@
     y_i = b + x1(t_i - tau; q) + noise, rounded:    q, tau, b of the largest likelihood, 95 % intervals by profiles
 
 likelihood.py positions that carry noise and are rounded
+torque.py     the torque of the motor, where it was measured
 fit.py        the computed cycle laid over records
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood
 judgement.py  misfit, what a record cannot tell, which further one would
 suitable.py   records that can be fitted
 identify.py   all of it: `identify`
+suspect.py    what to suspect where a record hunts at another frequency
 """

@@ -1,10 +1,10 @@
 """The computed cycle laid over records: least squares, or the likelihood of counts, by Levenberg and Marquardt.
 
     y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (z_1 ... z_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
-    q_j = s_j ln(1 + exp z_j)
+    q_j = s_j z_j,      z_j >= 0
 
-So a parameter is positive, and linear in its unknown where it is larger than its scale s: friction enters a cycle
-linearly, and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  tau, b,
+So parameters are linear in their unknowns, down to where the one is next to nothing: friction enters a cycle linearly,
+and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  tau, b,
 T, a: phase, offset, measured period and amplitude of a record.  x1 and its derivatives by q are those of the boundary
 value problem (orbits/state_sensitivity.py), so a step costs one solve and as many back substitutions as there are
 parameters:
@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,20 +35,24 @@ from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times
 from ...servo.servo import Servo
 from .likelihood import Noise
+from .torque import term, torque_of
 
 Array = np.ndarray
 
 MOST_OF_A_STEP = 0.4
 """Relative change of a parameter in one step: a model that is half as large is another cycle."""
-NEXT_TO_NOTHING = -3.0
-"""Unknown below which a parameter is not followed: it is a twentieth of its scale, and moves nothing."""
-MOST_OF_NOTHING = 3.0
-"""Of an unknown below zero, whose parameter is next to nothing."""
+NEXT_TO_NOTHING = 0.02
+"""Unknown below which a parameter is not followed: it is a fiftieth of its scale, and moves nothing."""
 FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8
+NEAR_DAMPING = 1e-8
+"""Of the first step from where the linear model says that the optimum is: information spans so many decades."""
 RESTORATIONS = 6
 """Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
 square, and the next ones come back to it."""
+ACROSS, RESTORED = 30.0, 0.5
+"""Factor of the damping of these steps, so that they go across the valley, and not along it once more; and that by which
+the excess of the deviance falls in each."""
 MOST_FIT_STEPS = 120
 FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
@@ -68,6 +73,7 @@ class Data:
     quantum, noise : [rad] of the rounding, 0 where there is none; and about that of the noise.
     shape : the waveform, measured at even phases (measure.py) [rad].
     name : of the file.
+    torque : (m,) of the motor [N m]; None where it was not measured.
     """
 
     times: Array
@@ -80,6 +86,7 @@ class Data:
     noise: float
     shape: Array
     name: str
+    torque: Array | None = None
 
     @property
     def size(self) -> float:
@@ -100,16 +107,11 @@ class Question:
 
     def numbers(self, z: Array) -> Array:
         """(k,) the free parameters of the unknowns."""
-        return np.asarray(self.scales * np.logaddexp(0.0, z[: len(self.free)]))
+        return np.asarray(self.scales * z[: len(self.free)])
 
     def unknowns(self, q: Array) -> Array:
         """(k,) the unknowns of free parameters."""
-        part = np.maximum(q / self.scales, 1e-12)
-        return np.maximum(part + np.log(-np.expm1(-part)), NEXT_TO_NOTHING)
-
-    def rates(self, z: Array) -> Array:
-        """(k,) dq/dz."""
-        return np.asarray(self.scales / (1 + np.exp(-z[: len(self.free)])))
+        return np.asarray(np.maximum(q / self.scales, NEXT_TO_NOTHING))
 
     def sizes(self, z: Array) -> Array:
         """(k,) a parameter, or its scale where that is larger: what a change of it is measured by."""
@@ -132,6 +134,7 @@ class Question:
 class Point:
     """The model at z, k of which are parameters: cycles and positions for each record; the deviance and its slopes.
 
+    torques: of the motor, None where a record has none [N m].
     gradient and curvature are those of -deviance/2 and deviance/2.
     """
 
@@ -142,6 +145,7 @@ class Point:
     deviance: float
     gradient: Array
     curvature: Array
+    torques: tuple[Array | None, ...]
 
 
 def at(
@@ -157,9 +161,11 @@ def at(
     except (NoOrbit, InputError):
         return None
     deviance, gradient, curvature = 0.0, np.zeros(z.size), np.zeros((z.size, z.size))
-    positions = []
+    positions: list[Array] = []
+    torques: list[Array | None] = []
     for i, (data, orbit, noise) in enumerate(zip(question.records, orbits, noises, strict=True)):
-        x, J, log_period = _positions(question, orbit, data, z, question.own(i), stretched)
+        laid = _laid(question, orbit, data, z, question.own(i), stretched)
+        x, J, log_period = laid.position, laid.J, laid.log_period
         at_z = [*range(k), *range(k + 2 * i, k + 2 * i + 2)]
         found = noise.slopes(data.position, x)
         deviance += -2 * float(np.sum(found.value))
@@ -171,10 +177,16 @@ def at(
             deviance += off**2
             gradient[:k] += log_period * off / size
             curvature[:k, :k] += np.outer(log_period, log_period) / size**2
+        if data.torque is not None and laid.torque is not None:
+            more = term(data.torque, laid.torque, laid.torque_J)
+            deviance += more.deviance
+            gradient[at_z] += more.gradient
+            curvature[np.ix_(at_z, at_z)] += more.curvature
         positions.append(x)
+        torques.append(laid.torque)
     if not np.isfinite(deviance):
         return None
-    return Point(z, k, orbits, tuple(positions), deviance, gradient, curvature)
+    return Point(z, k, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
 
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
@@ -204,23 +216,39 @@ def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> Hunti
     return orbit
 
 
-def _positions(
-    question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool
-) -> tuple[Array, Array, Array]:
-    """Positions (m,), their derivatives (m, k + 2) by the unknowns, phase and offset; those of ln T (k,)."""
+class _Laid(NamedTuple):
+    """The cycle at the times of a record: position (m,) with derivatives (m, k + 2) by the unknowns, phase and offset;
+    derivatives of ln T (k,); the torque of the motor and its derivatives, where the record has one."""
+
+    position: Array
+    J: Array
+    log_period: Array
+    torque: Array | None
+    torque_J: Array
+
+
+def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool) -> _Laid:
+    """A cycle laid over a record."""
     tau, b = z[own]
     factor = orbit.period / data.period if stretched else 1.0
     way = data.times - tau * data.period
     found = state_sensitivity(orbit, way * factor, question.free)
-    values = question.rates(z)
-    log_period = found.period_derivatives * values / orbit.period
-    J = np.empty((data.times.size, len(question.free) + 2))
-    J[:, :-2] = (found.derivatives[:, 0] * values[:, None]).T
-    if stretched:
-        J[:, :-2] += (found.rates[0] * way * factor)[:, None] * log_period
-    J[:, -2] = -found.rates[0] * data.period * factor
+    log_period = found.period_derivatives * question.scales / orbit.period
+
+    def by_unknowns(derivatives: Array, rate: Array) -> Array:
+        J = np.zeros((data.times.size, len(question.free) + 2))
+        J[:, :-2] = (derivatives * question.scales[:, None]).T
+        if stretched:
+            J[:, :-2] += (rate * way * factor)[:, None] * log_period
+        J[:, -2] = -rate * data.period * factor
+        return J
+
+    J, torque, torque_J = by_unknowns(found.derivatives[:, 0], found.rates[0]), None, np.zeros((0, 0))
     J[:, -1] = data.amplitude
-    return found.states[0] + b * data.amplitude, J, log_period
+    if data.torque is not None:
+        of_motor = torque_of(orbit, found, question.free)
+        torque, torque_J = of_motor.value, by_unknowns(of_motor.derivatives, of_motor.rate)
+    return _Laid(found.states[0] + b * data.amplitude, J, log_period, torque, torque_J)
 
 
 def climb(
@@ -232,22 +260,23 @@ def climb(
     held: int | None = None,
     settled: float = FIT_SETTLED,
     most: int = MOST_FIT_STEPS,
+    damping: float = FIRST_DAMPING,
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
-    mu = FIRST_DAMPING
+    mu, vain = damping, False
     while most > 0 and mu <= MOST_DAMPING and expected(point, held) >= settled:
         most -= 1
-        trial = at(question, _stepped(question, point, mu, held), noises, point, stretched=stretched)
+        trial = at(question, _stepped(point, mu, held), noises, point, stretched=stretched)
         last = math.inf
         for _ in range(RESTORATIONS):
-            if trial is None or not point.deviance < trial.deviance < last:
+            if trial is None or not 0 < trial.deviance - point.deviance < RESTORED * last:
                 break
-            last, most = trial.deviance, most - 1
-            trial = at(question, _stepped(question, trial, mu, held), noises, trial, stretched=stretched)
+            last, most = trial.deviance - point.deviance, most - 1
+            trial = at(question, _stepped(trial, ACROSS * mu, held), noises, trial, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
-            point, mu = trial, max(mu * LESS, LEAST_DAMPING)
+            point, mu, vain = trial, mu if vain else max(mu * LESS, LEAST_DAMPING), False
         else:
-            mu *= MORE
+            mu, vain = mu * MORE, True
     return point
 
 
@@ -268,31 +297,42 @@ def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tupl
 
 def expected(point: Point, held: int | None = None) -> float:
     """Decrease of the deviance that is expected of a step without damping: 0 at an optimum."""
-    return float(_step(point, LEAST_DAMPING, held) @ point.gradient)
+    dz = step(point, LEAST_DAMPING, held)
+    return float(dz @ (2 * point.gradient - point.curvature @ dz))
 
 
-def _step(point: Point, mu: float, held: int | None) -> Array:
-    """A damped step of what is not held; none of a parameter that is next to nothing and would be less."""
-    moving = np.array([i for i in range(point.z.size) if i != held])
-    dz = np.zeros(point.z.size)
-    while moving.size:
-        dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], point.gradient[moving], mu)
-        stays = (point.z <= NEXT_TO_NOTHING) & (dz < 0)
-        stays[point.k :] = False
-        if not stays[moving].any():
+def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> Array:
+    """A damped step of what is not held, which is moved `by` so much.
+
+    A parameter that would be less than next to nothing goes there and no further, the others where it is then best.
+    """
+    dz, moving = np.zeros(point.z.size), np.ones(point.z.size, bool)
+    if held is not None:
+        dz[held], moving[held] = by, False
+    lowest = np.full(point.z.size, -np.inf)
+    lowest[: point.k] = NEXT_TO_NOTHING - point.z[: point.k]
+    while moving.any():
+        given = point.gradient - point.curvature[:, ~moving] @ dz[~moving]
+        dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], given[moving], mu)
+        below = moving & (dz < lowest)
+        if not below.any():
             break
-        dz[stays], moving = 0.0, moving[~stays[moving]]
+        dz[below], moving = lowest[below], moving & ~below
     return dz
 
 
-def _stepped(question: Question, point: Point, mu: float, held: int | None) -> Array:
+def _stepped(point: Point, mu: float, held: int | None) -> Array:
     """The unknowns behind a damped step, which is cut where a parameter would change by much."""
-    dz, k = _step(point, mu, held), len(question.free)
-    change = np.maximum(np.abs(dz[:k] * question.rates(point.z)) / question.sizes(point.z) / MOST_OF_A_STEP,
-                        np.where(point.z[:k] < 0, np.abs(dz[:k]) / MOST_OF_NOTHING, 0.0))  # fmt: skip
-    z = point.z + dz / max(1.0, float(np.max(change, initial=0.0)))
-    z[:k] = np.maximum(z[:k], NEXT_TO_NOTHING)
+    dz = step(point, mu, held)
+    z = point.z + dz / too_long(point, dz)
+    z[: point.k] = np.maximum(z[: point.k], NEXT_TO_NOTHING)
     return z
+
+
+def too_long(point: Point, dz: Array) -> float:
+    """By which factor a step changes a parameter by too much; one where it does not."""
+    change = np.abs(dz[: point.k]) / np.maximum(point.z[: point.k], 1.0)
+    return max(1.0, float(np.max(change, initial=0.0)) / MOST_OF_A_STEP)
 
 
 def _solution(H: Array, g: Array, mu: float) -> Array:

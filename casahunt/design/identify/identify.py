@@ -26,12 +26,13 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement
 from ..uncertainty.set import Uncertainty
-from .fit import Array, Data, Point, Question, at, climb, expected, sharpened
+from .fit import NEAR_DAMPING, Array, Data, Point, Question, at, climb, expected, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import LEAST_NOISE, Noise, likeliest
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
-from .suitable import suitable
+from .suitable import of_few_steps, suitable
+from .torque import residual
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
 """What is sought where nothing else is said."""
@@ -54,8 +55,8 @@ GROSS = 0.1
 CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
 and differently on every mesh."""
-NOISE_STEPS, MOST_NOISE_STEPS = (0.6, 0.85, 1.15), 12
-"""Factors by which the noise is changed as long as that is likelier, in turn."""
+MOST_NOISE_STEPS, LONGEST_NOISE_STEP, NOISE_APART = 12, 0.5, 0.01
+"""Of the logarithm of the noise, to where that is likeliest; and between two whose deviances are compared."""
 LESS_LIKELY = 0.05
 """Decrease of the deviance below which another noise is none that is likelier."""
 BOUND_FACTOR = 10.0
@@ -77,6 +78,7 @@ class Identification(Result):
     untold : combinations of parameters that the records do not tell, as their powers.
     further : (gain [V/rad], information gained) of the record that would tell most besides; None where none would.
     noises : standard deviation of the noise and quantum of the rounding of each record [rad].
+    torque_noises : standard deviation of each measured torque [N m]; None where there is none.
     orbits : the cycle of each record.
     records : the records as they were fitted; times [s] from the middle of each.
     residuals : (m,) of each record: position less model [rad].
@@ -107,6 +109,7 @@ class Identification(Result):
     untold: Sequence[Mapping[str, float]]
     further: tuple[float, float] | None
     noises: tuple[Noise, ...]
+    torque_noises: tuple[float | None, ...]
     orbits: tuple[HuntingOrbit, ...]
     records: tuple[Data, ...] = field(repr=False)
     residuals: tuple[Array, ...] = field(repr=False)
@@ -154,8 +157,11 @@ class Identification(Result):
                 {
                     "name": data.name, "gain": data.gain, "samples": data.times.size, "period": orbit.period,
                     "amplitude": orbit.amplitude, "noise": noise.sigma, "quantum": noise.quantum,
+                    "torque_noise": torque,
                 }
-                for data, orbit, noise in zip(self.records, self.orbits, self.noises, strict=True)
+                for data, orbit, noise, torque in zip(
+                    self.records, self.orbits, self.noises, self.torque_noises, strict=True
+                )
             ],
         }  # fmt: skip
 
@@ -258,6 +264,7 @@ def data_of(record: Record, m: Measurement, gain: float) -> Data:
     return Data(
         t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
         max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, m.quantum, m.noise, m.shape, record.name,
+        None if record.torque is None else record.torque[inside],
     )  # fmt: skip
 
 
@@ -288,12 +295,17 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         untold=untold(question, J, judgement.factor),
         further=further_gain(question, best, noises) if advise and ends else None,
         noises=tuple(noises),
+        torque_noises=tuple(map(_torque_noise, question.records, best.torques)),
         orbits=best.orbits,
         records=question.records,
         residuals=tuple(d.position - x for d, x in zip(question.records, best.positions, strict=True)),
         deviance=best.deviance,
         phases=tuple(float(best.z[question.own(i)][0]) * d.period for i, d in enumerate(question.records)),
     )
+
+
+def _torque_noise(data: Data, torque: Array | None) -> float | None:
+    return None if data.torque is None or torque is None else residual(data.torque, torque)[1]
 
 
 def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: float) -> list[Interval] | None:
@@ -325,7 +337,7 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
             point = at(question, climb(question, point, plain, stretched=True, most=FIRST_STEPS).z, plain, point)
         if point is None:
             continue
-        point = climb(question, point, plain)
+        point = climb(question, point, plain, damping=NEAR_DAMPING)
         again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
         ends.append(point)
         if again:
@@ -353,19 +365,39 @@ def _with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tu
     again = at(question, point.z, found, point)
     if again is None:
         return point, list(noises)
-    point = climb(question, again, found)
+    point = climb(question, again, found, damping=NEAR_DAMPING)
     if all(n.quantum == 0 for n in found):
         found = [likeliest(d.position, x, 0.0, d.size) for d, x in zip(question.records, point.positions, strict=True)]
         return at(question, point.z, found, point) or point, found
-    for factor in NOISE_STEPS:
-        for _ in range(MOST_NOISE_STEPS):
-            trial = [_scaled(n, factor) for n in found]
-            again = None if trial == found else at(question, point.z, trial, point)
-            other = None if again is None else climb(question, again, trial)
-            if other is None or other.deviance > point.deviance - LESS_LIKELY:
-                break
-            point, found = other, trial
+    before = None
+    for _ in range(MOST_NOISE_STEPS):
+        size = np.log([n.sigma for n in found])
+        slope, bend = _noise_slopes(question, point, found)
+        if before is not None:
+            moved = np.abs(size - before[0]) > 0
+            secant = np.divide(slope - before[1], size - before[0], out=bend.copy(), where=moved)
+            bend = np.where(secant > 0, secant, bend)
+        step = np.clip(-slope / bend, -LONGEST_NOISE_STEP, LONGEST_NOISE_STEP)
+        trial = [_scaled(n, math.exp(each)) for n, each in zip(found, step, strict=True)]
+        gain = -float(slope @ (np.log([n.sigma for n in trial]) - size)) / 2
+        again = at(question, point.z, trial, point) if gain > LESS_LIKELY else None
+        other = None if again is None else climb(question, again, trial, damping=NEAR_DAMPING)
+        if other is None or other.deviance > point.deviance:
+            break
+        before, point, found = (size, slope), other, trial
     return point, found
+
+
+def _noise_slopes(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Array, Array]:
+    """First and second derivative of the deviance by the logarithm of each noise, the model as it is: at its optimum
+    the first one is also that of the deviance with the model behind."""
+    D = np.array([
+        [replace(noise, sigma=noise.sigma * math.exp(way)).deviance(data.position, x) for way in (-NOISE_APART, 0, NOISE_APART)]
+        for data, noise, x in zip(question.records, noises, point.positions, strict=True)
+    ])
+    slope = (D[:, 2] - D[:, 0]) / (2 * NOISE_APART)
+    bend = (D[:, 2] - 2 * D[:, 1] + D[:, 0]) / NOISE_APART**2
+    return slope, np.maximum(bend, np.abs(slope) / LONGEST_NOISE_STEP)
 
 
 def _scaled(noise: Noise, factor: float) -> Noise:
@@ -376,7 +408,7 @@ def _no_fit(question: Question, left: float) -> Exception:
     data = question.records[0]
     return InputError(
         f"gain = {data.gain:g}: does not fit {data.name}: the nearest cycle of the {question.model} servo is off by "
-        f"{left:.0%} of the amplitude; are gain, servo and units right?"
+        f"{left:.0%} of the amplitude; {_what_else(data)}"
     )
 
 
@@ -384,6 +416,12 @@ def _no_start(question: Question) -> Exception:
     data = question.records[0]
     return InputError(
         f"gain = {data.gain:g}: does not fit {data.name}: with no friction that its amplitude {data.amplitude:.4g} rad "
-        f"and period {data.period:.4g} s allow does the {question.model} servo hunt there; are gain, servo and units "
-        "right?"
+        f"and period {data.period:.4g} s allow does the {question.model} servo hunt there; "
+        f"{_what_else(data)}"
     )
+
+
+def _what_else(data: Data) -> str:
+    """What to look at where no cycle fits."""
+    encoder = of_few_steps(data.amplitude, data.quantum)
+    return f"suspect {encoder}" if encoder else "are gain, servo and units right?"

@@ -12,31 +12,41 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from .fit import NEXT_TO_NOTHING, Array, Point, Question, at, climb, expected
+from .fit import (
+    LEAST_DAMPING, NEAR_DAMPING, NEXT_TO_NOTHING, Array, Point, Question, at, climb, expected, step, too_long,
+)  # fmt: skip
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
 FAR_OUT_FACTOR = 10.0
 """A parameter that may be ten times as large, or ten times its scale, is not bounded."""
 MOST_REFITS = 12
-END_NEAR = 0.03
-"""Relative distance from the end of an interval, at which the secant is as good as a refit."""
+END_NEAR, END_CLOSE = 0.1, 0.03
+"""Relative distance from the end of an interval, at which its slope is as good as a refit; and between two refits on
+both sides of a jump of the deviance."""
+HALVINGS = 10
+"""Of a step that is too long."""
+SHORT = 1e-6
+"""Of an unknown: so far no other one comes to its end."""
+INSIDE = 0.15
+"""Part of what is between two refits that the next one keeps from either."""
+LITTLE_RISE = 0.1
+"""Of the deviance per sample: up to there the model is linear in all unknowns."""
 MOST_UNSURE = 1
 """Refits of one end that may stop short of their optimum."""
 MOST_REFIT_STEPS = 60
-REFIT = 0.05
-"""Decrease of the deviance that ends a refit: one per cent of the 3.84 of an interval."""
+REFIT = 2e-3
+"""Decrease of the deviance that ends a refit: so that the slope of the profile is right too."""
 BELOW_BEST = 0.2
 """Decrease of the deviance below the best that shows that it was none."""
 UNSURE_PART = 0.1
 """Part of the rise by which a refit may lie above its optimum: the end of the interval is then off by a twentieth."""
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
-FIRST_REACH = 0.5
-"""Of an unknown: the first step is no longer, however little is known."""
 
 
 class BetterFound(Exception):
@@ -86,68 +96,103 @@ def _farthest(question: Question, best: Point, j: int, sign: int) -> float:
     return abs(float(question.unknowns(q)[j] - best.z[j]))
 
 
+class _Seen(NamedTuple):
+    """A place on a profile: how far out, root of the rise of the deviance there, and slope of that root."""
+
+    reach: float
+    root: float
+    slope: float
+
+
 def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign: int, rise: float) -> float:
     """How far z_j goes to one side; infinite where nothing bounds it."""
-    others = np.array([i for i in range(best.z.size) if i != j and best.z[i] > NEXT_TO_NOTHING])
-    H = best.curvature
-    follow = np.zeros(best.z.size)
-    follow[others] = -np.linalg.lstsq(H[np.ix_(others, others)], H[others, j], rcond=1e-13)[0]
-    follow[j] = 1.0
-    bend = max(float(follow @ H @ follow), 1e-12)
-    wanted, point, wall, ends, unsure = math.sqrt(rise), best, math.inf, False, 0
-    below, above = (0.0, 0.0), (math.inf, math.inf)
-    farthest = _farthest(question, best, j, sign)
-    if farthest == 0 or best.z[j] > 0 and wanted > 2 * math.sqrt(bend) * farthest:
+    way = _way(best, j, sign)
+    first = math.sqrt(max(float(way @ best.curvature @ way), 1e-12))
+    farthest, wanted = _farthest(question, best, j, sign), math.sqrt(rise)
+    if farthest == 0 or wanted > 2 * first * farthest:
         return sign * math.inf  # next to nothing already, or the others make up for all of it
-    reach = min(wanted / math.sqrt(bend), FIRST_REACH * max(best.z[j], 1.0), farthest)
+    point, below, above, wall, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
     for _ in range(MOST_REFITS):
-        trial = _refit(question, point, point.z + (sign * reach - (point.z[j] - best.z[j])) * follow, noises, j)
+        by = _next(below, above, wanted, min((below.reach + wall) / 2, farthest)) - below.reach
+        by = _shortened(point, j, sign, by)
+        reach = below.reach + by
+        trial = _refit(question, best, point, sign * by, noises, j)
         if trial is not None and trial.deviance < best.deviance - BELOW_BEST:
             raise BetterFound(trial)
         if trial is None or expected(trial, j) > UNSURE_PART * max(rise, trial.deviance - best.deviance):
-            wall, ends, reach = reach, trial is None, (below[0] + reach) / 2
-            unsure += trial is not None
-            if wall - below[0] < END_NEAR * wall or unsure > MOST_UNSURE:
+            wall, unsure = reach, unsure + (trial is not None)
+            if unsure > MOST_UNSURE:
                 break
+            if wall - below.reach < END_NEAR * wall and trial is None and above is None:
+                return sign * wall  # the model has no cycle beyond
             continue
-        seen = reach, math.sqrt(max(trial.deviance - best.deviance, 0.0))
-        if abs(seen[1] / wanted - 1) < END_NEAR:
-            return sign * seen[0] * wanted / seen[1]
-        if seen[1] > wanted:
+        root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
+        seen = _Seen(reach, root, -float(_way(trial, j, sign) @ trial.gradient) / root)
+        more = (wanted - root) / seen.slope if seen.slope > 0 else math.inf
+        if abs(root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
+            return sign * (reach + more)
+        if root > wanted:
             above = seen
         else:
             below, point = seen, trial
             if reach >= farthest:
                 return sign * math.inf
-        reach = _next(below, above, wanted, min((below[0] + wall) / 2, farthest))
-        if above[0] < math.inf and above[0] - below[0] < END_NEAR * above[0]:
-            return sign * reach
-    if ends and above[0] == math.inf and wall - below[0] < END_NEAR * wall:
-        return sign * wall  # the model has no cycle beyond
+        if above is not None and above.reach - below.reach < END_CLOSE * above.reach:
+            return sign * above.reach
     raise Unsettled
 
 
-def _refit(question: Question, near: Point, z: Array, noises: Sequence[Noise], j: int) -> Point | None:
-    """The likeliest point from z with z_j as it is; None where the model has no cycle.
+def _shortened(point: Point, j: int, sign: int, by: float) -> float:
+    """How far z_j can go in one step: the others go by bends, where one of them comes to its end."""
+    short, long = 0.0, by
+    if too_long(point, step(point, LEAST_DAMPING, j, sign * by)) == 1:
+        return by
+    for _ in range(HALVINGS):
+        middle = (short + long) / 2
+        if too_long(point, step(point, LEAST_DAMPING, j, sign * middle)) > 1:
+            long = middle
+        else:
+            short = middle
+    return short or long
 
-    The way there is that of the stretched problem, whose slips stay where they are while the period is not yet right.
+
+def _way(point: Point, j: int, sign: int) -> Array:
+    """How all unknowns go along a profile."""
+    return (step(point, LEAST_DAMPING, j, sign * SHORT) - step(point, LEAST_DAMPING, j)) / SHORT
+
+
+def _refit(
+    question: Question, best: Point, near: Point, by: float, noises: Sequence[Noise], j: int
+) -> Point | None:
+    """The likeliest point whose z_j is further by so much; None where the model has no cycle.
+
+    From where the linear model says that the others will be.  Where that is not near enough, which a period of many in a
+    record soon makes, the way is that of the stretched problem, whose slips stay where they are.
     """
-    plain = [noise.plain for noise in noises]
+    z = near.z + step(near, LEAST_DAMPING, j, by)
     z[: near.k] = np.maximum(z[: near.k], NEXT_TO_NOTHING)
-    trial = at(question, z, plain, near, stretched=True)
+    trial = at(question, z, noises, near)
     if trial is None:
         return None
-    trial = climb(question, trial, plain, stretched=True, held=j, settled=REFIT, most=MOST_REFIT_STEPS)
-    trial = at(question, trial.z, noises, trial)
-    return None if trial is None else climb(question, trial, noises, held=j, settled=REFIT, most=MOST_REFIT_STEPS)
+    samples = sum(data.times.size for data in question.records)
+    refitted = {"held": j, "settled": REFIT, "most": MOST_REFIT_STEPS, "damping": NEAR_DAMPING}
+    if trial.deviance - best.deviance > LITTLE_RISE * samples:
+        again = at(question, z, noises, trial, stretched=True)
+        again = again and climb(question, again, noises, stretched=True, **refitted)
+        trial = again and at(question, again.z, noises, again)
+    return trial and climb(question, trial, noises, **refitted)
 
 
-def _next(below: tuple[float, float], above: tuple[float, float], wanted: float, most: float) -> float:
-    """Where the rise is expected that is wanted, from (reach, root of the rise) on both sides of it."""
-    if above[0] < math.inf:
-        slope = (above[1] - below[1]) / (above[0] - below[0])
-        return below[0] + (wanted - below[1]) / slope
-    return min(below[0] * min(wanted / max(below[1], 1e-6), LONGEST_STRIDE), most)
+def _next(below: _Seen, above: _Seen | None, wanted: float, most: float) -> float:
+    """Where the rise is expected that is wanted: by the slope on the inner side of it, or between both sides."""
+    if above is None:
+        ahead = below.reach + (wanted - below.root) / below.slope if below.slope > 0 else math.inf
+        return min(ahead, below.reach * LONGEST_STRIDE or math.inf, most)
+    width, s = above.reach - below.reach, np.linspace(INSIDE, 1 - INSIDE, 101)
+    left = (1 + 2 * s) * below.root + s * width * below.slope
+    right = (3 - 2 * s) * above.root - (1 - s) * width * above.slope
+    cubic = (1 - s) ** 2 * left + s**2 * right
+    return below.reach + width * float(s[np.argmin(np.abs(cubic - wanted))])
 
 
 def marginal_information(question: Question, point: Point) -> Array:
@@ -155,5 +200,5 @@ def marginal_information(question: Question, point: Point) -> Array:
     H, k = point.curvature, len(question.free)
     rest = H[k:, k:]
     J = H[:k, :k] - H[:k, k:] @ np.linalg.lstsq(rest, H[k:, :k], rcond=1e-13)[0]
-    by_logarithm = question.numbers(point.z) / question.rates(point.z)
+    by_logarithm = point.z[:k]
     return np.asarray(J * by_logarithm[:, None] * by_logarithm)

@@ -13,7 +13,7 @@ Symbols: k parameters.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,9 +21,10 @@ import numpy as np
 from ...errors import NoOrbit
 from ...servo.find_fold import find_fold
 from ..record.verdict import chi_square
-from .fit import Array, Point, Question, at
+from .fit import Array, Data, Point, Question, at
 from .intervals import marginal_information
 from .likelihood import Noise
+from .torque import residual
 
 PARTS_OF_PERIOD = 40
 """Of a period over which residuals are summed."""
@@ -70,9 +71,9 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     parts: list[float] = []
     stretches: list[float] = []
     left, size = 0.0, 0.0
-    for data, noise, x in zip(question.records, noises, point.positions, strict=True):
-        score = noise.slopes(data.position, x).score
-        offset = float(data.position[0] % data.quantum) if data.quantum else 0.0
+    for data, noise, y, x, whole in _channels(question, point, noises):
+        score = noise.slopes(y, x).score
+        offset = float(y[0] % noise.quantum) if noise.quantum else 0.0
         information = noise.information(x, offset)
         for by, into in ((_parts(data.times, data.period), parts), (_stretches(data.times, data.period), stretches)):
             sums, sizes = np.bincount(by, score), np.bincount(by, information)
@@ -81,8 +82,8 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
         by = _parts(data.times, data.period)
         held = np.bincount(by) > 0
         count = np.bincount(by)[held]
-        mean = np.bincount(by, data.position - x)[held] / count
-        left += float(np.mean(np.maximum(mean**2 - noise.variance / count, 0.0))) / data.amplitude**2
+        mean = np.bincount(by, y - x)[held] / count
+        left += float(np.mean(np.maximum(mean**2 - noise.variance / count, 0.0))) / whole**2
         size += 1
     unknowns = point.z.size
     misfit, chance = _ratio(parts, unknowns)
@@ -90,6 +91,17 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
     systematic = math.sqrt(left / size)
     return Judgement(misfit, scatter, chance >= IMPROBABLE or systematic < NEGLIGIBLE, systematic, factor)
+
+
+def _channels(
+    question: Question, point: Point, noises: Sequence[Noise]
+) -> Iterator[tuple[Data, Noise, Array, Array, float]]:
+    """What was measured: record, noise, measured and computed, amplitude; of positions, and of torques if there are."""
+    for data, noise, x, m in zip(question.records, noises, point.positions, point.torques, strict=True):
+        yield data, noise, data.position, x, data.amplitude
+        if data.torque is not None and m is not None:
+            r, sigma = residual(data.torque, m)
+            yield data, Noise(sigma, 0.0), m + r, m, float(np.ptp(m)) / 2
 
 
 def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
@@ -131,7 +143,7 @@ def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> t
     known = np.linalg.slogdet(J)[1]
     best: tuple[float, float] | None = None
     for gain in fold * np.geomspace(LOWEST_SHARE, HIGHEST_SHARE, FURTHER_GAINS):
-        other = replace(question, records=(replace(data, gain=float(gain)),))
+        other = replace(question, records=(replace(data, gain=float(gain), torque=None),))
         z = np.concatenate([point.z[: len(question.free)], [0.0, 0.0]])
         there = at(other, z, [noise])
         if there is None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import InputError
+from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
 from ..record.measure import Measurement, measure
 
@@ -54,3 +55,13 @@ def _clipped(record: Record, found: Measurement, end: float) -> bool:
     if found.quantum == 0:
         return bool(np.unique(y[~there]).size > 0.9 * np.count_nonzero(~there))
     return False
+
+
+def of_few_steps(amplitude: float, quantum: float) -> str:
+    """The encoder as what is to be suspected; "" where its steps are not seen, or are small."""
+    if not quantum or amplitude >= ENCODER_BORDER * quantum:
+        return ""
+    return (
+        f"the encoder, of whose steps of {quantum:.4g} rad the amplitude is {amplitude / quantum:.3g}: with fewer than "
+        f"{ENCODER_BORDER:g} quantisation may decide how it hunts (casahunt simulate --encoder)"
+    )

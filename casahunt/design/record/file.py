@@ -1,6 +1,6 @@
-"""Measured records: times and positions, and how they are read from a file.
+"""Measured records: times, positions and perhaps torques, and how they are read from a file.
 
-    times [s] = factor_t * column,   position [rad] = factor_p * column
+    times [s] = factor_t * column,   position [rad] = factor_p * column,   torque [N m] = factor_m * column
 
 Columns and units are those of the header (units.py), or stated by whoever reads the file.  Units that nobody states
 are taken as s and rad, and `Reading.sentence` says so.  The samples are parsed by numpy; only where it stumbles are the
@@ -22,8 +22,8 @@ from ...export import Columns
 from ...files import bounded
 from ...results import Result
 from .layout import Layout, column_of, layout_of, text_of
-from .reading import Column, Reading
-from .units import Quantity, Unit, parsed_unit, quantity_of, split_header, stated_unit
+from .reading import Column, Reading, column_read, torque_read, torque_wanted
+from .units import Quantity, Unit, parsed_unit, quantity_of, split_header
 
 Array = np.ndarray
 
@@ -32,6 +32,8 @@ SMALLEST_SIZE, LARGEST_SIZE = 1e-100, 1e100
 LARGEST_RECORD = 2e8
 """Bytes of a file: eight million samples, a quarter of an hour at 10 kHz, are measured in five seconds with 0.6 GB; the
 shortest lines that can be samples are fifty million and take 2.3 GB."""
+QUANTITIES: tuple[Quantity, ...] = ("time", "angle")
+"""Of the first two columns that are read."""
 _TIME = frozenset(("time", "t", "timestamp", "zeit"))
 _POSITION = frozenset(("position", "pos", "theta", "θ", "angle", "phi", "φ"))
 _NOT_MEASURED = frozenset(
@@ -55,6 +57,7 @@ class Record(Result):
     position : (m,) [rad].
     name : where it comes from.
     reading : columns and units of the file; None for what was not read from one.
+    torque : (m,) of the motor, measured with the positions [N m]; None where it was not.
 
     Examples
     --------
@@ -72,6 +75,7 @@ class Record(Result):
     position: Array
     name: str = "record"
     reading: Reading | None = field(default=None, repr=False)
+    torque: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         t, y = self.times, self.position
@@ -84,6 +88,8 @@ class Record(Result):
             if size > LARGEST_SIZE or 0 < size < SMALLEST_SIZE:
                 sizes = f"{SMALLEST_SIZE:g} to {LARGEST_SIZE:g}"
                 raise InputError(f"{self.name}: {what} must lie in {sizes}, not near {size:g}")
+        if self.torque is not None and (self.torque.shape != t.shape or not np.isfinite(self.torque).all()):
+            raise InputError(f"{self.name}: torques must be finite numbers, as many as times")
         back = np.flatnonzero(t[1:] <= t[:-1])
         if back.size:
             i = int(back[0])
@@ -94,7 +100,8 @@ class Record(Result):
     def after(self, start: float) -> Record:
         """The part from the time `start` [s] on."""
         kept = self.times >= start
-        return Record(self.times[kept], self.position[kept], self.name, self.reading)
+        torque = None if self.torque is None else self.torque[kept]
+        return Record(self.times[kept], self.position[kept], self.name, self.reading, torque)
 
     @property
     def duration(self) -> float:
@@ -102,7 +109,8 @@ class Record(Result):
         return float(self.times[-1] - self.times[0]) if self.times.size else 0.0
 
     def _columns(self) -> Columns:
-        return {"time_s": self.times, "position_rad": self.position}
+        torque = {} if self.torque is None else {"torque_Nm": self.torque}
+        return {"time_s": self.times, "position_rad": self.position, **torque}
 
 
 def read_record(
@@ -113,6 +121,9 @@ def read_record(
     time_column: str | None = None,
     position_column: str | None = None,
     skip: int | None = None,
+    torque_column: str | None = None,
+    current_column: str | None = None,
+    torque_constant: float | None = None,
 ) -> Record:
     """Read a CSV file with times and positions, and convert them to s and rad.
 
@@ -130,10 +141,14 @@ def read_record(
         the columns, by their headers or their numbers from 1; None: as their names say.
     skip
         lines to leave out; None: none but a preamble.
+    torque_column, current_column
+        the torque of the motor, or its current instead, in the same way; None: they are not read.
+    torque_constant
+        N m in an ampere of the current, or in one of whatever unit the torque has.
 
     Returns
     -------
-    Record, in s and rad.
+    Record, in s, rad and N m.
 
     Raises
     ------
@@ -154,26 +169,36 @@ def read_record(
     """
     path = Path(path)
     name = f"record {str(path)!r}"
-    stated = {
-        "time": None if time_unit is None else parsed_unit("time", time_unit, what="time-unit"),
-        "angle": None if position_unit is None else parsed_unit("angle", position_unit, what="position-unit"),
-    }
+    units = (
+        None if time_unit is None else parsed_unit("time", time_unit, what="time-unit"),
+        None if position_unit is None else parsed_unit("angle", position_unit, what="position-unit"),
+    )
+    wanted = torque_wanted(torque_column, current_column, torque_constant)
     read = bounded(path, name, LARGEST_RECORD)
     try:
         head = _head(read, name, skip or 0)
         columns = _columns(name, head, time_column, position_column)
-        reading = Reading(
-            _column("time", columns[0], head.header, stated["time"], name),
-            _column("angle", columns[1], head.header, stated["angle"], name),
-            head.preamble,
-            head.decimal,
-        )
+        if wanted is not None:
+            columns += (column_of(name, *wanted, head.header, len(head.header or head.first)),)
+        torque = None if wanted is None else torque_read(wanted[0], columns[2], head.header, torque_constant, name)
+        reading = _reading(name, head, columns, units, torque)
         values = _samples(read, name, head, columns)
     except UnicodeDecodeError:
         raise InputError(f"{name}: must be text (UTF-8)") from None
-    t, y = values[:, 0], values[:, 1]
     with np.errstate(over="ignore", under="ignore"):  # Record refuses what comes of it
-        return Record(t * reading.time.unit.factor, y * reading.position.unit.factor, name, reading)
+        t, y = values[:, 0] * reading.time.unit.factor, values[:, 1] * reading.position.unit.factor
+        return Record(t, y, name, reading, None if torque is None else values[:, 2] * torque.unit.factor)
+
+
+def _reading(
+    name: str, head: _Head, columns: Sequence[int], units: Sequence[Unit | None], torque: Column | None
+) -> Reading:
+    """How the columns of a file are taken."""
+    time, position = (
+        column_read(quantity, i, head.header, unit, name)
+        for quantity, i, unit in zip(QUANTITIES, columns, units, strict=False)
+    )
+    return Reading(time, position, head.preamble, head.decimal, torque)
 
 
 @dataclass(frozen=True)
@@ -266,8 +291,8 @@ def _cells(name: str, number: int, line: str, delimiter: str | None) -> list[str
         raise InputError(f"{name}, line {number}: cannot be read ({error})") from None
 
 
-def _samples(read: bytes, name: str, head: _Head, columns: tuple[int, int]) -> Array:
-    """(m, 2) values of the columns."""
+def _samples(read: bytes, name: str, head: _Head, columns: tuple[int, ...]) -> Array:
+    """(m, columns) their values."""
     if head.decimal == ",":
         read = read.replace(b",", b".")
     try:
@@ -295,7 +320,7 @@ def _float(cell: str) -> float | None:
         return None
 
 
-def _columns(name: str, head: _Head, time: str | None, position: str | None) -> tuple[int, int]:
+def _columns(name: str, head: _Head, time: str | None, position: str | None) -> tuple[int, ...]:
     """Indices of time and position, as they are asked for or named."""
     if time is None and position is None:
         return _named_columns(name, head)
@@ -347,16 +372,6 @@ def _matching(header: Sequence[str], names: frozenset[str], quantity: Quantity) 
             continue
         best = min(best, (rank, i)) if best else (rank, i)
     return best[1] if best else None
-
-
-def _column(quantity: Quantity, i: int, header: Sequence[str] | None, stated: Unit | None, name: str) -> Column:
-    label = repr(header[i].strip()) if header else str(i + 1)
-    if stated is not None:
-        return Column(label, stated, "option")
-    found = stated_unit(quantity, header[i], what=name) if header else None
-    if found is not None:
-        return Column(label, found, "header")
-    return Column(label, parsed_unit(quantity, "s" if quantity == "time" else "rad"), "nobody")
 
 
 def _cell(name: str, line: int, row: Sequence[str], column: int) -> float:

@@ -1,10 +1,13 @@
-"""Which columns of a file were read as times and positions, and in which units: factor * column in s and rad."""
+"""Which columns of a file were read, and in which units: factor * column in s, rad and N m."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .units import Unit
+from ...errors import InputError
+from .units import BASE, Quantity, Unit, stated_unit
 
 
 @dataclass(frozen=True)
@@ -32,18 +35,22 @@ class Reading:
     time, position : the two columns.
     preamble : number of lines above header and samples that were left out.
     decimal : the decimal sign.
+    torque : the column of the motor's torque, or of its current; None where none was asked for.
     """
 
     time: Column
     position: Column
     preamble: int = 0
     decimal: str = "."
+    torque: Column | None = None
 
     @property
     def sentence(self) -> str:
         """Columns and units in words."""
         parts = []
-        for noun, column, base in (("times", self.time, "s"), ("positions", self.position, "rad")):
+        read = [("times", self.time, "s"), ("positions", self.position, "rad")]
+        read += [] if self.torque is None else [("torques", self.torque, "N m")]
+        for noun, column, base in read:
             unit = column.unit
             how = {
                 "header": f"in {unit.name}",
@@ -57,3 +64,43 @@ class Reading:
         if self.decimal == ",":
             parts.append("commas taken as decimal signs")
         return "; ".join(parts)
+
+
+def column_read(quantity: Quantity, i: int, header: Sequence[str] | None, stated: Unit | None, name: str) -> Column:
+    """A column with its unit: the stated one, that of its header, or the base unit of its quantity.
+
+    name: of the file.  Raises InputError: the header states a unit of something else.
+    """
+    label = repr(header[i].strip()) if header else str(i + 1)
+    if stated is not None:
+        return Column(label, stated, "option")
+    found = stated_unit(quantity, header[i], what=name) if header else None
+    if found is not None:
+        return Column(label, found, "header")
+    return Column(label, Unit(BASE[quantity], 1.0), "nobody")
+
+
+def torque_wanted(torque: str | None, current: str | None, constant: float | None) -> tuple[Quantity, str] | None:
+    """"torque" or "current", and the column that is asked for; None for neither.  Raises InputError: not so."""
+    if constant is not None and not (math.isfinite(constant) and constant > 0):
+        raise InputError(f"torque-constant = {constant}: must be a finite number above 0")
+    if torque is not None and current is not None:
+        raise InputError("torque-column, current-column: must be one of them, not both")
+    if current is not None:
+        if constant is None:
+            raise InputError("current-column: goes with --torque-constant, the N m of an ampere")
+        return "current", current
+    if torque is None and constant is not None:
+        raise InputError("torque-constant: goes with --current-column or --torque-column")
+    return None if torque is None else ("torque", torque)
+
+
+def torque_read(
+    quantity: Quantity, i: int, header: Sequence[str] | None, constant: float | None, name: str
+) -> Column:
+    """The column of the torque in N m: by its unit or the constant, of a current by both."""
+    if quantity == "torque":
+        return column_read("torque", i, header, None if constant is None else Unit(f"{constant:g} N m", constant), name)
+    found = column_read("current", i, header, None, name)
+    factor = found.unit.factor * (constant or 1.0)
+    return Column(found.name, Unit(f"{found.unit.name} at {constant:g} N m/A", factor), found.origin)

@@ -1,6 +1,6 @@
-"""Units of time and angle, as the header of a measured record or a person states them.
+"""Units of time, angle, torque and current, as the header of a measured record or a person states them.
 
-    value [s or rad] = factor * value in the file
+    value [s, rad, N m or A] = factor * value in the file
 
 A unit stands in a header in brackets ("Time (ms)", "theta [deg]"), behind a slash or a colon ("angle/deg"), as the last
 word ("pos_deg", "t ms", "time in ms"), or is the whole name ("ms").  What is stated and not known is refused; what is
@@ -16,7 +16,7 @@ from typing import Literal
 
 from ...errors import InputError
 
-Quantity = Literal["time", "angle"]
+Quantity = Literal["time", "angle", "torque", "current"]
 
 _NAMES: dict[Quantity, dict[str, tuple[float, str]]] = {
     "time": {
@@ -38,8 +38,10 @@ _NAMES: dict[Quantity, dict[str, tuple[float, str]]] = {
         "gon": (math.pi / 200, "gon gons grad grads gradian gradians"),
         "rev": (2 * math.pi, "rev revs revolution revolutions turn turns"),
     },
+    "torque": {"N m": (1.0, "nm n·m n*m"), "mN m": (1e-3, "mnm mn·m mn*m"), "N cm": (1e-2, "ncm n·cm n*cm")},
+    "current": {"A": (1.0, "a amp amps ampere amperes"), "mA": (1e-3, "ma milliamp milliamps")},
 }
-"""Unit, its factor to s or rad, and how it is written."""
+"""Unit, its factor to s, rad, N m or A, and how it is written."""
 _COUNTED = frozenset(
     "sample samples count counts cts tick ticks step steps pulse pulses increment increments inc index lsb lsbs bit "
     "bits digit digits encoder".split()
@@ -47,18 +49,20 @@ _COUNTED = frozenset(
 """What is counted: its size is known to whoever built the servo only."""
 _OTHER = frozenset("nm µm μm um mm cm m km inch inches mil v mv volt volts a ma amp amps hz khz rpm % percent".split())
 """Units of something else; as the last word of a header they are units, not a part of the name."""
-_OPTION: dict[Quantity, str] = {"time": "--time-unit", "angle": "--position-unit"}
-_BASE: dict[Quantity, str] = {"time": "s", "angle": "rad"}
+_OPTION: dict[Quantity, str] = {
+    "time": "--time-unit", "angle": "--position-unit", "torque": "--torque-constant", "current": "--torque-constant",
+}  # fmt: skip
+BASE: dict[Quantity, str] = {"time": "s", "angle": "rad", "torque": "N m", "current": "A"}
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of time or angle.
+    """A unit of time, angle, torque or current.
 
     Attributes
     ----------
     name : as it is shown.
-    factor : s or rad in one of it.
+    factor : s, rad, N m or A in one of it.
     """
 
     name: str
@@ -66,7 +70,7 @@ class Unit:
 
 
 def _lookup(quantity: Quantity, text: str) -> Unit | None:
-    word = text.strip(" .").casefold()
+    word = "".join(text.strip(" .").casefold().split())
     for name, (factor, spellings) in _NAMES[quantity].items():
         if word in [spelling.casefold() for spelling in spellings.split()]:
             return Unit(name, factor)
@@ -74,7 +78,7 @@ def _lookup(quantity: Quantity, text: str) -> Unit | None:
 
 
 def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
-    base, names = _BASE[quantity], ", ".join(_NAMES[quantity])
+    base, names = BASE[quantity], ", ".join(_NAMES[quantity])
     counted = any(word in _COUNTED for word in re.split(r"\W+|_", text.casefold()))
     why = "is a count, no unit" if counted else f"is no unit of {quantity} that is known ({names})"
     noun = "one count" if counted else "one of it"
@@ -94,8 +98,8 @@ def parsed_unit(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
     except ValueError:
         raise _unknown(what, quantity, text) from None
     if not (math.isfinite(factor) and factor > 0):
-        raise InputError(f"{what}: {text!r} must be a unit's name or a finite number of {_BASE[quantity]} above 0")
-    return Unit(f"{factor:g} {_BASE[quantity]}", factor)
+        raise InputError(f"{what}: {text!r} must be a unit's name or a finite number of {BASE[quantity]} above 0")
+    return Unit(f"{factor:g} {BASE[quantity]}", factor)
 
 
 def split_header(cell: str) -> tuple[list[str], str | None]:
@@ -131,7 +135,7 @@ def stated_unit(quantity: Quantity, cell: str, *, what: str) -> Unit | None:
 
 
 def quantity_of(stated: str | None) -> Quantity | None:
-    """The quantity that a stated unit measures, "time" or "angle"; None where it is none of these."""
+    """The quantity that a stated unit measures; None where it is none of these."""
     if stated is not None:
         for quantity in _NAMES:
             if _lookup(quantity, stated):

@@ -53,8 +53,9 @@ class Cure(Result):
     moves : by how much the size moves, relatively, with a relative change of each parameter of the loop, such as static
         friction; {} where the border is no fold.
     worst_size : the largest border found among servos of an uncertain one, at corners of its box to which the slopes of
-        the border point, from corner to corner (at each of up to four where there are no slopes), in `unit`; nan where
-        none was asked for, or found.  A servo inside of the box that is worse than those may exist.
+        the border point, from corner to corner (where there are no slopes: at each of up to four, or at that where it
+        hunts up to the largest gain), in `unit`; nan where none was asked for, or found.  A servo inside of the box
+        that is worse than those may exist.
     why : a sentence: why it is not seen to end hunting, or why it was not found.
     followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.
@@ -138,7 +139,8 @@ class Cures(Result):
     amplitude, period : of its hunting cycle [rad], [s].
     margin : by how much more than the border is recommended, relatively.
     remedies : the rows, the cheapest first; behind them those that do not end hunting.
-    best : the name of the cheapest that meets the demands; "" where none does.
+    best : the name of the cheapest that meets the demands, of an uncertain servo the cheapest whose size for the worst
+        one was found, if there is one; "" where none does.
 
     Examples
     --------

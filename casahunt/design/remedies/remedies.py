@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 
 from ...checks import choice_of, require
-from ...errors import InputError
+from ...errors import InputError, NoOrbit
 from ...orbits import Orbit
 from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
@@ -35,6 +36,7 @@ from ...servo.parts.verbs import loop_cycle
 from ...servo.parts.with_exponent import WITH_EXPONENT
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
+from ..uncertainty.worst_corner import worst_corner
 from .border import BORDERS, Border, Scales, border, with_remedy
 from .cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
 from .price import LOOKED_PERIODS, MOST_WINDOWS, task, verdict
@@ -112,29 +114,57 @@ def remedies(
                 progress(rows[-1])
     loop, orbit = asked.loop, asked.orbit
     rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
-    within = (row.name for row in rows if row.ends_hunting and row.peak_torque <= torque
-              and (error is None or row.recommended_rest_error <= error))  # fmt: skip
-    best = next(within, "")
+    best = _best(rows, error, torque, of_a_set=asked.uncertain is not None)
     return Cures(loop, asked.model, loop.value("gain"), orbit.amplitude, orbit.period, tuple(rows), best, margin)
+
+
+def _best(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
+    """The cheapest within the demands; of a set one of which is known what the worst servo needs, if there is one."""
+    within = [row for row in rows if row.ends_hunting and row.peak_torque <= torque
+              and (error is None or row.recommended_rest_error <= error)]  # fmt: skip
+    if of_a_set:
+        within.sort(key=lambda row: math.isnan(row.worst_size))
+    return within[0].name if within else ""
 
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
     """What all rows are about: the loop without a remedy, its friction model, its cycle and a state on it, how it is
-    computed, what is uncertain: intervals of its parameters; the margin."""
+    computed, what is uncertain of which servo; the margin."""
 
     loop: Loop
     model: Model
     orbit: Orbit
     start: dict[str, float]
     options: Options
-    box: dict[str, tuple[float, float]] | None
+    uncertain: tuple[Servo, Uncertainty] | None
     margin: float
 
     @property
     def scales(self) -> Scales:
         """What sizes are measured by."""
         return Scales(self.orbit.amplitude, self.orbit.period)
+
+    @cached_property
+    def box(self) -> dict[str, tuple[float, float]]:
+        """The intervals of the uncertain parameters of the loop."""
+        if self.uncertain is None:
+            return {}
+        servo, uncertainty = self.uncertain
+        ends = zip(*(end.tolist() for end in uncertainty.box(servo)), strict=True)
+        return dict(zip(called(uncertainty.parameters), ends, strict=True))
+
+    @cached_property
+    def hunts_longest(self) -> tuple[float, ...]:
+        """The values in the box at which hunting goes on to the largest gain; () where that is not found."""
+        if self.uncertain is None:
+            return ()
+        servo, uncertainty = self.uncertain
+        try:
+            corner = worst_corner(servo, self.model, uncertainty, options=self.options.rough()).corner
+        except NoOrbit:
+            return ()
+        return tuple(corner[name] for name in uncertainty.parameters)
 
 
 def _asked(
@@ -152,14 +182,13 @@ def _asked(
         found: Model = "lugre" if LUGRE in loop.present else "switch"
         return _Asked(loop, found, cycle, _on_the_cycle(cycle, loop), options, None, margin)
     a_servo(servo)
-    model, gain, box = model or "switch", 1.0 if gain is None else gain, None
+    model, gain = model or "switch", 1.0 if gain is None else gain
     choice_of("model", model, MODELS)
     if uncertainty is not None:
         check_box(servo, uncertainty)
-        ends = zip(*(end.tolist() for end in uncertainty.box(servo)), strict=True)
-        box = dict(zip(called(uncertainty.parameters), ends, strict=True))
+    uncertain = None if uncertainty is None else (servo, uncertainty)
     orbit, loop = find_orbit(servo, model, gain, options=options), loop_of(servo, model, gain)
-    return _Asked(loop, model, orbit, _on_the_cycle(orbit, loop), options, box, margin)
+    return _Asked(loop, model, orbit, _on_the_cycle(orbit, loop), options, uncertain, margin)
 
 
 def _on_the_cycle(orbit: Orbit, loop: Loop) -> dict[str, float]:
@@ -250,15 +279,19 @@ def _misfit(loop: Loop, remedy: Remedy) -> str:
 
 
 def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
-    """The size for the worst servo of a set: from corner to corner of its box, as slopes of the border point."""
+    """The size for the worst servo of a set: from corner to corner of its box, as slopes of the border point.
+
+    Where it has none: at all corners, if there are few, or at that where hunting goes on to the largest gain.
+    """
     box = asked.box
-    if box is None:
+    if not box:
         return math.nan
 
     def ahead(at: Border) -> list[tuple[float, ...]]:
-        """Corners to which slopes point, or all where there are few and no slopes."""
+        """Corners to look at."""
         if not at.moves:
-            return list(product(*box.values())) if 2 ** len(box) <= MOST_CORNERS else []
+            few = 2 ** len(box) <= MOST_CORNERS
+            return list(product(*box.values())) if few else [asked.hunts_longest] if asked.hunts_longest else []
         return [tuple(ends[at.moves.get(name, 0.0) * remedy.sense > 0] for name, ends in box.items())]
 
     seen: dict[tuple[float, ...], Border] = {}

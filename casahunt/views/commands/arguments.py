@@ -31,6 +31,8 @@ LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate
 """Commands that take a loop of parts."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
+TORQUE_OPTIONS = ("torque_column", "current_column", "torque_constant")
+"""How the torque of the motor is read from a record, by the commands that fit it."""
 DRIVE_WORDS = ("derivative", "integration")
 """Keys of the drive whose values are words."""
 _ARGPARSE_WORDS = {
@@ -155,7 +157,24 @@ def reading_of(options: argparse.Namespace) -> dict[str, Any]:
         "time_unit": options.time_unit, "position_unit": options.position_unit, "time_column": options.time_column,
         "position_column": options.position_column,
         "skip": None if options.skip is None else count_of("skip", options.skip, 0),
-    }  # fmt: skip
+    } | _torque_of(options)  # fmt: skip
+
+
+def add_torque(command: Parser) -> None:
+    """How the torque of the motor is read from a record."""
+    command.add_argument("--torque-column", metavar="C", help="column of the torque of the motor, which is fitted too")
+    command.add_argument("--current-column", metavar="C", help="column of its current, instead of the torque")
+    command.add_argument(
+        "--torque-constant", metavar="NM", help="N m of an ampere, or of one of the torque column's unit"
+    )
+
+
+def _torque_of(options: argparse.Namespace) -> dict[str, Any]:
+    """The columns of the torque, of commands that read it."""
+    given = {name: value for name in TORQUE_OPTIONS if (value := getattr(options, name, None)) is not None}
+    if "torque_constant" in given:
+        given["torque_constant"] = positive("torque-constant", given["torque_constant"])
+    return given
 
 
 def later_part(record: Record, options: argparse.Namespace) -> Record:

@@ -2,10 +2,11 @@
 
     records -> identify -> fold gain, and that of the worst servo -> remedies for the worst servo -> the loop as built
 
-Each step is a command of its own.  Keys of the JSON object: advice (the sentence that names a remedy); identified,
-remedies, as_built, as `identify` and `remedies` give them; fold {gain, worst, refused}: up to which gain the servo as
-found can hunt, and the worst one that the records allow, null where it was not computed, and why not; bounded, whether
-the records bound every parameter; gain, of the first record, at which remedies are looked for; limits; wall_s.
+Each step is a command of its own.  Keys of the JSON object: advice (the sentence that names a remedy); suspect, as
+`identify` gives it; identified, remedies, as_built, as `identify` and `remedies` give them; fold {gain, worst,
+refused}: up to which gain the servo as found can hunt, and the worst one that the records allow, null where it was not
+computed, and why not; bounded, whether the records bound every parameter; gain, of the first record, at which remedies
+are looked for; limits; wall_s.
 """
 
 from __future__ import annotations
@@ -84,8 +85,10 @@ def run(options: argparse.Namespace) -> int:
         progress=lambda row: say(stream, as_it_is_found(row)), **limits,
     )  # fmt: skip
     built = remedies_as_built(options, cures, found.servo, gain)
+    suspect = identification.suspected(options, found)
     record = {
-        "advice": advice_of(cures, limits), "gain": gain, "limits": limits,
+        "suspect": suspect or None,
+        "advice": advice_of(cures, limits, of_a_set=True), "gain": gain, "limits": limits,
         "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
         "remedies": cures.to_dict(),
         "as_built": built, "wall_s": time.perf_counter() - began,
@@ -99,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
             page = cure_page(whole, {"fit": png(fitted_records(found))})
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
             options.outputs.write(write_results, out, FILES, identification.texts_of(found) | own)
-    lines = (*identification.identified_lines(found), *_unbounded(found), *_fold_lines(fold),
+    lines = (*identification.identified_lines(found, suspect), *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True), *built_lines(built))  # fmt: skip
     give(options, record, lines, table=tables_of([cures]), picture=("identify.fitted_records", found))
     return _judged(found, cures, built, limits)

@@ -3,7 +3,8 @@
 Keys of the JSON object, the `to_dict` of the identification: parameters {name: {value, low, high}}, 95 %, low 0 or high
 null where the records do not bound it, both null where status is "fit_not_converged"; misfit, 1 where the model leaves
 nothing but noise; explained; scatter and systematic (judgement.py); untold, combinations that the records do not tell,
-as powers of the parameters; further_gain, of the record that would tell most besides, or null; records; servo; wall_s.
+as powers of the parameters; further_gain, of the record that would tell most besides, or null; records; servo; suspect,
+null or what to suspect where the first record hunts far from the frequency of the servo as given; wall_s.
 """
 
 from __future__ import annotations
@@ -14,10 +15,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify
+from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
+from ...errors import NoOrbit
 from ...results import tables_of
+from ...servo.find_orbit import find_orbit
 from ...servo.servo import flatten
 from ...servo.units import unit_of
 from .arguments import (
@@ -25,6 +31,7 @@ from .arguments import (
     add_gain,
     add_out,
     add_reading,
+    add_torque,
     how_of,
     later_part,
     model_of,
@@ -58,6 +65,7 @@ def add_sought(command: Any) -> None:
     """The arguments of what is fitted to what."""
     add_gain(command, action="append", help="gain of the records in V/rad; repeat it, one for each, where they differ")
     add_reading(command)
+    add_torque(command)
     free = f"parameters that are sought, with commas (default {', '.join(FREE)})"
     command.add_argument("--free", dest="sought", action="append", metavar="NAME", help=free)
 
@@ -89,8 +97,11 @@ def run(options: argparse.Namespace) -> int:
     if options.out is not None and found.status.ok:
         with folder(options.out, FILES) as out:
             options.outputs.write(write_results, out, FILES, texts_of(found))
+    suspect = suspected(options, found)
     give(
-        options, {**found.to_dict(table=False), "wall_s": time.perf_counter() - began}, identified_lines(found),
+        options,
+        {**found.to_dict(table=False), "suspect": suspect or None, "wall_s": time.perf_counter() - began},
+        identified_lines(found, suspect),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
     if not found.status.ok:
@@ -101,6 +112,17 @@ def run(options: argparse.Namespace) -> int:
         complain("casahunt identify", not_explained(found))
         return 1
     return 0
+
+
+def suspected(options: argparse.Namespace, found: Identification) -> str:
+    """What to suspect where the first record hunts at another frequency than the servo that the command line gives."""
+    data = found.records[0]
+    try:
+        given = find_orbit(servo_of(options), found.model, data.gain, options=how_of(options))
+    except NoOrbit:
+        return ""
+    step = float(np.median(np.diff(data.times)))
+    return suspicion(given, data.period, data.amplitude, data.quantum, step, lambda: found)
 
 
 def texts_of(found: Identification) -> dict[str, str]:
@@ -131,8 +153,8 @@ def not_explained(found: Identification) -> str:
     )
 
 
-def identified_lines(found: Identification) -> Iterator[str]:
-    """What was found, as text."""
+def identified_lines(found: Identification, suspect: str) -> Iterator[str]:
+    """What was found, as text; and what is to be suspected."""
     data, judgement = found.records, found.judgement
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     yield f"{found.model} servo identified from {many}, {sum(d.times.size for d in data)} samples"
@@ -149,8 +171,9 @@ def identified_lines(found: Identification) -> Iterator[str]:
         yield f"  intervals widened by {math.sqrt(judgement.factor):.3g}: the residuals scatter more than noise does"
     if not found.status.ok:
         yield "  the fit has NOT CONVERGED: values are those where it stopped, without intervals"
-    for d, noise, orbit in zip(data, found.noises, found.orbits, strict=True):
+    for d, noise, torque, orbit in zip(data, found.noises, found.torque_noises, found.orbits, strict=True):
         rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
+        rounded += "" if torque is None else f", torque with noise {torque:.2g} N m"
         yield (
             f"  gain {d.gain:.6g} V/rad: noise {noise.sigma:.2g} rad{rounded}; fitted amplitude {orbit.amplitude:.4g} "
             f"rad, period {orbit.period:.5g} s"
@@ -160,6 +183,8 @@ def identified_lines(found: Identification) -> Iterator[str]:
     if found.further is not None:
         gain, gained = found.further
         yield f"  a further record at gain {gain:.3g} V/rad would tell most, {gained / math.log(2):.1f} bits"
+    if suspect:
+        yield f"  {suspect}"
 
 
 def _combination(powers: Mapping[str, float]) -> str:

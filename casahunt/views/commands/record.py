@@ -9,7 +9,8 @@ periods) and _error (estimate of the error of the mean); mean_level [rad], offse
 level), null where there is nothing to average; left_out_before, left_out_behind and missing [s], the time at either end
 and in between that is in no whole period; amplitudes [rad] and period_lengths [s], one by one; predicted, null or the
 `to_dict` of the cycle with its frequency and the ratios amplitude_ratio and frequency_ratio, measured over predicted;
-prediction_failed, null or why there is none; wall_s.
+prediction_failed, null or why there is none; suspect, null or what to suspect where the frequency is far from the
+predicted one; wall_s.
 """
 
 from __future__ import annotations
@@ -22,7 +23,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...checks import error_text, known_decimals, moderate, to_absolute_error, to_error
+from ...design.identify.identify import Identification, identify
+from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measure
 from ...errors import NoOrbit
@@ -87,12 +92,13 @@ def run(options: argparse.Namespace) -> int:
             orbit = find_orbit(servo, model, gain, options=how)
         except NoOrbit as error:
             failure = str(error)
+    suspect = "" if orbit is None or not found.hunting else _suspect(record, found, orbit, stream)
     wall_s = time.perf_counter() - began
     rows = [tuple(row.values()) for row in _rows(found, orbit)]
     give(
         options,
-        _record(options.file, record, found, orbit, failure, set_point, wall_s),
-        _lines(options.file, record, found, orbit, set_point),
+        _record(options.file, record, found, orbit, failure, set_point, wall_s) | {"suspect": suspect or None},
+        [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
         table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
         picture=("simulation.folded_record", record, found, orbit) if found.periods.size else (),
     )
@@ -101,6 +107,16 @@ def run(options: argparse.Namespace) -> int:
     if failure:
         complain("casahunt record", f"nothing predicted: {failure}")
     return 0 if found.hunting and failure is None else 1
+
+
+def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -> str:
+    """What to suspect where the frequency is not the predicted one."""
+
+    def fit() -> Identification:
+        say(stream, "far from the predicted frequency: looking for a friction that explains the record")
+        return identify([record], orbit.servo, orbit.gain, orbit.model, advise=False)
+
+    return suspicion(orbit, m.period, m.amplitude, m.quantum, float(np.median(np.diff(record.times))), fit)
 
 
 def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:

@@ -178,8 +178,8 @@ def _record(
         for value in given if isinstance(given, list) else [given]:
             words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
     return record | {
-        "advice": advice_of(found, limits), "limits": limits, "task_step": TASK_STEP, "uncertain": uncertain,
-        "parts": [part.name for part in found.loop.present], "servo": own,
+        "advice": advice_of(found, limits, of_a_set=uncertain), "limits": limits, "task_step": TASK_STEP,
+        "uncertain": uncertain, "parts": [part.name for part in found.loop.present], "servo": own,
         "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
     }  # fmt: skip
 
@@ -218,7 +218,7 @@ def remedy_lines(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> I
         f"{found.name} at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
-    yield f"  {advice_of(found, limits)}"
+    yield f"  {advice_of(found, limits, of_a_set=of_a_set)}"
     ending = [row for row in found.remedies if row.ends_hunting]
     if ending:
         yield ""
@@ -283,7 +283,7 @@ def _after(row: Cure) -> str:
     return " or ".join(AFTERWARDS[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in ENDED)
 
 
-def advice_of(found: Cures, limits: dict[str, float]) -> str:
+def advice_of(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> str:
     """The sentence that names one."""
     within = _within(limits)
     best = next((row for row in found.remedies if row.name == found.best), None)
@@ -291,4 +291,5 @@ def advice_of(found: Cures, limits: dict[str, float]) -> str:
         return f"none of these remedies ends it{within}"
     prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, "N m on a step")
     costs = ", ".join(f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price))
-    return f"cheapest remedy{within}: {best.name}, {_with(best.recommended, best.unit)} ({costs})"
+    alone = "; what the worst servo of the set needs was not found" if of_a_set and math.isnan(best.worst_size) else ""
+    return f"cheapest remedy{within}: {best.name}, {_with(best.recommended, best.unit)} ({costs}){alone}"

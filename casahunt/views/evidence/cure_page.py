@@ -42,6 +42,7 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
               [_parameter(p, name) for name in record["identified"]["parameters"]]),
         f"<p><span class={'good' if explained else 'bad'}>{verdict}</span>: misfit "
         f"{p.n('identified/misfit', '.3g')}, 1 of noise alone.</p>",
+        *([f"<p class=bad>{p.text('suspect')}</p>"] if record["suspect"] else []),
         *[figure(CAPTION, verdict, data) for data in images.values()],
         *([] if record["bounded"] else [UNBOUNDED]),
         "<h2>Where hunting ends if the gain is raised</h2>",

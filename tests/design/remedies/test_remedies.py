@@ -9,6 +9,9 @@ from peer_support import needs
 from stick_map_support import border, stick_map
 
 from casahunt import InputError, NoOrbit, Options, Pid, Servo, Uncertainty, find_fold, find_orbit, margins, remedies
+from casahunt.design.remedies import remedies as module
+from casahunt.design.remedies.cures import Cure
+from casahunt.views.commands.remedies import advice_of
 
 
 @cache
@@ -98,6 +101,36 @@ def test_what_is_recommended_is_more_than_the_worst_servo_needs():
     found = row("dead band", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}), margin=0.2)
     assert found.recommended == pytest.approx(1.2 * found.worst_size, rel=1e-12) and found.worst_size > found.size
     assert found.recommended_rest_error == found.recommended and found.keeps_it_ended
+
+
+@pytest.mark.slow
+def test_without_slopes_the_worst_servo_is_the_one_that_hunts_up_to_the_largest_gain():
+    """A dwell must be shorter than its stick; of three parameters there are more corners than are looked at."""
+    box = {"friction.static": (0.53, 0.54), "friction.coulomb": (0.43, 0.44), "friction.viscous": (0.09, 0.11)}
+    found = row("freeze", 0.04, uncertainty=Uncertainty(box))
+    worst = {"friction.static": 0.54, "friction.coulomb": 0.43, "friction.viscous": 0.09}
+    orbit = find_orbit(Servo().replace(**worst), "switch", 0.04, options=Options(tol=1e-9))
+    stuck = next(arc.duration for arc in orbit.arcs if arc.mode == "stick")
+    assert found.worst_size == pytest.approx(stuck, rel=1e-6) and found.worst_size != pytest.approx(found.size)
+
+
+def test_what_the_worst_servo_needs_comes_before_what_is_cheaper(monkeypatch):
+    """A remedy of which only the size for the values found is known is named where there is no other."""
+
+    def made(asked, remedy):
+        worst = math.nan if remedy.name == "dead band" else 1.0
+        known = {"recommended_rest_error": 0.0, "peak_torque": 1.0, "settling": 1.0 if math.isnan(worst) else 2.0}
+        return Cure(remedy.name, "", "fold", 1.0, 0.0, 1.1, stays=("rests",) * 4, worst_size=worst, **known)
+
+    monkeypatch.setattr(module, "_row", made)
+    allowed = Uncertainty({"friction.static": (0.53, 0.54)})
+    both = remedies(Servo(), "switch", 0.04, only=["dead band", "leak"], uncertainty=allowed)
+    assert [r.name for r in both.remedies] == ["dead band", "leak"] and both.best == "leak"
+    assert remedies(Servo(), "switch", 0.04, only=["dead band", "leak"]).best == "dead band"
+    alone = remedies(Servo(), "switch", 0.04, only=["dead band"], uncertainty=allowed)
+    assert alone.best == "dead band"
+    assert "worst servo of the set needs was not found" in advice_of(alone, {}, of_a_set=True)
+    assert "worst" not in advice_of(both, {}, of_a_set=True)
 
 
 @pytest.mark.slow

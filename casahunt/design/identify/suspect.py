@@ -1,0 +1,66 @@
+"""What to suspect where a record hunts at another frequency than the model, by what the record shows.
+
+    encoder     its steps are seen, and the amplitude is less than `ENCODER_BORDER` of them
+    friction    with other values, which the record tells, the model explains it
+    the loop    with none it does: a filter or a delay in it, or its sampling
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from ...errors import InputError, NoOrbit
+from ...servo.problem import HuntingOrbit
+from ...servo.servo import flatten
+from ...servo.units import unit_of
+from .identify import Identification
+from .suitable import of_few_steps
+
+FAR_FREQUENCY = 0.1
+"""Relative difference of the frequencies from which something is to be suspected: friction is known no better."""
+COARSE_SAMPLES = 0.1
+"""Time between two samples, in units of the loop's 1/omega, omega^2 = kp/J, from which on a drive that samples so hunts
+otherwise than the continuous loop by some per cent (scripts/as_built.py order)."""
+MOST_SUSPECTS = 2
+"""Parameters that are named."""
+
+
+def suspicion(
+    orbit: HuntingOrbit, period: float, amplitude: float, quantum: float, step: float,
+    fit: Callable[[], Identification],
+) -> str:  # fmt: skip
+    """The sentence that says what to suspect; "" where the frequency is about that of the model.
+
+    orbit: of the servo as given; period [s], amplitude, quantum [rad] of the record, step [s] between its
+    samples; fit: of the model to it.
+    """
+    ratio = orbit.period / period
+    if abs(math.log(ratio)) < math.log1p(FAR_FREQUENCY):
+        return ""
+    far = f"the frequency is {ratio:.3g} times that of the servo as given, {1 / orbit.period:.4g} Hz: suspect"
+    if encoder := of_few_steps(amplitude, quantum):
+        return f"{far} {encoder}"
+    try:
+        found: Identification | None = fit()
+    except (NoOrbit, InputError):
+        found = None
+    if found is not None and found.status.ok and found.judgement.explained:
+        return f"{far} {_others(orbit, found)}: so the {orbit.model} model explains the record"
+    omega = math.sqrt(orbit.servo.torque_gains(orbit.gain)[0] / orbit.servo.inertia)
+    coarse = f", samples are {step:.3g} s apart, {step * omega:.2g}/omega of the loop"
+    coarse = coarse if step * omega > COARSE_SAMPLES else ""
+    loop = "a filter or a delay in the loop, or its sampling"
+    return f"{far} {loop}: no friction was found to explain the record{coarse}"
+
+
+def _others(orbit: HuntingOrbit, found: Identification) -> str:
+    """The parameters that differ most from those given, of those that the record tells apart from them."""
+    given = flatten(orbit.servo)
+    apart = [name for name, (low, high) in found.intervals.items() if not low <= given[name] <= high]
+    apart.sort(key=lambda name: -abs(math.log(found.values[name] / max(given[name], 1e-6 * found.values[name]))))
+    if not apart:
+        return "the values given, none of which is the likeliest"
+    return " and ".join(
+        f"{name}, {found.values[name]:.3g} {unit_of(name)}, not {given[name]:.3g}" for name in apart[:MOST_SUSPECTS]
+    )

@@ -1,0 +1,100 @@
+"""A frequency far from the model's: what the record says of its cause, on records made with each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from command_line import one_json, run
+
+from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
+from casahunt.design.identify.suspect import suspicion
+from casahunt.design.record.measure import measure
+from casahunt.servo.servo import flatten
+from scripts.peers.hunting_record import measured, positions
+
+AS_BUILT = Servo(
+    inertia=0.012, motor_gain=4.2, controller=Pid(kp=1, ki=8, kd=0.05),
+    friction=Friction(static=0.40, coulomb=0.30, stribeck_velocity=0.05, viscous=0.02),
+)  # fmt: skip
+GAIN = 0.04
+
+
+def written(path, record):
+    np.savetxt(path, np.column_stack([record.times, record.position]), delimiter=",", header="t,pos", comments="")
+    return path
+
+
+def sampled(servo, gain, drive, time, step, noise=0.0):
+    """The record of a drive as built: what its encoder reads, or with noise."""
+    motion = simulate_sampled(servo, gain, drive, time=time)
+    t = np.arange(time / 4, time, step)
+    x = np.interp(t, motion.times, motion.states[0]) + 1.0
+    return Record(t, measured(x, noise, drive.encoder, 0.0, np.random.default_rng(1)), "made")
+
+
+def of(servo, gain, record, **how):
+    seen, orbit = measure(record), find_orbit(servo, "switch", gain)
+    step = float(np.median(np.diff(record.times)))
+    return suspicion(orbit, seen.period, seen.amplitude, seen.quantum, step,
+                     lambda: identify([record], servo, gain, advise=False, **how))  # fmt: skip
+
+
+def sets(servo):
+    return [word for key, value in flatten(servo).items() for word in ("--set", f"{key}={value!r}")]
+
+
+def test_steps_of_an_encoder(capsys, tmp_path):
+    """The drive of docs/howto/as_built.md: 0.209 Hz where the continuous loop has 0.401."""
+    record = sampled(AS_BUILT, 1.0, Drive(sample_time=1e-3, encoder=2000), 60.0, 0.01)
+    said = of(AS_BUILT, 1.0, record)
+    assert said.startswith("the frequency is 0.522 times") and "0.4009 Hz: suspect the encoder" in said
+    assert "the amplitude is 6.5" in said
+    path = written(tmp_path / "record.csv", record)
+    servo = tmp_path / "servo.toml"
+    servo.write_text("[servo]\ninertia = 0.012\nmotor_gain = 4.2\n[controller]\nkp = 1\nki = 8\nkd = 0.05\n[friction]\n"
+                     "static = 0.4\ncoulomb = 0.3\nstribeck_velocity = 0.05\nviscous = 0.02\n")  # fmt: skip
+    with pytest.raises(InputError, match="suspect the encoder"):
+        identify([record], AS_BUILT, 1.0, advise=False)
+    code, out, _ = run(capsys, "record", path, servo, "--gain", 1, "--quiet", "--json")
+    assert one_json(out)["suspect"] == said
+
+
+def test_another_friction(capsys, tmp_path):
+    """Made by another integrator with a third more static friction than the servo that is given."""
+    other = Servo().replace(**{"friction.static": 0.53 * 1.3})
+    orbit, rng = find_orbit(other, "switch", GAIN), np.random.default_rng(2)
+    t = np.arange(0.0, 8 * orbit.period, orbit.period / 300)
+    x = positions(other, "switch", GAIN, orbit.amplitude, t)
+    record = Record(t[450:], measured(x[450:], 0.01 * orbit.amplitude, 0.0, 0.0, rng), "made")
+    said = of(Servo(), GAIN, record, free=["friction.static"])
+    assert "suspect friction.static, 0.689 N m, not 0.53" in said and said.endswith("switch model explains the record")
+    path = written(tmp_path / "record.csv", record)
+    code, out, _ = run(capsys, "identify", path, "--gain", GAIN, "--free", "friction.static", "--quiet", "--json")
+    assert code == 0 and one_json(out)["suspect"] == said
+
+
+def test_a_delay_that_no_friction_explains():
+    record = sampled(Servo(), GAIN, Drive(sample_time=5e-3, delay=0.1), 120.0, 0.01, noise=1e-3)
+    said = of(Servo(), GAIN, record)
+    assert "suspect a filter or a delay in the loop, or its sampling: no friction was found" in said
+    assert "samples are" not in said
+
+
+def test_coarse_samples_are_told():
+    record = sampled(Servo(), GAIN, Drive(sample_time=0.1), 150.0, 0.1, noise=1e-3)
+    orbit, seen = find_orbit(Servo(), "switch", GAIN), measure(record)
+
+    def refused():
+        raise InputError("none")
+
+    said = suspicion(orbit, seen.period, seen.amplitude, seen.quantum, 0.1, refused)
+    assert "samples are 0.1 s apart, 0.7" in said
+
+
+def test_nothing_is_suspected_where_the_frequency_is_about_right(capsys, tmp_path):
+    orbit = find_orbit(Servo(), "switch", GAIN)
+    assert suspicion(orbit, 0.95 * orbit.period, 0.05, 0.04, 0.01, lambda: 1 / 0) == ""
+    t = np.arange(0.0, 6 * orbit.period, orbit.period / 200)
+    path = written(tmp_path / "record.csv", Record(t, positions(Servo(), "switch", GAIN, orbit.amplitude, t), "made"))
+    code, out, _ = run(capsys, "record", path, "--gain", GAIN, "--quiet", "--json")
+    assert code == 0 and one_json(out)["suspect"] is None
