@@ -233,6 +233,18 @@ def test_the_gallery_is_complete():
         compile(text, path.name, "exec")
 
 
+@pytest.mark.parametrize("name", ["plot_cured.py", pytest.param("plot_gain_alone.py", marks=pytest.mark.slow)])
+def test_stories_run_to_their_end(name, monkeypatch, capsys):
+    """The picture of the front page, and the page on gain alone: all that they assert holds."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    path = next(path for path in EXAMPLES if path.name == name)
+    try:
+        exec(compile(path.read_text(encoding="utf-8"), name, "exec"), {"__name__": "page"})  # the code is our own
+    finally:
+        pyplot = sys.modules["matplotlib.pyplot"]
+        pyplot.close("all")
+
+
 def test_servos_come_first():
     """Sections in their order, each with a heading; the order of the examples is theirs."""
     names = (DOCS / "examples" / "order.txt").read_text(encoding="utf-8").split()

@@ -15,13 +15,15 @@ from casahunt.servo.parts import DEAD_BAND, loop_motion, loop_of
 
 BAND = 0.048  # rad; casahunt remedies says that 0.0434 is the least that will do
 plain = loop_of(Servo(), "switch", 0.04)
-steps = [loop_motion(loop, 60.0) for loop in (plain, plain.with_parts(DEAD_BAND, dead_band=BAND))]
+loops = {"as it is": plain, "with a dead band": plain.with_parts(DEAD_BAND, dead_band=BAND)}
+steps = [loop_motion(loop, 60.0) for loop in loops.values()]
 
-for step, title, color in zip(steps, ("as it is", "with a dead band"), ("tab:red", "tab:green"), strict=True):
+for step, title, color in zip(steps, loops, ("tab:red", "tab:green"), strict=True):
     figure, ax = plt.subplots(figsize=(4.6, 2.9), dpi=200, layout="constrained")
     ax.axhline(0, color="0.6", linewidth=0.8)
     ax.plot(step.times, step.states[0], color=color)
-    ax.set(title=title, xlabel="time [s]", ylabel="off the set point [rad]", xlim=(0, 60), ylim=(-0.12, 0.12))
+    ax.set(title=title, xlim=(0, 60), ylim=(-0.12, 0.12))
+    ax.set(xlabel="time [s]", ylabel="off the set point [rad]")
 
 # %%
 # The first one ends in the cycle that Taylor series with 34 digits have. The second one is stuck inside the band,
