@@ -11,7 +11,7 @@ from ..notebooks.guides import BEGIN, SECTIONS, Guide, guides
 from ..notebooks.written import notebook, others
 from .console import folder
 from .output import show
-from .output_paths import Signs, keep_others, write_results
+from .output_paths import Signs, write_results
 
 
 def add(commands: Any) -> None:
@@ -32,7 +32,6 @@ def run(options: argparse.Namespace) -> int:
     chosen = _chosen(options.notebook)
     if options.out is not None:
         signs = _signs(options.notebook)
-        keep_others(options.out, signs)
         with folder(options.out, signs) as out:
             texts = {f"{name}.ipynb": notebook(guide.cells) for name, guide in chosen.items()}
             options.outputs.write(write_results, out, signs, texts)
