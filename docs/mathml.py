@@ -23,7 +23,7 @@ def mathml(formula: str, *, block: bool = False) -> str:
     """
     if found := MISPLACED.search(formula):
         raise ValueError(f"{found.group()}: write {found.group()[:-1].rstrip()}{{}}_")
-    return tex2mathml(formula, as_block=block)
+    return tex2mathml(formula, as_block=block).replace("<mo>'</mo>", "<mo>\N{PRIME}</mo>")
 
 
 def _inline(writer: Any, node: nodes.Element) -> None:

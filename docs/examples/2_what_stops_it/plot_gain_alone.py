@@ -35,8 +35,8 @@ uncertain = ("static", "coulomb", "stribeck_velocity")
 
 
 def within(part):
-    numbers = {f"friction.{name}": getattr(friction, name) for name in uncertain}
-    return Uncertainty({name: ((1 - part) * q, (1 + part) * q) for name, q in numbers.items()})
+    known = {f"friction.{name}": getattr(friction, name) for name in uncertain}
+    return Uncertainty({name: ((1 - part) * q, (1 + part) * q) for name, q in known.items()})
 
 
 worst = [casahunt.worst_corner(servo, "switch", within(part)) for part in known[1:]]
@@ -84,7 +84,7 @@ for ax, (gain, motion) in zip(axes, motions.items(), strict=False):
     ax.plot(motion.times[late], motion.states[0][late] / drive.count, linewidth=0.8)
     ax.set(ylabel="counts", title=f"off the set point at K = {gain:.2f} V/rad")
 axes[3].axhspan(-friction.static, friction.static, color="0.85")
-axes[3].plot(motion.times[late][:-1], motion.torque[late[:-1]], linewidth=0.6, color="tab:red")
+axes[3].plot(motion.times[late][:-1], motion.torque[late[:-1]], "tab:red", linewidth=0.6)
 axes[3].set(xlabel="time [s]", ylabel="N m", title="its torque; grey: what friction holds")
 
 # %%
@@ -98,22 +98,22 @@ axes[3].set(xlabel="time [s]", ylabel="N m", title="its torque; grey: what frict
 names = ["dead band", "shifted dead band", "leak", "gain"]
 table = casahunt.remedies(servo, "switch", present, only=names, uncertainty=within(0.1))
 for row in table.remedies:
-    size, price = f"{row.recommended:.4g} {row.unit}", f"torque {row.peak_torque:.1f} N m"
-    print(f"{row.name:18} {size:12} {price}, error at rest {row.recommended_rest_error:.4f} rad")
+    size, error = f"{row.recommended:.4g} {row.unit}", row.recommended_rest_error
+    price = f"torque {row.peak_torque:4.1f} N m, error at rest {error:.4f} rad"
+    print(f"{row.name:18} {size:12} {price}")
 
 sizes = {row.name: row.recommended for row in table.remedies}
 cured = Drive(sample_time=1e-3, encoder=2000, dead_band=sizes["dead band"])
 forgets = Drive(sample_time=1e-3, encoder=2000, leak=sizes["leak"])
-set_points = 1.0 + drive.count * np.array([0, 0.25, 0.5, 0.75])  # anywhere between two counts
-rests = {
-    name: [
-        casahunt.simulate_sampled(servo, present, each, time=30.0, set_point=float(at)).verdict.kind
+set_points = 1.0 + drive.count * np.array([0, 0.25, 0.5, 0.75])  # between two counts
+rests = {}
+for name, each in {"dead band": cured, "leak": forgets}.items():
+    ends = [
+        casahunt.simulate_sampled(servo, present, each, time=30.0, set_point=float(at))
         for at in set_points
     ]
-    for name, each in {"dead band": cured, "leak": forgets}.items()
-}
-for name, verdicts in rests.items():
-    print(f"{name} in the drive as built, four set points: {', '.join(verdicts)}")
+    rests[name] = [motion.verdict.kind for motion in ends]
+    print(f"{name} in the drive as built, four set points: {', '.join(rests[name])}")
 
 # %%
 # So ask first what error at rest the machine may have. Where it may have none, the gain is not the answer either:
