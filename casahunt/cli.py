@@ -46,6 +46,7 @@ COMMANDS = (
     "uncertainty",
     "tune",
     "explore",
+    "examples",
     "glossary",
 )
 """Each is a module of views/commands, loaded when it is called or when all of them are listed."""

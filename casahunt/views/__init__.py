@@ -5,5 +5,6 @@ stability.py  up to which gain a cycle is stable, in words
 pictures/     drawn by matplotlib, which only plotting.py imports
 evidence/     a tuning, or the remedies, as one JSON object and one page
 explore/      a page in the browser: the servo is turned, and answers
+notebooks/    the guides as notebooks
 commands/     casahunt orbit, diagram, fold, ...: one module each
 """

@@ -133,5 +133,5 @@ def sentence(word: str) -> str:
 
 def glossary_page() -> str:
     """The page docs/glossary.md of the documentation, which holds these sentences and nothing else."""
-    entries = "\n\n".join(f"{word}\n: {text[0].upper()}{text[1:]}" for word, text in GLOSSARY.items())
+    entries = "\n\n".join(f"{word}\n    {text[0].upper()}{text[1:]}" for word, text in GLOSSARY.items())
     return f"# Glossary\n\n:::{{glossary}}\n{entries}\n:::\n"
