@@ -37,6 +37,8 @@ from .map_chain import FACTOR_ROUNDING, MapChain, collocation_chain
 
 Array = np.ndarray
 
+CLEARLY = 0.1
+"""Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 TRUSTED = 1e-5
 """A set whose trivial multiplier or whose leading one is off by more than this is not to be trusted."""
 SHARE_LEFT = 0.1
@@ -117,6 +119,14 @@ class Multipliers(Result):
     def leading_error(self) -> float:
         """Estimated absolute error of `leading`."""
         return self.error * max(1.0, abs(self.leading))
+
+
+def clearly_attracts(M: Array) -> bool | None:
+    """Whether all eigenvalues of a return map (n, n) lie inside the unit circle; None where that is not clear."""
+    if not np.isfinite(M).all():
+        return None
+    largest = float(np.max(np.abs(np.linalg.eigvals(M)), initial=0.0))
+    return None if abs(largest - 1) <= CLEARLY else largest < 1
 
 
 def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None) -> Multipliers:

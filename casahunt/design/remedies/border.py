@@ -86,8 +86,8 @@ class Scales:
 
 
 def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
-    """The loop with a remedy of a size."""
-    if remedy.part is None:
+    """The loop with a remedy of a size, which it may have already, of another size or none."""
+    if remedy.part is None or remedy.part in loop.parts:
         return loop.replace(**{remedy.size: size})
     if not remedy.instead:
         return loop.with_parts(remedy.part, **{remedy.size: size})

@@ -16,8 +16,11 @@ from .output import give
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
-    about, csv = "the amplitude below which the servo settles", "the stick positions of the two motions"
-    add_command(commands, "basin", about, gain=True, model="", csv=csv).add_argument(
+    command = add_command(
+        commands, "basin", "the amplitude below which the servo settles", gain=True, model="",
+        csv="the stick positions of the two motions", plot="the motions from both sides",
+    )  # fmt: skip
+    command.add_argument(
         "--offset", default=OFFSET, help=f"relative distance from the border of the two motions (default {OFFSET:g})"
     )
 
@@ -27,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     model, gain, how = model_of(options), gain_of(options), how_of(options)
     offset = finite("offset", options.offset)
     found = basin(servo_of(options), model, gain, options=how, offset=offset)
-    give(options, found, _lines(found, how.tol), table=tables_of([found]))
+    give(options, found, _lines(found, how.tol), table=tables_of([found]), picture=("basin.basin", found))
     if not found.confirmed:
         complain(
             "casahunt basin",

@@ -33,7 +33,7 @@ SHADE = "0.9"
 LEVEL_COLOUR = "#b03020"
 
 
-def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
+def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     """Position, velocity and motor torque of a simulated motion against time [s].
 
     Where the Switch servo sticks the background is grey; the torque is shown with the static friction +-Fs.
@@ -42,7 +42,7 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
     ----------
     trajectory
         the motion.
-    axes
+    ax
         three axes to draw into; default: those of a new figure.
 
     Returns
@@ -70,17 +70,17 @@ def motion(trajectory: Trajectory, *, axes: Any = None) -> Array:
         name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
     curves = trajectory.set_point + x[0], x[1], trajectory.torque(x)
     colour, static = LOOKS[trajectory.model].colour, trajectory.servo.friction.static
-    return _three(axes, t, curves, sticks, name, colour, trajectory.set_point, (-static, static))
+    return _three(ax, t, curves, sticks, name, colour, trajectory.set_point, (-static, static))
 
 
-def sampled_motion(found: SampledMotion, *, axes: Any = None) -> Array:
+def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     """As `motion`, of the loop as built; the torque is what each sample asks for.
 
     Parameters
     ----------
     found
         the motion.
-    axes
+    ax
         as of `motion`.
 
     Returns
@@ -107,19 +107,19 @@ def sampled_motion(found: SampledMotion, *, axes: Any = None) -> Array:
     title = f"as built, {found.drive.sample_time:g} s, K = {found.gain:.4g}: {found.verdict.kind}"
     curves = found.set_point + x[0, kept], x[1, kept], torque[kept]
     static = found.servo.friction.static
-    return _three(axes, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, (-static, static))
+    return _three(ax, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, (-static, static))
 
 
-def loop_motion(step: LoopMotion, set_point: float, title: str, *, axes: Any = None) -> Array:
+def loop_motion(step: LoopMotion, set_point: float, title: str, *, ax: Any = None) -> Array:
     """As `motion`, of a loop of parts: its first angle.
 
-    step, set_point, title: the motion, the set point [rad], and what stands above; axes: as there.
+    step, set_point, title: the motion, the set point [rad], and what stands above; ax: as there.
     """
     edges = np.flatnonzero(np.diff(step.moving)) + 1
     pieces = np.split(np.arange(step.times.size), edges)
     sticks = [(step.times[i[0]], step.times[i[-1]]) for i in pieces if not step.moving[i[0]]]
     curves = set_point + step.states[0], step.states[1], step.torque
-    return _three(axes, step.times, curves, sticks, title, LOOKS[MODELS[0]].colour, set_point, ())
+    return _three(ax, step.times, curves, sticks, title, LOOKS[MODELS[0]].colour, set_point, ())
 
 
 def _three(
@@ -150,7 +150,7 @@ def _three(
     return three
 
 
-def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit | None, *, axes: Any = None) -> Array:
+def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit | None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
     Parameters
@@ -159,7 +159,7 @@ def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit 
         samples with whole periods, and what `measure` makes of them.
     orbit
         the prediction, or None.
-    axes
+    ax
         two axes to draw into; default: those of a new figure.
 
     Returns
@@ -178,7 +178,7 @@ def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit 
     >>> axes[0].get_ylabel()
     'position [rad]'
     """
-    figure, both = panels(axes, 2, height_ratios=(1, 1.6))
+    figure, both = panels(ax, 2, height_ratios=(1, 1.6))
     above, below = both
     every = max(1, record.times.size // MOST_DOTS)
     t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
