@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ....checks import to_error
-from ....continuation import Fold, SpecialCurve, SpecialOrbit, special_curve
-from ....errors import InputError, NoOrbit
-from ....orbits import Options, SystemOrbit
-from ....servo.parts.verbs import LOOSER_BY, LOOSEST_FOLD
+from ....continuation import SpecialCurve, SpecialOrbit, special_curve
+from ....errors import InputError
+from ....orbits import Options
 from ..arguments import finite
 from ..console import complain, progress, progress_line, say, sensitivity_text
 from ..output import give
@@ -42,7 +40,7 @@ def of_loop(options: argparse.Namespace, loop: Loop, points: int, how: Options) 
         orbit = point.orbit
         say(stream, f"{progress_line(orbit, '+1 (fold)', ends_in)}  {vary} = {orbit.problem.value(vary):.8g}")
 
-    curve = _curve(fold, vary, end, how, points, found)
+    curve = special_curve(fold, fold.parameter, vary, to=end, options=how, points=points, progress=found)
     failures = [] if curve.complete else [curve.ended]
     for failure in failures:
         complain("casahunt fold-curve", failure)
@@ -52,23 +50,6 @@ def of_loop(options: argparse.Namespace, loop: Loop, points: int, how: Options) 
     picture = ("fold_curve.loop_border", curve, way)
     give(options, record, _lines(loop, curve, way, how.tol), table=curve._columns(), picture=picture)
     return 1 if failures else 0
-
-
-def _curve(
-    fold: Fold[SystemOrbit], vary: str, end: float, how: Options, points: int, found: Callable[[SpecialOrbit], None]
-) -> SpecialCurve:
-    """The curve of a fold; where cycles on it are not known to the tolerance, one a hundred times as large is asked
-    for, and again.  Raises NoOrbit: it is not even begun."""
-    while True:
-        last = how.tol * LOOSER_BY > LOOSEST_FOLD
-        try:
-            curve = special_curve(fold, fold.parameter, vary, to=end, options=how, points=points, progress=found)
-            if curve.complete or last:
-                return curve
-        except NoOrbit:
-            if last:
-                raise
-        how = replace(how, tol=LOOSER_BY * how.tol)
 
 
 def _lines(loop: Loop, curve: SpecialCurve, way: str, tol: float) -> Iterator[str]:
