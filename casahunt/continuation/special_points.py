@@ -129,7 +129,8 @@ def _fold_value(orbit: Orbit, point: CurvePoint) -> float:
 
 FOLD = Monitor(
     "fold", _fold_value,
-    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; {beyond}", multiplier=1.0,
+    "fold at {name} = {value:.10g}: two cycles, as a rule a stable and an unstable one, meet and are gone; {beyond}",
+    multiplier=1.0,
 )  # fmt: skip
 SYMMETRY_BREAKING = Monitor(
     "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
@@ -138,7 +139,7 @@ SYMMETRY_BREAKING = Monitor(
 )  # fmt: skip
 SUPERSTABLE = Monitor(
     "superstable", lambda orbit, point: orbit.half_multiplier,
-    "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
+    "superstable at {name} = {value:.10g}: a small disturbance of the cycle is gone after half a period",
     by_multipliers=True, multiplier=0.0,
 )  # fmt: skip
 GRAZING = Monitor(

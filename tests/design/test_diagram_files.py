@@ -157,7 +157,8 @@ def test_a_fold_curve_goes_on_where_it_was_interrupted(capsys, tmp_path, monkeyp
 def test_a_signal_ends_a_process_with_its_points(tmp_path):
     """SIGKILL after two points: the files are whole, and the run can be taken up."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "casahunt", "diagram", "--model", "switch", "--from", "0.6", "--out", str(out)]
+    words = "diagram", "--model", "switch", "--from", "0.6", "--out", str(out), "--details"
+    command = [sys.executable, "-m", "casahunt", *words]
     child = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     try:
         assert child.stderr is not None
@@ -176,7 +177,8 @@ def test_a_signal_ends_a_process_with_its_points(tmp_path):
 def test_two_runs_after_a_kill(tmp_path):
     """The lock of a killed run holds nobody up; of two that take it up at once one is refused, and nothing is mixed."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "casahunt", "diagram", "--model", "switch", "--from", "0.6", "--out", str(out)]
+    words = "diagram", "--model", "switch", "--from", "0.6", "--out", str(out), "--details"
+    command = [sys.executable, "-m", "casahunt", *words]
 
     def started(*more: str) -> subprocess.Popen[str]:
         return subprocess.Popen([*command, *more], cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

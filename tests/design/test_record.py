@@ -299,7 +299,7 @@ def test_a_long_record_says_where_it_is(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(command_record, "MANY", 100)
     t = np.arange(0, 60, 0.1)
     np.savetxt(tmp_path / "a.csv", np.column_stack([t, np.sin(t)]), delimiter=",", header="time,position", comments="")
-    assert cli.main(["record", str(tmp_path / "a.csv")]) == 0
+    assert cli.main(["record", str(tmp_path / "a.csv"), "--details"]) == 0
     assert capsys.readouterr().err == "reading 0 MB\n600 samples read, looking for the period\n"
     assert cli.main(["record", str(tmp_path / "a.csv"), "--quiet"]) == 0
     assert capsys.readouterr().err == ""

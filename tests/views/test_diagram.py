@@ -25,7 +25,7 @@ from problems.taylor import switch_cycle
 def test_diagram(capsys, tmp_path):
     """Pictures and data; twice into the same folder, which is made with its parents."""
     out = tmp_path / "new" / "folder"
-    command = ["diagram", "--model", "switch", "--from", "0.3", "--out", out]
+    command = ["diagram", "--model", "switch", "--from", "0.3", "--out", out, "--details"]
     code, text, err = run(capsys, *command)
     assert code == 0
     assert set(contents(out)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz"}
@@ -62,7 +62,9 @@ def test_diagram(capsys, tmp_path):
     assert len(lines) == len(rows)
     for special in branch.special:
         assert f"switch  {special.meaning}" in lines and special.meaning in " ".join(text.split())
-    assert text.startswith(f"switch: {len(points)} points; ") and " ".join(text.split()).endswith(f"written to {out}")
+    plain, _, details = text.partition("\ndetails\n")
+    assert plain.startswith("switch: the servo can hunt up to gain 0.6473 V/rad") and plain.split()[-1] == str(out)
+    assert details.startswith(f"switch: {len(points)} points; ")
 
     files, gains = set(contents(out)), [float(row["gain"]) for row in rows]
     code, text, err = run(capsys, *command, "--quiet", "--json")
@@ -120,7 +122,8 @@ def test_a_start_without_a_cycle_gives_way_to_the_servos_own(capsys, tmp_path, m
     monkeypatch.setattr(command_diagram, "starting_gain", lambda *_: 0.6)
     command = ["diagram", "--model", "switch", "--out", tmp_path, "--quiet", "--from"]
     code, out, err = run(capsys, *command, 0.5)
-    assert code == 1 and "none at gain 0.5; it is drawn from gain 0.6" in err and out.startswith("switch: 2 points")
+    assert code == 1 and "none at gain 0.5; it is drawn from gain 0.6" in err
+    assert out.startswith("switch: the servo can hunt; where that ends was not met (the end)\n")
     assert is_picture(tmp_path / "diagram.png") and len(rows_of(tmp_path / "switch.csv")) == 2
     before = contents(tmp_path)
     assert run(capsys, *command, 0.7) == (1, "", "casahunt diagram: none at gain 0.7\n")
@@ -134,7 +137,7 @@ def test_a_gain_below_the_cycles_is_replaced(capsys, tmp_path):
     command = ["diagram", tmp_path / "my.toml", "--model", "switch", "--natural", "--from", 0.0321, "--out", tmp_path]
     code, out, err = run(capsys, *command, "--quiet")
     assert code == 1 and out.startswith("switch: ") and "fold at gain = 4.05296" in out
-    assert "no stable hunting cycle of the switch servo at gain 0.0321" in err and "second fold" in err
+    assert "no stable hunting cycle of the switch servo at gain 0.0321: it has such cycles from" in err
     assert "it is drawn from gain 0.458" in err
     assert float(rows_of(tmp_path / "switch.csv")[0]["gain"]) == 0.458 and is_picture(tmp_path / "diagram.png")
 
@@ -313,7 +316,7 @@ def test_points_found_together_are_written_together(capsys, tmp_path, monkeypatc
     keep = command_diagram.keep
     monkeypatch.setattr(command_diagram, "keep", kept)
     monkeypatch.setattr(command_diagram, "diagram", batches)
-    code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path)
+    code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--details")
     assert code == 130 and on_disk == [1, 4, 5] and len(load_branch(tmp_path / "switch.npz").orbits) == 5
     assert sum(bool(PROGRESS.fullmatch(line)) for line in err.splitlines()) == 5
 
@@ -344,6 +347,7 @@ def test_a_lopsided_pair(capsys, tmp_path):
     """To the end: announced, followed, drawn, written; taken up again without being computed again."""
     out = tmp_path / "out"
     command = ["diagram", canudas_servo.TOML, "--model", "lugre", "--from", "44", "--tol", "1e-7", "--out", out]
+    command.append("--details")
     code, text, err = run(capsys, *command)
     assert code == 0 and all(is_picture(out / name) for name in command_diagram.PICTURES)
     words = " ".join(text.split())
