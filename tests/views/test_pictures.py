@@ -29,7 +29,7 @@ def fold() -> casahunt.Fold:
 
 @cache
 def branch() -> casahunt.Branch:
-    return casahunt.collect(SERVO, "switch", casahunt.diagram(SERVO, "switch", start=0.6))
+    return casahunt.diagram(SERVO, "switch", start=0.6)
 
 
 @cache
@@ -45,7 +45,7 @@ def motion() -> casahunt.Trajectory:
 
 @cache
 def record() -> casahunt.Record:
-    return casahunt.record_of(motion())
+    return casahunt.measure(motion()).record
 
 
 @cache
@@ -84,7 +84,7 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "fold_curves": (1, lambda: ([casahunt.fold_curve(
         SERVO, "switch", vary="friction.static", start=0.53, end=0.54, points=2)],)),
     "fold_map": (1, lambda: (folds(),)),
-    "folded_record": (2, lambda: (record(), casahunt.measure(record()), casahunt.find_orbit(SERVO, "switch", 0.04))),
+    "folded_record": (2, lambda: (casahunt.measure(motion()), casahunt.find_orbit(SERVO, "switch", 0.04))),
     "histogram": (1, histogram_of),
     "motion": (3, lambda: (motion(),)),
     "sampled_motion": (3, lambda: (sampled_motion(),)),

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...design.record.file import Record
 from ...design.record.measure import Measurement
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
@@ -150,13 +149,13 @@ def _three(
     return three
 
 
-def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit | None, *, ax: Any = None) -> Array:
+def folded_record(measurement: Measurement, orbit: HuntingOrbit | None = None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
     Parameters
     ----------
-    record, measurement
-        samples with whole periods, and what `measure` makes of them.
+    measurement
+        of a record with whole periods.
     orbit
         the prediction, or None.
     ax
@@ -172,14 +171,14 @@ def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit 
 
     Examples
     --------
-    >>> from casahunt import Servo, find_orbit, measure, record_of, simulate, pictures
-    >>> record = record_of(simulate(Servo(), "switch", 0.04, time=60.0))
-    >>> axes = pictures.folded_record(record, measure(record), find_orbit(Servo(), "switch", 0.04))
+    >>> from casahunt import Servo, find_orbit, measure, simulate, pictures
+    >>> found = measure(simulate(Servo(), "switch", 0.04, time=60.0))
+    >>> axes = pictures.folded_record(found, find_orbit(Servo(), "switch", 0.04))
     >>> axes[0].get_ylabel()
     'position [rad]'
     """
     figure, both = panels(ax, 2, height_ratios=(1, 1.6))
-    above, below = both
+    (above, below), record = both, measurement.record
     every = max(1, record.times.size // MOST_DOTS)
     t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
     gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from command_line import run
 
-from casahunt import Controller, InputError, Options, Pid, Record, Servo, find_orbit, identify, read_record
+from casahunt import Controller, InputError, Options, Pid, Record, Servo, find_orbit, identify
+from casahunt.design.record.file import read_record
 from casahunt.design.identify.fit import at
 from casahunt.design.identify.identify import Question, data_of
 from casahunt.design.identify.likelihood import Noise
