@@ -174,6 +174,18 @@ def test_the_picture_of_a_border_shows_its_motions(words, tmp_path, capsys):
     assert border[0] == found.border < cycle[0] == found.outer_position
 
 
+@pytest.mark.parametrize(("gain", "off"), [(0.8808, True), (0.04, False)])
+def test_torque_can_be_read_beside_its_peak(gain, off):
+    """At the first gain a step takes 28 N m, 0.53 N m hold the servo: the friction is a tenth of the panel at least."""
+    found = casahunt.simulate(SERVO, "switch", gain, time=20.0)
+    panel = pictures.motion(found)[2]
+    low, high = panel.get_ylim()
+    assert high - low < 10 * 2 * SERVO.friction.static
+    said = [text.get_text() for text in panel.texts]
+    assert said == ([f"off the scale: {found.peak_torque:.3g} N m at the most"] if off else [])
+    assert off or high > found.peak_torque
+
+
 def test_the_jacobian_takes_two_axes():
     pair = Figure().subplots(1, 2)
     drawn = pictures.equilibria(casahunt.equilibria(SERVO, "lugre", 0.1), ax=pair)
