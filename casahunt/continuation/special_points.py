@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Generic
+from dataclasses import dataclass, field
+from typing import Any, Generic
 
 import numpy as np
 
@@ -91,7 +91,7 @@ class Missed(Result):
     meaning: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Monitor:
     """A function that changes sign at a special point.
 
@@ -117,10 +117,17 @@ class Monitor:
     value: Callable[[Orbit, CurvePoint], float]
     meaning: str
     tolerance: float = 1e-9
-    confirmed: Callable[[Orbit], bool] = lambda orbit: True
-    sure: Callable[[Orbit, CurvePoint], bool] = lambda orbit, point: True
+    confirmed: Callable[[Orbit], bool] = field(default_factory=lambda: _always)
+    sure: Callable[[Orbit, CurvePoint], bool] = field(default_factory=lambda: _always)
     by_multipliers: bool = False
     multiplier: float = math.nan
+
+    def __repr__(self) -> str:
+        return f"<Monitor: {self.kind}>"
+
+
+def _always(*_: Any) -> bool:
+    return True
 
 
 def _fold_value(orbit: Orbit, point: CurvePoint) -> float:

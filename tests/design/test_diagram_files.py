@@ -14,7 +14,7 @@ from command_line import contents, run
 from file_support import ROOT, posix
 
 from casahunt import Servo, find_fold, load_branch, save_branch
-from casahunt.design.diagram import diagram
+from casahunt.design.diagram import diagram_points
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve
 from problems import table1
@@ -24,7 +24,7 @@ def stopping(points: int):
     """The diagram, interrupted after so many new points."""
 
     def stopped(*args, **kwargs):
-        steps = diagram(*args, **kwargs)
+        steps = diagram_points(*args, **kwargs)
         for _ in range(points):
             yield next(steps)
         raise KeyboardInterrupt
@@ -39,7 +39,7 @@ def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, undrawn, m
     table, before = tmp_path / "switch.csv", b""
     for i, points in enumerate(stops):
         with monkeypatch.context() as patch:
-            patch.setattr(command_diagram, "diagram", stopping(points))
+            patch.setattr(command_diagram, "diagram_points", stopping(points))
             code, _, err = run(capsys, *command, *["--resume"] * (i > 0))
         assert code == 130 and "the points computed so far are in" in err
         assert table.read_bytes().startswith(before)

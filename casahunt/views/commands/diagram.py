@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from ... import effort
 from ...continuation import FOLD, SpecialPoint
-from ...design.diagram import DiagramPoint, branch_of, diagram, starting_gain
+from ...design.diagram import DiagramPoint, branch_of, diagram_points, starting_gain
 from ...design.diagram_files import SIGNS, DiagramTask, Left, Words, keep, saved_points
 from ...errors import NoOrbit
 from ...export import MAKER
@@ -303,7 +303,7 @@ def _one_branch(
     if found and ended != INTERRUPTED:
         beside = replace(branch_of(task.servo, model, found, ended), lopsided=there.lopsided)
         return keep(task, model, found, ended, out, words, beside)
-    points = diagram(
+    points = diagram_points(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
     )
     lines: list[tuple[Callable[[Progress | None, str], None], str]] = []  # about points that are not on disk yet

@@ -29,7 +29,7 @@ from ...checks import known_decimals, moderate, to_absolute_error, to_error
 from ...design.identify.identify import Identification, identify
 from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
-from ...design.record.measure import Measurement, measure
+from ...design.record.measure import Measurement, measured
 from ...errors import NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     record = later_part(read_record(options.file, **reading), options)
     if record.times.size >= MANY:
         tell(stream, f"{record.times.size} samples read, looking for the period")
-    found = measure(record)
+    found = measured(record)
     orbit, failure = None, None
     if gain is not None:
         try:
@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
             _details(orbit),
         ),
         table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
-        picture=("simulation.folded_record", record, found, orbit) if found.periods.size else (),
+        picture=("simulation.folded_record", found, orbit) if found.periods.size else (),
     )
     if not found.hunting:
         complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")
