@@ -79,6 +79,13 @@ def test_what_is_not_verified_stands_on_the_page(record):
 WRONG = '<b onclick="x">A & B'
 
 
+def test_what_the_drive_does_is_on_the_page(record):
+    seen = {"kind": "hunting", "sentence": "half-way it hunts by one count", "dead_band": 0.00173}
+    page = evidence_page(record | {"as_built": seen}, {})
+    assert "<h2>In the loop as built</h2>" in page and "half-way it hunts by one count" in page
+    assert 'data-key="as_built/dead_band"' in page and "In the loop as built" not in evidence_page(record, {})
+
+
 def hostile(value, key=""):
     """A record whose texts, and names of elasticities, each hold HTML; but for the texts that the page chooses by."""
     if isinstance(value, dict):

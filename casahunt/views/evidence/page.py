@@ -14,7 +14,7 @@ from typing import Any
 
 from ...checks import known_decimals
 from ...servo.units import GAIN_UNIT, unit_of
-from .fragments import Fragments, document, figure, made_line, table, value_at, words
+from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
 DEFAULT_TOL = 1e-6
@@ -69,6 +69,7 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         figures.get("diagram", ""),
         *([*_elasticities(p), figures.get("sensitivities", "")] if record["elasticities"] else []),
         *_verification(p),
+        *built_section(p, {"the tuned servo": "as_built"} if "as_built" in record else {}),
         *_tasks(p),
         figures.get("responses", ""),
         *_limits(p),
