@@ -14,7 +14,7 @@ from command_line import run
 
 from casahunt import Servo, cli, simulate
 from casahunt.servo.parts.table import REMEDY_NAMES
-from casahunt.views.answers.answer import PLAIN_DIGITS, complex_text, short, within
+from casahunt.views.answers.answer import complex_text, short, within
 from casahunt.views.answers.simulate import simulation_answer
 from casahunt.views.commands import progress
 from casahunt.views.commands.output import DETAILS, MEANINGS
@@ -30,6 +30,8 @@ MATHEMATICS = re.compile(
     r"|decaying|in a fold",
     re.IGNORECASE,
 )
+FEW = 4
+"""Digits of what is known to per cents."""
 LONG = re.compile(r"\d[\d.]*\d(?:e[-+]\d+)?")
 
 ANSWERS = {
@@ -80,7 +82,7 @@ def test_the_mathematics_stands_in_the_details(capsys, tmp_path, monkeypatch, un
     given = {str(word) for word in words}
     for number in LONG.findall(re.sub(r"--\w+ \S+|\S*tmp\S*", "", said)):
         digits = number.partition("e")[0].replace(".", "").strip("0")
-        assert len(digits) <= PLAIN_DIGITS or number in given, number
+        assert len(digits) <= FEW or number in given, number
     _, more, more_err = run(capsys, *words, "--quiet", "--details")
     whole = plainly(more) or plainly(more_err)
     assert detail in whole and (f" {DETAILS} " in whole or not out)
