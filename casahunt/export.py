@@ -116,6 +116,11 @@ def dataframe(columns: Columns) -> Any:
     return extra("pandas", "pandas", "to_dataframe").DataFrame(lists)
 
 
+def new_axes() -> Any:
+    """Axes of a new matplotlib figure without a display; matplotlib is imported now."""
+    return import_module("matplotlib.figure").Figure(layout="constrained").subplots()
+
+
 def extra(module: str, name: str, method: str) -> ModuleType:
     """A module that comes with an extra.
 

@@ -1,8 +1,8 @@
 """Pictures of the results, each drawn into your axes, or into those of a new figure.
 
     figure, (above, below) = plt.subplots(2)
-    pictures.diagram([branch], axes=(above, below))     # several panels: axes=
-    pictures.multipliers([branch], ax=other)            # one panel: ax=
+    pictures.diagram([branch], ax=(above, below))       # as many axes as it has panels
+    pictures.multipliers([branch], ax=other)            # one panel: one axes
     pictures.save(pictures.time_traces([orbit]), "orbit.png")
 
 Every function returns the axes that it drew into, or an array of them; `save` writes their figure.  What has a table
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from .lazy import lazily
 
 if TYPE_CHECKING:
+    from .views.pictures.basin import basin
     from .views.pictures.branches import diagram, multipliers
     from .views.pictures.equilibria import equilibria
     from .views.pictures.event_map import cobweb
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from .views.pictures.uncertainty import histogram
 
 __all__ = [
+    "basin",
     "bode",
     "cobweb",
     "diagram",
@@ -55,6 +57,7 @@ __all__ = [
 __getattr__ = lazily(
     __name__,
     {
+        "views.pictures.basin": ("basin",),
         "views.pictures.branches": ("diagram", "multipliers"),
         "views.pictures.equilibria": ("equilibria",),
         "views.pictures.event_map": ("cobweb",),

@@ -26,7 +26,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from .checks import choice_of, error_text, shortened, to_absolute_error
-from .export import Columns, dataframe, plain, write_csv, write_json, write_mat
+from .export import Columns, dataframe, new_axes, plain, write_csv, write_json, write_mat
 
 _SAID = re.compile(
     r"(?P<name>\w+)(?: = (?P<path>[\w.]+))?(?: \[(?P<unit>[^\]]+)\])?(?: (?P<sign>~|\+-) (?P<error>[\w.]+))?"
@@ -76,6 +76,15 @@ def _text(value: Any) -> str:
     return str(value)
 
 
+def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table for notebooks."""
+    words = "".join(f"<th>{html.escape(word)}</th>" for word in head)
+    cells = ["".join(f"<td>{html.escape(shortened(cell))}</td>" for cell in row) for row in rows]
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
+    caption = html.escape(caption)
+    return f"<table><caption>{caption}</caption><thead><tr>{words}</tr></thead><tbody>{body}</tbody></table>"
+
+
 class Result:
     """What every result can do; which attributes it shows and exports, its class says."""
 
@@ -113,11 +122,7 @@ class Result:
     def _repr_html_(self) -> str:
         """The result as a table, for notebooks."""
         rows = [(q.name.replace("_", " "), q.text, _error_text(q.error), q.unit) for q in _words(self.quantities())]
-        head = "".join(f"<th>{word}</th>" for word in ("", "value", "error", "unit"))
-        cells = ["".join(f"<td>{html.escape(shortened(cell))}</td>" for cell in row) for row in rows]
-        body = "".join(f"<tr>{row}</tr>" for row in cells)
-        caption = html.escape(type(self).__name__)
-        return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        return html_table(type(self).__name__, ("", "value", "error", "unit"), rows)
 
     def to_dict(self, *, table: bool = True, strict: bool = True) -> dict[str, Any]:
         """The result in plain Python, as json.dumps takes it.
@@ -146,15 +151,15 @@ class Result:
             found["table"] = columns
         return {key: plain(value, strict=strict) for key, value in found.items()}
 
-    def plot(self, across: str = "", up: str = "", *, ax: Any, **style: Any) -> Any:
-        """Draw one column of its table over another.
+    def plot(self, across: str = "", up: str = "", *, ax: Any = None, **style: Any) -> Any:
+        """Draw one column of its table over another: of an orbit, its first state over the time.
 
         Parameters
         ----------
         across, up
             names of columns of numbers; default: the first two.
         ax
-            matplotlib axes.
+            matplotlib axes; default: those of a new figure, which `casahunt.pictures.save` writes to a file.
         **style
             for `ax.plot`.
 
@@ -169,6 +174,7 @@ class Result:
         columns = {name: column for name, column in self._columns().items() if _of_numbers(column)}
         first, second, *_ = [*columns, "", ""]
         across, up = choice_of("column", across or first, columns), choice_of("column", up or second, columns)
+        ax = new_axes() if ax is None else ax
         ax.plot(*(np.array(columns[name], dtype=float) for name in (across, up)), **style)
         ax.set(xlabel=across, ylabel=up)
         return ax

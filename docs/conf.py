@@ -35,7 +35,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.mathjax",
+    "mathml",
     "sphinx_gallery.gen_gallery",
     "numpydoc",
 ]
@@ -43,10 +43,10 @@ exclude_patterns = ["_build", "_templates", "examples", "**/sg_execution_times.r
 nitpicky = False
 suppress_warnings = ["config.cache"]  # the order of the gallery is a function, which no cache can hold
 
-myst_enable_extensions = ["deflist", "dollarmath"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
-autosummary_generate = True
+autosummary_generate = [f"reference/api/{topic.file}.rst" for topic in api_pages.TOPICS]
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
@@ -54,6 +54,7 @@ numpydoc_xref_param_type = False
 
 templates_path = ["_templates"]
 html_theme = "furo"
+html_math_renderer = "mathml"
 html_title = "casahunt"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

@@ -16,7 +16,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import casahunt
-from casahunt import InputError, Servo, Status
+from casahunt import InputError, Servo, Status, pictures
 from casahunt.continuation import SpecialPoint, branch_off, follow, smallest, special_curve
 from casahunt.export import extra, plain
 from casahunt.hybrid.examples import ball, belt
@@ -43,8 +43,8 @@ def flips():
 MADE: dict[str, Any] = {
     "orbit": lambda: casahunt.find_orbit(SERVO, SWITCH, 0.1),
     "fold": lambda: casahunt.find_fold(SERVO, SWITCH),
-    "branch": lambda: casahunt.collect(SERVO, SWITCH, casahunt.diagram(SERVO, SWITCH, start=0.6)),
-    "point": lambda: next(casahunt.diagram(SERVO, SWITCH, start=0.6)),
+    "branch": lambda: casahunt.diagram(SERVO, SWITCH, start=0.6),
+    "point": lambda: next(casahunt.diagram_points(SERVO, SWITCH, start=0.6)),
     "special": lambda: made("branch").special[-1],
     "multipliers": lambda: made("orbit").multipliers,
     "trajectory": lambda: casahunt.simulate(SERVO, SWITCH, 0.04, time=20.0),
@@ -71,8 +71,8 @@ MADE: dict[str, Any] = {
     "orbit ensemble": lambda: casahunt.orbit_ensemble(
         SERVO, SWITCH, 0.1, ["friction.viscous"], [[0.1], [0.12]], orbit=made("orbit")
     ),
-    "record": lambda: casahunt.record_of(made("trajectory")),
-    "measurement": lambda: casahunt.measure(casahunt.record_of(casahunt.simulate(SERVO, SWITCH, 0.04, time=60.0))),
+    "record": lambda: made("measurement").record,
+    "measurement": lambda: casahunt.measure(casahunt.simulate(SERVO, SWITCH, 0.04, time=60.0)),
     "motion": lambda: simulate(belt, "slip", x=0.0, v=0.0, duration=5.0),
     "system orbit": lambda: find_cycle(belt, "slip", x=0.0, v=0.0),
     "arc": lambda: made("system orbit").arcs[0],
@@ -343,6 +343,32 @@ def test_tables_stand_one_below_the_other():
     table = tables_of(loops)
     assert table["gain_V_per_rad"] == [0.1, 0.2] and table["stable"] == [True, True]
     assert table["pole_1_re_per_s"] == [loop.poles[0].real for loop in loops] and tables_of([]) == {}
+
+
+@pytest.mark.parametrize("name", ["branch", "trajectory", "orbit", "system orbit"])
+def test_what_has_a_table_is_drawn_without_arguments(name, tmp_path):
+    """Into a figure of its own, which can be saved."""
+    ax = made(name).plot()
+    columns = list(made(name)._columns())
+    assert [ax.get_xlabel(), ax.get_ylabel()] == columns[:2] and len(ax.get_lines()) == 1
+    pictures.save(ax, tmp_path / "drawn.png")
+    assert made(name).plot().figure is not ax.figure
+
+
+def test_the_frequency_of_an_orbit():
+    orbit = made("orbit")
+    assert orbit.frequency * orbit.period == pytest.approx(1, rel=1e-15)
+    quantity = next(q for q in orbit.quantities() if q.name == "frequency")
+    assert quantity.unit == "Hz" and quantity.error == pytest.approx(orbit.frequency * orbit.period_error)
+
+
+def test_a_servo_is_a_table_in_a_notebook():
+    parser = Cells()
+    servo = casahunt.Servo(inertia=0.05, controller=casahunt.Pid(kp=1.0, ki=2.0, kd=0.1))
+    parser.feed(servo._repr_html_())
+    rows = {key: said for key, *said in zip(*[iter(parser.cells)] * 3, strict=True)}
+    assert rows["servo.inertia"] == ["0.05", "kg m2"] and rows["controller.kp"] == ["1", ""]
+    assert rows["friction.static"] == ["0.53", "N m"] and not parser.open
 
 
 def test_a_table_is_drawn():

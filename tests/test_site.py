@@ -14,11 +14,25 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from peer_support import needs
 
+import casahunt
 from casahunt import InputError, Servo, find_orbit
 from casahunt.cli import main
-from casahunt.servo.parts import HYSTERESIS, LEAK
+from casahunt.servo.parts import (
+    DERIVATIVE_FILTER,
+    HYSTERESIS,
+    INERTIA,
+    INTEGRATOR,
+    LEAK,
+    PID_BY_GAINS,
+    SWITCH,
+    Loop,
+    fold_in,
+    loop_cycle,
+)
 from casahunt.views.commands.output import MEANINGS
 from problems import taylor
 
@@ -26,7 +40,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 PAGES = [*sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts), ROOT / "README.md"]
 TUTORIAL = (DOCS / "tutorial.md").read_text(encoding="utf-8")
-EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
+EXAMPLES = sorted((DOCS / "examples").rglob("*.py"))
 FEWEST_EXAMPLES = 15
 SHOWN = 2e-3
 """Numbers of the tutorial have three digits or more; times of a computation are not shown."""
@@ -142,9 +156,37 @@ def test_the_rows_of_the_guide(capsys):
     assert float(gain[5]) == pytest.approx(2 * 16 * float(gain[3]), rel=SHOWN)
 
 
+def test_the_loop_that_you_know(capsys):
+    """The tutorial's first minutes: margins from |L| by hand; cycle and fold of the same loop, by other parts."""
+    needs("control")
+    scope: dict = {}
+    for _, code in blocks(TUTORIAL, "python"):
+        exec(compile(code, "tutorial.md", "exec"), scope)  # the code is our own
+    J, c, cm, kp, ki, kd, Tf = 0.026, 0.1, 16.0, 2.0, 6.2832, 0.159155, 0.001
+
+    def loop(w):
+        s = 1j * w
+        return 0.04 * cm * (kp + ki / s + kd * s / (Tf * s + 1)) / (J * s**2 + c * s)
+
+    w = scope["crossover"]
+    assert abs(loop(w)) == pytest.approx(1, rel=1e-9)
+    assert scope["phase_margin"] == pytest.approx(180 + np.degrees(np.angle(loop(w))), rel=1e-9)
+    parts = (INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR, DERIVATIVE_FILTER)
+    by_gains = Loop(parts, {"gain": 0.04, "kp": kp, "ki": ki, "kd": kd, "derivative_filter": Tf})
+    cycle = loop_cycle(by_gains)
+    assert scope["cycle"].period == pytest.approx(cycle.period, rel=1e-8)
+    said = re.findall(r"[\d.]+", capsys.readouterr().out)
+    shown = re.findall(r"[\d.]+", "".join(text for _, text in blocks(TUTORIAL, "text")[:2]))
+    assert said == shown
+    assert float(said[-2]) == pytest.approx(fold_in(cycle, "gain").value, rel=1e-4)
+
+
 @pytest.mark.slow
 def test_the_tutorial_to_the_letter(tmp_path):
-    """Every block in order, in a shell; every line that is shown is printed, its numbers to three digits."""
+    """Every block in order, in a shell; every line that is shown is printed, its numbers to three digits.
+
+    Its Python is run by `test_the_loop_that_you_know`.
+    """
     bash = shutil.which("bash")
     if bash is None:
         pytest.skip("the tutorial is written for a POSIX shell")
@@ -155,7 +197,7 @@ def test_the_tutorial_to_the_letter(tmp_path):
     command.chmod(0o755)
     place = {"PATH": f"{here}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
     printed, shown = "", 0
-    for language, text in blocks(TUTORIAL, "sh|text"):
+    for language, text in blocks(TUTORIAL[TUTORIAL.index("## The servo\n") :], "sh|text"):
         if language == "sh" and "pip install" not in text:
             done = subprocess.run([bash, "-e", "-c", text], cwd=tmp_path, env=os.environ | place, capture_output=True,
                                   text=True, check=False)  # fmt: skip
@@ -184,11 +226,81 @@ def test_lines_that_differ_are_told_apart():
 def test_the_gallery_is_complete():
     """Every example has its place, a heading, and ends by asserting something."""
     names = (DOCS / "examples" / "order.txt").read_text(encoding="utf-8").split()
-    assert sorted(names) == [path.name for path in EXAMPLES] and len(names) >= FEWEST_EXAMPLES
+    assert sorted(names) == sorted(path.name for path in EXAMPLES) and len(names) >= FEWEST_EXAMPLES
     for path in EXAMPLES:
         text = path.read_text(encoding="utf-8")
         assert re.match(r'"""\n.+\n=+\n', text) and re.search(r"^\s*assert ", text, re.MULTILINE), path.name
         compile(text, path.name, "exec")
+
+
+@pytest.mark.parametrize("name", ["plot_cured.py", pytest.param("plot_gain_alone.py", marks=pytest.mark.slow)])
+def test_stories_run_to_their_end(name, monkeypatch, capsys):
+    """The picture of the front page, and the page on gain alone: all that they assert holds."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    path = next(path for path in EXAMPLES if path.name == name)
+    try:
+        exec(compile(path.read_text(encoding="utf-8"), name, "exec"), {"__name__": "page"})  # the code is our own
+    finally:
+        pyplot = sys.modules["matplotlib.pyplot"]
+        pyplot.close("all")
+
+
+def test_servos_come_first():
+    """Sections in their order, each with a heading; the order of the examples is theirs."""
+    names = (DOCS / "examples" / "order.txt").read_text(encoding="utf-8").split()
+    sections = [next(path.parent for path in EXAMPLES if path.name == name) for name in names]
+    assert sections == sorted(sections) and all((section / "README.txt").is_file() for section in sections)
+    servos = [path.parent for path in EXAMPLES if "Servo(" in path.read_text(encoding="utf-8")]
+    assert len(servos) > 10 and sections[-1] not in servos
+
+
+def test_every_public_name_has_a_topic(monkeypatch):
+    """The reference lists each once; a name without a topic, or one that is gone, stops the build."""
+    monkeypatch.syspath_prepend(DOCS)
+    import api_pages
+
+    listed = [(module, name) for _, module, names in api_pages.names_by_topic() for name in names]
+    assert len(set(listed)) == len(listed) > 150
+    assert {name for module, name in listed if module == "casahunt"} == set(casahunt.__all__)
+    less, more = (replace(topic, names={"casahunt": names}) for topic, names in zip(
+        api_pages.TOPICS[:2], ("Servo", "find_orbit no_such_name"), strict=True))  # fmt: skip
+    for topics, message in (((less, *api_pages.TOPICS[1:]), "without a topic"),
+                            ((api_pages.TOPICS[0], more), "has no no_such_name"),
+                            ((*api_pages.TOPICS, api_pages.TOPICS[0]), "another topic has it")):  # fmt: skip
+        monkeypatch.setattr(api_pages, "TOPICS", topics)
+        with pytest.raises(ValueError, match=message):
+            api_pages.names_by_topic()
+
+
+def test_formulas_are_drawn_by_the_browser(monkeypatch):
+    """All of them are MathML, so that the site is read without a network; an accent keeps its subscript beside it."""
+    pytest.importorskip("docutils")
+    monkeypatch.syspath_prepend(DOCS)
+    from mathml import mathml
+
+    formulas = 0
+    for page in PAGES:
+        text = re.sub(r"^```.*?^```|`[^`]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        for block, line in re.findall(r"\$\$(.+?)\$\$|\$([^$]+?)\$", text, flags=re.DOTALL):
+            said = mathml(block or line, block=bool(block))
+            assert said.startswith("<math") and "munderover" not in said, (page.name, block or line)
+            formulas += 1
+    assert formulas > 100
+    for wrong in (r"\dot x_1", r"\dot{x}_1", r"\bar v _2"):
+        with pytest.raises(ValueError, match=r"\{\}_"):
+            mathml(wrong)
+    assert re.search(r"<mover.*<msub>", mathml(r"\dot x{}_1"), re.DOTALL)
+
+
+def test_the_front_page_leads_on():
+    """A hunting servo beside the cured one, and four cards; each picture is drawn by an example of the gallery."""
+    text = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert text.count(":::{container} card\n") == 4
+    assert len(re.findall(r"^\*\*\[[^]]+\]\([^)]+\.md\)\*\*$", text, re.MULTILINE)) == 4
+    pictures = re.findall(r"auto_examples/(\S+)/images/sphx_glr_(plot_\w+)_00\d\.png", text)
+    assert len(pictures) == 2 and all((DOCS / "examples" / place / f"{name}.py").is_file() for place, name in pictures)
+    for place in re.findall(r"\(auto_examples/(\w+/plot_\w+)\.rst\)", text):
+        assert (DOCS / "examples" / f"{place}.py").is_file(), place
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))

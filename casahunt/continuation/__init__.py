@@ -26,7 +26,8 @@ closed_branch.py    where a branch closes
 following.py        a branch of a user's system, with what is met on the way
 grazing_search.py   from a cycle that keeps clear of an event to one that grazes it
 optimum.py          a fold as an optimisation problem: its conditions, and how much it moves with every parameter
-fold.py             a fold as a point of the branch and as an optimum, confirmed
+fold.py             a fold as a point of the branch and as an optimum
+fold_check.py       a located fold, confirmed, on its mesh and on finer ones
 fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
 fold_ensemble.py    folds of many problems near one whose fold is known, with their errors and derivatives
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
@@ -49,7 +50,8 @@ if TYPE_CHECKING:
     from .crossings import special_points_between
     from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import largest, smallest
-    from .fold import Fold, FoldConstraints, fold_between, next_fold
+    from .fold import Fold, FoldConstraints, fold_between
+    from .fold_check import next_fold
     from .fold_ensemble import Folds, expansion, expansion_beside, folds_near
     from .fold_expansion import Expansion
     from .following import follow
@@ -87,7 +89,8 @@ __getattr__ = lazily(
         "equilibrium_branch": ("Equilibrium", "EquilibriumBranch", "SpecialEquilibrium", "equilibria"),
         "branching": ("branch_off",),
         "extremum": ("largest", "smallest"),
-        "fold": ("Fold", "FoldConstraints", "fold_between", "next_fold"),
+        "fold": ("Fold", "FoldConstraints", "fold_between"),
+        "fold_check": ("next_fold",),
         "fold_ensemble": ("Folds", "expansion", "expansion_beside", "folds_near"),
         "fold_expansion": ("Expansion",),
         "following": ("follow",),

@@ -3,7 +3,7 @@
     a phase has vanished            the cycle without it                                     (vanishing.py)
     an event is grazed once more   the cycle that meets it, at first with no speed: its speed tells how far it is along
     an event is only grazed        the cycle next to it that keeps clear of it, on either side of the parameter: where
-                                    the motion settles on one that is nearly the same
+    or met together with another    the motion settles on one that is nearly the same
 
 Where an event is grazed once more, the equations of the cycle go on beyond the contact, and between its points a phase
 shows the event no better than its polynomial: the contact is where the scalar of the event turns at zero
@@ -24,7 +24,7 @@ from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from .curve import along, backwards, point_at, predict, solved_at
-from .grazing_contact import NEAR_CONTACT, Contact, contact_value, cycle_near, grazing_at
+from .grazing_contact import NEAR_CONTACT, Contact, contact_value, corner_at, cycle_near, grazing_at
 from .poincare_section import same_events
 from .special_points import GRAZING, SpecialPoint, special_point
 from .walk import corrected
@@ -39,6 +39,10 @@ MET_WITHOUT_SPEED = replace(
     GRAZING,
     meaning="grazing at {name} = {value:.8g}: an event is met with no speed, and no cycle with these phases follows",
 )
+MET_AT_ONCE = replace(
+    GRAZING,
+    meaning="grazing at {name} = {value:.10g}: two events are met at once, and no cycle with these phases follows",
+)
 
 
 class Behind(NamedTuple, Generic[AnyOrbit]):
@@ -47,7 +51,7 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
     Attributes
     ----------
     grazing, following : the special point and the orbit.
-    place : where an event is grazed once more: orbits of the branch may have passed it.
+    place : where an event is grazed once more, or met together with another: orbits of the branch may have passed it.
     """
 
     grazing: SpecialPoint[AnyOrbit] | None
@@ -79,7 +83,11 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
     if distance > NEAR_CONTACT:
         if failure.status is not Status.INADMISSIBLE:
             return Behind(None, None)
-        return Behind(special_point(MET_WITHOUT_SPEED, last, vary), _clear_of_it(last, vary, options))
+        corner = corner_at(last, vary, options)
+        if corner is None:
+            return Behind(special_point(MET_WITHOUT_SPEED, last, vary), _clear_of_it(last, vary, options))
+        place, orbit = corner
+        return Behind(special_point(MET_AT_ONCE, orbit, vary), _clear_of_it(last, vary, options), place)
     what = f"grazing at {{name}} = {{value:.10g}}: mode {mode!r} meets {event!r} once more, with no speed"
     located = grazing_at(last, event, vary, options)
     if located is None:  # the last cycle is as near to it as its polynomials show

@@ -4,32 +4,28 @@
 
 The branch is followed to its fold; there the optimisation problem is solved on the mesh of the orbit and on the mesh
 with halved intervals, by IPOPT with the exact Hessian where that is named or the conditions are not seen to hold
-(fold.py).  Its multipliers give the derivatives of the value by all other parameters at once (optimum.py).
+(fold_check.py).  Its multipliers give the derivatives of the value by all other parameters at once (optimum.py).
 """
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from typing import Any
 
 from ..checks import choice_of
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.orbit import AnyOrbit, unknowns_of
+from ..orbits.orbit import AnyOrbit
 from .broken_symmetry import as_whole_as_needed
 from .curve import parameter_value
-from .fold import Fold, confirmed, fold_between
-from .locating import turned_orbit
+from .fold import Fold, fold_between
+from .fold_check import confirmed
 from .poincare_section import cut_by_planes
 from .sheet import finer
-from .special_points import FOLD, SpecialPoint, special_point
+from .special_points import SpecialPoint
 from .vanishing import from_strongest
 from .walk import walk
-
-FINER_PARTS = (1 / 30, 1e-3)
-"""Parts of the tolerance for which a fold is located anew where its mesh does not give it to the tolerance."""
 
 
 def largest(
@@ -121,28 +117,7 @@ def _extremum(start: Any, vary: str, sense: float, to: float, options: Options |
     if special is None:
         orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)
         special = _met(orbit, vary, sense, to, options, max_points)
-    try:
-        return confirmed(special, vary, options, began, sense)
-    except NoOrbit as refusal:
-        if refusal.status is not Status.TOLERANCE_NOT_REACHED:
-            raise
-        return _on_finer_meshes(special, vary, options, began, sense, refusal)
-
-
-def _on_finer_meshes(
-    special: SpecialPoint[Any], vary: str, options: Options, began: float, sense: float, refusal: NoOrbit
-) -> Any:
-    """The fold, located anew on meshes for smaller tolerances: at a sharp one the period is known less well than the
-    value, and an estimate for the mesh does not see it.  Raises the refusal of the mesh for the tolerance itself."""
-    for part in FINER_PARTS:
-        worked = replace(options, tol=part * options.tol)
-        try:
-            found = turned_orbit(special.orbit.problem, unknowns_of(special.orbit), vary, worked, -sense * math.inf)
-            if found is not None:
-                return confirmed(special_point(FOLD, found, vary), vary, options, began, sense)
-        except NoOrbit:
-            continue
-    raise refusal
+    return confirmed(special, vary, options, began, sense)
 
 
 def _met(

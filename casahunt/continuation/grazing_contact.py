@@ -2,6 +2,7 @@
 
     inside   the scalar h of an event has a largest value (for one that rises; else smallest) of zero inside a phase
     end      a phase ends with h = 0 and dh/dt = 0: its event is met with no speed
+    corner   a phase ends where another event of its mode has h = 0: both are met at once
 
 On one side of a grazing the cycle with the same phases is no motion of the system, on the other side the roots of its
 equations go on all the same.  `Loose` is the family of these roots: it asks nothing of one phase.  A cycle that grazes
@@ -115,6 +116,7 @@ class Contact:
     ----------
     phase, event, direction : number of the phase, name of the event, +1 where it rises through zero.
     at_end : whether it is grazed at the end of the phase, which is then met with no speed; else inside.
+    corner : whether it is met at the end of the phase, at once with the event that ends it.
     piece : number of the computed piece in the period, where that is made up of several.
     """
 
@@ -123,6 +125,7 @@ class Contact:
     direction: int
     at_end: bool
     piece: int = 0
+    corner: bool = False
 
     @property
     def monitor(self) -> Monitor:
@@ -202,15 +205,17 @@ def contact_value(contact: Contact, orbit: Orbit) -> float:
 
     contact, orbit: where it may graze, and the orbit.
     Returns the scalar where it turns inside the phase, counted along its direction, nearest to being passed; or its
-    rate at the end, times the period.  NaN where it does not turn inside.
+    rate at the end, times the period; or, at a corner, the scalar there.  NaN where it does not turn inside.
     """
     t, u, setting = unknowns_of(orbit)
     phase = t.cycle.phases[contact.phase]
+    x = t.nodes_of(u)[t.phase_end[contact.phase]] * setting.scale
     if contact.at_end:
-        x = t.nodes_of(u)[t.phase_end[contact.phase]] * setting.scale
         return contact.direction * event_rate(phase, x, orbit.arcs[contact.phase].duration, setting.p)[0] * orbit.period
     exits = cast(Cycles, orbit.problem).system.vector_form.exits[phase.mode.name]
     event = next(e.event for e in exits if e.event.name == contact.event)
+    if contact.corner:
+        return contact.direction * float(event.function(x, 0.0, setting.p))
     turning = turning_values(t, u, setting, _scalar(event), contact.phase, contact.direction, piece=contact.piece)
     return max((contact.direction * g for g in turning), default=float("nan"))
 
@@ -247,6 +252,25 @@ def grazing_at(last: AnyOrbit, event: str, vary: str, options: Options) -> tuple
         found = _grazing(place.loosened(last), place, vary, options)
         if not isinstance(found, str):
             return place, found
+    return None
+
+
+def corner_at(last: AnyOrbit, vary: str, options: Options) -> tuple[Contact, AnyOrbit] | None:
+    """The cycle next to one at which a phase meets two events of its mode at once, and where.
+
+    last, vary, options: the cycle, the name of the parameter, tolerance and method.
+    Returns (place, orbit); None where it is none of the system's.
+    """
+    corners = (
+        Contact(k, way_out.event.name, way_out.direction, at_end=False, corner=True)
+        for k, way_out in _exits(cast(Cycles, last.problem), last)
+        if way_out.event.name != last.arcs[k].event
+    )
+    for place in sorted(corners, key=lambda place: abs(contact_value(place, last))):
+        if abs(contact_value(place, last)) <= NEAR_CONTACT:
+            found = _grazing(place.loosened(last), place, vary, options)
+            if not isinstance(found, str):
+                return place, found
     return None
 
 

@@ -29,6 +29,7 @@ import numpy as np
 
 from ..collocation.interval import field_at
 from ..collocation.scheme import scheme
+from ..hybrid.system import Signature
 from ..hybrid.vector_form import TURNS
 from ..motion.phases import Segment
 from ..orbits.adapt import Options
@@ -269,14 +270,28 @@ def beside_the_plane(orbit: Orbit) -> float:
 
 
 def same_events(one: Orbit, other: Orbit) -> bool:
-    """Whether two cycles meet the same events in the same order, wherever planes cut them and whichever comes first."""
+    """Whether two cycles meet the same events in the same order, wherever planes cut them and whichever comes first.
+
+    Of a cycle that is computed by half, those of the other half are the images of these.
+    """
     if one.signature == other.signature:
         return True
-    a, b = (
-        [label for label, mark in zip(orbit.signature, _marks(orbit), strict=True) if not mark]
-        for orbit in (one, other)
-    )
-    return len(a) == len(b) and (not a or any(a[k:] + a[:k] == b for k in range(len(a))))
+    ours, theirs = _unmarked(one, one.signature), _unmarked(other, other.signature)
+    if len(ours) != len(theirs):
+        return False
+    if any(ours[k:] + ours[:k] == theirs for k in range(max(len(ours), 1))):
+        return True
+    start: Any = unknowns_of(one)
+    for _ in range(one.repeats * len(one.arcs) - 1):
+        start = one.problem.starting_at(1, *start)
+        if start is None or _unmarked(one, start[0].cycle.signature) == theirs:
+            return start is not None
+    return False
+
+
+def _unmarked(orbit: Orbit, signature: Signature) -> Signature:
+    """The phases of a sequence but those that end at a plane."""
+    return tuple(label for label in signature if label[1] not in orbit.problem.marks)
 
 
 def apart_by_kinks(one: Orbit, other: Orbit) -> bool:

@@ -25,7 +25,8 @@ from ..errors import NoOrbit
 from ..orbits.adapt import Options
 from ..orbits.orbit import Orbit
 from .bifurcations import COMPLEX, FLIP, NEIMARK_SACKER, SYMMETRY_LOST, pair_of
-from .fold import Fold, confirmed
+from .fold import Fold
+from .fold_check import confirmed
 from .plane_curve import LOCATED, Evaluation
 from .sheet import DIFFERENCE, NEXT_TO_CUSP, Sheet, sheet_of
 from .special_points import FOLD, Monitor, SpecialPoint

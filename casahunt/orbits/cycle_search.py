@@ -32,6 +32,7 @@ from ..motion.simulation import MARCH_DEGREE, sampled
 from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, Section, turned, turns, with_sections
 from .family import Family, measured_of
+from .floquet import clearly_attracts
 from .orbit import unknowns_of
 from .recurrence import EXACTLY, Recurrence, recurrences
 from .restart import from_segments, in_scheme
@@ -46,8 +47,6 @@ FIRST_MESH = 1e-3
 """The mesh of a series resolves this part of the tolerance, and the motion: most cycles need no other one."""
 FARTHER = 10.0
 """A cycle so many times as far from the motion as that comes back is accepted where the return map shows it alone."""
-CLEARLY = 0.1
-"""Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 SEVERAL_TIMES = 1e-7
 """A cycle that is this near to itself, in units of the state scale, after a part of its phases, has a part of its
 period."""
@@ -262,8 +261,8 @@ class _CycleSearch(Returning):
 
     def attracts(self, orbit: SystemOrbit, M: Array) -> bool:
         """Whether a cycle is stable, by the eigenvalues of its return map (n, n) where these tell it."""
-        largest = float(np.max(np.abs(np.linalg.eigvals(M)))) if np.isfinite(M).all() else 1.0
-        return largest < 1 - CLEARLY or largest < 1 + CLEARLY and orbit.stable
+        seen = clearly_attracts(M)
+        return orbit.stable if seen is None else seen
 
     def once_round(self, orbit: SystemOrbit) -> SystemOrbit | None:
         """The cycle that an orbit runs through several times, or that its half with an image is; None for neither.

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,8 @@ from .map_chain import FACTOR_ROUNDING, MapChain, collocation_chain
 
 Array = np.ndarray
 
+CLEARLY = 0.1
+"""Eigenvalues of the return map are told from the unit circle by this without multipliers on meshes made for them."""
 TRUSTED = 1e-5
 """A set whose trivial multiplier or whose leading one is off by more than this is not to be trusted."""
 SHARE_LEFT = 0.1
@@ -117,6 +120,14 @@ class Multipliers(Result):
     def leading_error(self) -> float:
         """Estimated absolute error of `leading`."""
         return self.error * max(1.0, abs(self.leading))
+
+
+def clearly_attracts(M: Array) -> bool | None:
+    """Whether all eigenvalues of a return map (n, n) lie inside the unit circle; None where that is not clear."""
+    if not np.isfinite(M).all():
+        return None
+    largest = float(np.max(np.abs(np.linalg.eigvals(M)), initial=0.0))
+    return None if abs(largest - 1) <= CLEARLY else largest < 1
 
 
 def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None) -> Multipliers:
@@ -239,3 +250,21 @@ def _trivial(full: Array, others: Array) -> complex:
 def multipliers(t: Transcription, u: Array, setting: Setting) -> Multipliers:
     """The Floquet multipliers of a converged solution on its own mesh, from its collocation blocks."""
     return chain_multipliers(collocation_chain(t, u, setting), t.cycle.repeats)
+
+
+def multiplier_record(m: Multipliers, half: bool) -> dict[str, Any]:
+    """The multipliers of an orbit by name; None for what is not to be trusted, or not known for a full cycle.
+
+    half: whether half a cycle was computed.
+    """
+    known = m.trusted and not m.leading_floor
+    return {
+        "half_multiplier": m.leading.real if m.trusted and half else None,
+        "log10_abs_half_multiplier": m.log10_leading / (1 if half else 2) if known else None,
+        "multipliers": m.full if m.trusted else None,
+        "multipliers_below": [float(floor) or None for floor in m.full_floor] if m.trusted else None,
+        "multiplier_error": m.error,
+        "trivial_multiplier_error": m.trivial_error,
+        "multipliers_trusted": m.trusted,
+        "stable": m.stable if m.trusted else None,
+    }

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..checks import choice_of, error_text, to_error
+from ..export import new_axes
 from . import archive
 from .orbit import Orbit
 
@@ -38,7 +39,9 @@ class SystemOrbit(Orbit):
         period = to_error(self.period, self.period_error)
         return f"{self.problem.title}: period {period}, {phases}, {stability}, error {error_text(self.error_estimate)}"
 
-    def plot(self, across: str = "t", up: str = "", *, ax: Any, per_interval: int = 24, **style: Any) -> Any:
+    def plot(
+        self, across: str = "t", up: str = "", *, ax: Any = None, per_interval: int = 24, **style: Any
+    ) -> Any:  # fmt: skip
         """Draw one state over another, or over the time.
 
         Parameters
@@ -46,7 +49,7 @@ class SystemOrbit(Orbit):
         across, up
             names of states; "t" is the time from the start of the first phase; default the first state over the time.
         ax
-            matplotlib axes.
+            matplotlib axes; default: those of a new figure, which `casahunt.pictures.save` writes to a file.
         per_interval
             points in an interval.
         **style
@@ -63,6 +66,7 @@ class SystemOrbit(Orbit):
         times, states = self.sample(per_interval)
         curves = {**dict(zip(self.cycle.states, states, strict=True)), "t": times}
         across, up = (choice_of("state", name, curves) for name in (across, up or self.cycle.states[0]))
+        ax = new_axes() if ax is None else ax
         ax.plot(curves[across], curves[up], **style)
         ax.set(xlabel=across, ylabel=up)
         return ax

@@ -36,6 +36,7 @@ class HuntingOrbit(Orbit):
     ----------
     model, servo, gain : the friction model, the servo, and the gain K [V/rad].
     period, amplitude, period_error, amplitude_error : [s], [rad], and their estimated relative errors.
+    frequency : 1/period [Hz].
     multipliers, half_multiplier, stable : Floquet multipliers, computed when they are read.
     status, arcs and all else : as of `casahunt.orbits.Orbit`.
 
@@ -54,8 +55,8 @@ class HuntingOrbit(Orbit):
         "status",
     )  # fmt: skip
     _details = (
-        "servo", "error_estimate", "signature", "repeats", "degree", "solver", "unknowns", "iterations", "residual",
-        "wall_s [s]",
+        "frequency [Hz] ~ period_error", "servo", "error_estimate", "signature", "repeats", "degree", "solver",
+        "unknowns", "iterations", "residual", "wall_s [s]",
     )  # fmt: skip
 
     problem: Hunting

@@ -25,9 +25,11 @@ import numpy as np
 from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible
 from ..errors import InputError
 from ..files import bounded
+from ..results import html_table
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .drive import DRIVE_TABLE, Drive, drive_of_table
 from .friction import Friction
+from .units import unit_of
 
 PARAMETERS = (
     "servo.inertia",
@@ -89,6 +91,11 @@ class Servo:
             of_kind("controller", self.controller, Controller, "such as Controller(lead_time=0.2), or a Pid")
         of_kind("friction", self.friction, Friction, "such as Friction(static=0.5)")
         floated(self)
+
+    def _repr_html_(self) -> str:
+        """The servo as a table, for notebooks."""
+        rows = [(key, f"{value:g}", unit_of(key)) for key, value in flatten(self).items()]
+        return html_table("Servo", ("", "value", "unit"), rows)
 
     @property
     def names(self) -> tuple[str, ...]:

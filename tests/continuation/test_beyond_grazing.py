@@ -7,7 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from casahunt.continuation import beyond_grazing, following
+from casahunt import Options, Servo, find_orbit
+from casahunt.continuation import beyond_grazing, follow, following
+from casahunt.continuation.curve import solved_at
+from casahunt.continuation.poincare_section import same_events
+from casahunt.hybrid import Event, Mode, System
+from casahunt.orbits import find_cycle
+from casahunt.orbits.orbit import unknowns_of
 
 
 def sampled(period=2.0, x=(1.0, -1.0), v=(3.0, 0.0)):
@@ -47,3 +53,30 @@ def test_a_first_phase_that_has_become_short(monkeypatch, before, after, same, s
         return SimpleNamespace(arcs=arcs, problem=SimpleNamespace(), signature=signature)
 
     assert following._first_shrinks(orbit(before, "phases"), orbit(after, "phases" if same else "others")) is shrinks
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_other_half_of_a_cycle_is_no_other_one(first):
+    """Slip and stick of one direction, then those of the other; and a cycle that only slips has other events."""
+    asked = Options(tol=1e-8)
+    orbit = find_orbit(Servo(), "switch", 0.04)
+    other = solved_at(orbit.problem, orbit.problem.starting_at(1, *unknowns_of(orbit)), asked)
+    assert len({*orbit.signature, *other.signature}) == 3 and other.period == pytest.approx(orbit.period, rel=1e-6)
+    assert same_events(*((orbit, other) if first else (other, orbit)))
+    assert not same_events(orbit, find_orbit(Servo(), "lugre", 0.04))
+
+
+def test_where_two_events_are_met_at_once():
+    """x rises to 1 and y to 2 in the same time; below 2, y is at its limit first, and nothing moves any more."""
+    system = System(
+        "two limits", states=("x", "y"), parameters={"limit": 3.0},
+        modes=(
+            Mode("rise", field=lambda x, p: {"x": 1.0, "y": 2.0},
+                 ends=(Event("top", lambda x, p: x.x - 1, +1, to="rise", reset=lambda x, p: {"x": 0.0, "y": 0.0}),
+                       Event("limit", lambda x, p: x.y / p.limit - 1, +1, to="stand"))),
+            Mode("stand", field=lambda x, p: {"x": 0.0, "y": 0.0}),
+        ),
+    )  # fmt: skip
+    branch = follow(find_cycle(system, x=0.1, y=0.2), "limit", to=1.0)
+    assert branch.end.kind == "grazing" and "two events are met at once" in str(branch.end)
+    assert branch.end.value == pytest.approx(2.0, rel=1e-12) and branch.values.min() >= 2 - 1e-12

@@ -13,8 +13,8 @@ from casahunt import NoOrbit, Options
 from casahunt.collocation.graphs import graphs
 from casahunt.collocation.solve import solve
 from casahunt.collocation.transcription import Setting, transcribe
-from casahunt.continuation import special_points_between
-from casahunt.continuation.fold import confirmed
+from casahunt.continuation import fold_check, special_points_between
+from casahunt.continuation.fold_check import confirmed
 from casahunt.continuation.optimum import data_of
 from casahunt.continuation.special_points import FOLD, SpecialPoint
 from casahunt.continuation.walk import walk
@@ -68,15 +68,26 @@ def test_where_it_lies_and_how_it_moves(solver):
 
 
 @pytest.mark.parametrize("solver", ["ipopt", "newton"])
-def test_a_point_beside_it_is_refused(solver):
+def test_a_point_beside_it_is_located_anew_or_refused(solver, monkeypatch):
     """Off by less than a tolerance it is confirmed, and the optimum lies at the fold itself, not beyond it."""
     options = Options(tol=1e-4, solver=solver)
     beside = stable_cycle(SMALLEST * (1 + 1e-8), Options(tol=1e-11))
     fold = confirmed(SpecialPoint("fold", beside, ""), "nu", options, sense=-1.0)
     assert fold.optimised_value == pytest.approx(SMALLEST, rel=1e-9)
     assert 0.95e-8 < fold.value_error < 1.2e-8  # what the halved mesh leaves itself is allowed for
+    smaller, special = Options(tol=5e-9, solver=solver), SpecialPoint("fold", beside, "")
+    assert confirmed(special, "nu", smaller, sense=-1.0).value == pytest.approx(SMALLEST, rel=1e-11)
+    monkeypatch.setattr(fold_check, "turned_orbit", lambda *a: None)
     with pytest.raises(NoOrbit, match="not confirmed: the optimisation problem gives"):
-        confirmed(SpecialPoint("fold", beside, ""), "nu", Options(tol=5e-9, solver=solver), sense=-1.0)
+        confirmed(special, "nu", smaller, sense=-1.0)
+
+
+def test_what_the_mesh_does_to_its_place_is_mended_by_a_finer_one():
+    """The period moves with the place along the branch, of first order, and the value of second."""
+    coarse = stable_cycle(SMALLEST * (1 + 1e-4), Options(tol=1e-3))
+    fold = confirmed(SpecialPoint("fold", coarse, ""), "nu", Options(tol=1e-10), sense=-1.0)
+    assert fold.value == pytest.approx(SMALLEST, rel=1e-10) and fold.error_estimate <= 1e-10
+    assert fold.orbit.period == pytest.approx(2 * np.pi / OMEGA, rel=1e-10)
 
 
 def test_a_smallest_parameter_is_not_given_as_the_largest():

@@ -13,7 +13,7 @@ from casahunt.collocation.ipopt import maximise_parameter
 from casahunt.collocation.linearisation import Linearisation
 from casahunt.collocation.mesh import on_halved_mesh
 from casahunt.collocation.solve import solve
-from casahunt.continuation import fold as folds
+from casahunt.continuation import fold_check as folds
 from casahunt.continuation import locating
 from casahunt.continuation import optimum as conditions
 from casahunt.continuation.curve import along

@@ -9,7 +9,7 @@ import casadi as ca
 import pytest
 
 from casahunt.continuation import follow
-from casahunt.continuation.fold import confirmed
+from casahunt.continuation.fold_check import confirmed
 from casahunt.errors import InputError
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import Options, find_cycle, load_orbit

@@ -26,6 +26,7 @@ ask() {
 }
 """
 OFFERED = [
+    ("casahunt examples guides example_fo", "example_fold|example_fold_map"),
     ("casahunt fold", "fold|fold-curve|fold-map"),
     ("casahunt orbit --set friction.sti", "friction.stiffness=|friction.stick_band=|friction.stick_rate="),
     ("casahunt fold-curve --vary servo.", "servo.inertia|servo.motor_gain"),

@@ -176,6 +176,27 @@ def test_pictures_are_described_with_their_numbers(text, record):
     assert "A step of 1 rad from rest: hunting before, at rest after" in tasks and "0.04 V/rad" in tasks
 
 
+def test_margins_stand_in_one_block(record):
+    """What was asked for, then a row for each set of margins, with all servos that have it and where in the set."""
+    loop = {**record["verification"]["loops"]["nominal"], "phase_margin": 40.0}
+    other = {**loop, "phase_margin": 35.0}
+    names = ("phase margin", "gain margin (lowering)", "gain margin (raising)")
+    corners = dict.fromkeys(names[:2], {"friction.viscous": 0.09}) | {names[2]: {"friction.viscous": 0.11}}
+    loops = {"nominal": loop, "worst": other, **dict.fromkeys(names[:2], other), names[2]: loop}
+    check = record["verification"] | {"loops": loops, "loop_corners": corners}
+    worst = record["worst"] | {"corner": {"friction.viscous": 0.09}}
+    shown = evidence_page(record | {"verification": check, "worst": worst}, {})
+    before, _, behind = shown.partition("gain may rise to</th>")
+    block, _, below = behind.partition("</table>")
+    assert "degrees" not in before and "degrees" not in below.partition("What this does not prove")[0]
+    rows = re.findall(r"<tr>.*?</tr>", block, re.DOTALL)
+    rows = [" ".join(html.unescape(re.sub(r"<[^>]*>", " ", row)).split()) for row in rows]
+    assert len(rows) == 3 and rows[0] == "asked for at least 30 degrees by a factor of 2 by a factor of 2"
+    assert rows[1].startswith("nominal; least gain margin (raising) of the set: friction: viscous 0.11 N m s/rad 40")
+    where = "least phase margin, gain margin (lowering) of the set: friction: viscous 0.09 N m s/rad 35 degrees"
+    assert rows[2].startswith(f"worst friction; {where}")
+
+
 def test_words_of_the_trade_are_explained_on_the_page(text):
     before, _, explained = text.partition("<h2>What the words mean</h2>")
     words = words_in(html.unescape(re.sub(r"<[^>]*>", " ", re.sub(r"<style>.*?</style>", "", before, flags=re.DOTALL))))

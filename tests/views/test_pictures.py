@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 import casahunt
 from casahunt import InputError, Servo, pictures
+from casahunt.cli import main
 from casahunt.views.pictures.branches import _with_special
 
 SERVO = Servo()
@@ -28,7 +29,7 @@ def fold() -> casahunt.Fold:
 
 @cache
 def branch() -> casahunt.Branch:
-    return casahunt.collect(SERVO, "switch", casahunt.diagram(SERVO, "switch", start=0.6))
+    return casahunt.diagram(SERVO, "switch", start=0.6)
 
 
 @cache
@@ -44,7 +45,7 @@ def motion() -> casahunt.Trajectory:
 
 @cache
 def record() -> casahunt.Record:
-    return casahunt.record_of(motion())
+    return casahunt.measure(motion()).record
 
 
 @cache
@@ -72,6 +73,7 @@ def folds() -> casahunt.FoldMap:
 
 
 DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
+    "basin": (1, lambda: (casahunt.basin(SERVO, "switch", 0.5),)),
     "bode": (4, lambda: (SERVO, [casahunt.linear_loop(SERVO, gain) for gain in (0.1, 0.4)])),
     "cobweb": (1, lambda: (casahunt.fixed_points(SERVO, 0.6, 1e-3, 3e-3, points=10),)),
     "diagram": (2, lambda: ([branch()],)),
@@ -82,7 +84,7 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "fold_curves": (1, lambda: ([casahunt.fold_curve(
         SERVO, "switch", vary="friction.static", start=0.53, end=0.54, points=2)],)),
     "fold_map": (1, lambda: (folds(),)),
-    "folded_record": (2, lambda: (record(), casahunt.measure(record()), casahunt.find_orbit(SERVO, "switch", 0.04))),
+    "folded_record": (2, lambda: (casahunt.measure(motion()), casahunt.find_orbit(SERVO, "switch", 0.04))),
     "histogram": (1, histogram_of),
     "motion": (3, lambda: (motion(),)),
     "sampled_motion": (3, lambda: (sampled_motion(),)),
@@ -120,19 +122,25 @@ def test_every_picture_is_tested():
     assert sorted([*DRAWN, "save"]) == pictures.__all__
 
 
+@pytest.mark.parametrize("name", DRAWN)
+def test_every_picture_takes_ax(name):
+    """One name, by keyword, for one panel and for several."""
+    taken = inspect.signature(getattr(pictures, name)).parameters
+    assert taken["ax"].kind is inspect.Parameter.KEYWORD_ONLY and "axes" not in taken
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_picture_is_drawn_into_the_axes_given(name):
     panels, what = DRAWN[name]
     draw, given = getattr(pictures, name), what()
-    keyword = "ax" if "ax" in inspect.signature(draw).parameters else "axes"
     figure, all_of_them = figure_for(name, panels)
     mine, other = all_of_them[:panels], all_of_them[panels]
-    drawn = draw(*given, **{keyword: mine[0] if keyword == "ax" else mine})
-    assert (drawn is mine[0]) if keyword == "ax" else (list(drawn) == list(mine))
+    one = not isinstance(own := draw(*given), np.ndarray)
+    drawn = draw(*given, ax=mine[0] if one else mine)
+    assert drawn is mine[0] if one else list(drawn) == list(mine)
     assert not other.has_data() and other.get_legend() is None and not figure.legends
     assert set(figure.axes) - set(all_of_them) == ({figure.axes[-1]} if name == "fold_map" else set())
 
-    own = draw(*given)
     alone = np.ravel(np.asarray(own, dtype=object))[0].get_figure()
     assert alone is not figure and isinstance(alone, Figure)
     for a, b in zip(np.ravel(own), np.ravel(drawn), strict=True):
@@ -145,19 +153,42 @@ def test_too_few_axes_are_refused(name):
     panels, what = DRAWN[name]
     _, axes = figure_for(name, panels)
     with pytest.raises(InputError, match=f"must be {panels} matplotlib axes"):
-        getattr(pictures, name)(*what(), axes=axes[: panels - 1])
+        getattr(pictures, name)(*what(), ax=axes[: panels - 1])
 
 
 def test_what_are_no_axes_is_refused():
     with pytest.raises(InputError, match="axes = 'here': must be matplotlib axes"):
         pictures.multipliers([branch()], ax="here")
     with pytest.raises(InputError, match="three dimensions"):
-        pictures.phase_portrait([branch().orbits[0]], axes=Figure().subplots(3))
+        pictures.phase_portrait([branch().orbits[0]], ax=Figure().subplots(3))
+
+
+@pytest.mark.parametrize("words", [["--gain", "0.5"], ["--gain", "0.5", "--model", "lugre"]])
+def test_the_picture_of_a_border_shows_its_motions(words, tmp_path, capsys):
+    """The command writes it; its lines are the stick positions, its levels those of the two cycles."""
+    assert main(["basin", *words, "--plot", str(tmp_path / "basin.png")]) == 0
+    assert (tmp_path / "basin.png").stat().st_size > 10_000
+    found = casahunt.basin(SERVO, words[-1] if len(words) > 2 else "switch", 0.5)
+    outside, inside, border, cycle = (line.get_ydata() for line in pictures.basin(found).get_lines())
+    assert list(outside) == list(found.outside.positions) and set(inside) <= set(found.inside.positions)
+    assert border[0] == found.border < cycle[0] == found.outer_position
+
+
+@pytest.mark.parametrize(("gain", "off"), [(0.8808, True), (0.04, False)])
+def test_torque_can_be_read_beside_its_peak(gain, off):
+    """At the first gain a step takes 28 N m, 0.53 N m hold the servo: the friction is a tenth of the panel at least."""
+    found = casahunt.simulate(SERVO, "switch", gain, time=20.0)
+    panel = pictures.motion(found)[2]
+    low, high = panel.get_ylim()
+    assert high - low < 10 * 2 * SERVO.friction.static
+    said = [text.get_text() for text in panel.texts]
+    assert said == ([f"off the scale: {found.peak_torque:.3g} N m at the most"] if off else [])
+    assert off or high > found.peak_torque
 
 
 def test_the_jacobian_takes_two_axes():
     pair = Figure().subplots(1, 2)
-    drawn = pictures.equilibria(casahunt.equilibria(SERVO, "lugre", 0.1), axes=pair)
+    drawn = pictures.equilibria(casahunt.equilibria(SERVO, "lugre", 0.1), ax=pair)
     assert list(drawn) == list(pair) and all(ax.has_data() for ax in pair)
 
 

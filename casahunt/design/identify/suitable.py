@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
-from ..record.measure import Measurement, measure
+from ..record.measure import Measurement, measured
 
 MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
@@ -24,7 +24,7 @@ MOVED_STEPS = 50.0
 
 def suitable(record: Record) -> Measurement:
     """What the record shows.  Raises InputError: friction cannot be identified from it."""
-    found = measure(record)
+    found = measured(record)
     if found.kind == "still" and _moves(record):
         raise InputError(f"{record.name}: shows no whole period: {found.reason}; record three periods or more")
     if found.kind == "still":

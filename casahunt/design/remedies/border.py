@@ -86,8 +86,8 @@ class Scales:
 
 
 def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
-    """The loop with a remedy of a size."""
-    if remedy.part is None:
+    """The loop with a remedy of a size, which it may have already, of another size or none."""
+    if remedy.part is None or remedy.part in loop.parts:
         return loop.replace(**{remedy.size: size})
     if not remedy.instead:
         return loop.with_parts(remedy.part, **{remedy.size: size})
@@ -128,7 +128,7 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
     for tol in BRANCH_TOLERANCES:
         branch = follow(cycle, remedy.size, to=last, monitors=(FOLD, GRAZING), options=replace(options, tol=tol),
                         max_points=MOST_CYCLES)  # fmt: skip
-        if (found := _told(branch, before, last, tol) or _turned(branch, remedy.sense, tol)) is not None:
+        if (found := _told(branch, before, last, tol) or _turned(branch, remedy.sense)) is not None:
             return replace(found, first=cycle)
         same = before is not None and abs(branch.values[-1] - before.values[-1]) <= SIZE_KNOWN * abs(branch.values[-1])
         before = branch
@@ -139,15 +139,10 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
     return Border("not found", float(branch.values[-1]), math.nan, cycle, branch.orbits[-1], {}, why)
 
 
-def _turned(branch: Branch[SystemOrbit], sense: int, tol: float) -> Border | None:
-    """The border where a branch comes back: at a grazing, behind which its mirror image leads back, or between two of
-    its cycles, where no cycle is computed to its tolerance."""
+def _turned(branch: Branch[SystemOrbit], sense: int) -> Border | None:
+    """The border where a branch comes back between two of its cycles, where no cycle is computed to its tolerance."""
     values = branch.values
     i = int(np.argmax(sense * values))
-    for special in branch.special:
-        if special.kind == GRAZING.kind and sense * (special.value - values[i]) >= 0:
-            error = 10 * tol * abs(special.value)
-            return Border("grazing", special.value, error, None, special.orbit, {}, special.meaning)
     missed = next((each.meaning for each in branch.missed if each.kind == FOLD.kind), "")
     if not missed or not 0 < i < values.size - 1:
         return None

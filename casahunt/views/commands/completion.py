@@ -19,6 +19,7 @@ from ...servo.hunting import MODELS
 from ...servo.parts.table import REMEDY_NAMES
 from ...servo.servo import KEYS
 from ..glossary import GLOSSARY
+from ..notebooks.guides import guides
 from .orbit import ROUTES
 from .output_paths import WRITTEN
 
@@ -42,6 +43,7 @@ WORDS = {
     "and": NAMES,
     "sought": NAMES,
     "word": tuple(GLOSSARY),
+    "notebook": tuple(guides()),
 }
 """By the name of an argument: the words that it takes."""
 ASSIGNED = {"set": KEYS, "bounds": ("gain", *NUMBERS)}

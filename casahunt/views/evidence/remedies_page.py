@@ -116,7 +116,7 @@ def _not_ending(p: Fragments) -> list[str]:
 
 def _margins(p: Fragments) -> list[str]:
     """Margins of the linear loops."""
-    free, rows = "without limit", []
+    free, rows = "any gain", []
     for i, row in enumerate(p.record["remedies"]):
         at = f"remedies/{i}"
         if row["phase_margin"] is None:
@@ -134,7 +134,7 @@ def _margins(p: Fragments) -> list[str]:
         "<h2>Linear loop without dry friction</h2>",
         "<p>With the size to choose. Remedies that are not here make the loop nonlinear, or have no size that ends "
         "hunting.</p>",
-        table(["remedy", "phase margin", "gain may fall to", "gain may rise to"], rows),
+        table(["remedy", "phase margin", "stable down to", "stable up to"], rows),
     ]
 
 

@@ -7,25 +7,27 @@
     diagram   amplitude against gain, stable and unstable
 
 Each stage has so much work (effort.py), and is given up beyond it; what is not found is a sentence in its place
-(numbers.py).  What does not depend on the gain is kept for the next move, which as a rule changes that alone.
+(numbers.py).  What does not depend on the gain, or on the size of the remedy, is kept for the next move, which as a
+rule changes that alone; what is shown does not depend on the moves before.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 from ... import effort
 from ...errors import InputError, NoOrbit
 from .kinds import LoopAnswers, ServoAnswers
-from .state import GAIN, SET_POINT, State
+from .state import SET_POINT, State
 
 STAGES = ("hunts", "linear", "border", "step", "diagram")
 MOST_WORK_OF_A_STAGE, LONGEST_STAGE = 2e5, 10.0
 """Work (effort.py) of a stage, five seconds of a processor for a servo; and its seconds, of which a loop needs more."""
-KEPT_SERVOS = 8
-"""Borders and diagrams that are kept."""
+MOST_KEPT = 16
+"""Servos, at whatever gain or whatever size of a remedy, of which borders and diagrams are kept."""
 
 
 class Answers:
@@ -40,7 +42,7 @@ class Answers:
         dropped: says whether nobody waits any more. Raises effort.Dropped: so it is.
         """
         problem = state.problem
-        kind: Any = (LoopAnswers if problem.loop is not None else ServoAnswers)(problem, self._memory(state))
+        kind: Any = (LoopAnswers if problem.loop is not None else ServoAnswers)(problem, partial(self._memory, state))
         for stage in STAGES:
             if dropped is not None and dropped():
                 raise effort.Dropped
@@ -58,13 +60,13 @@ class Answers:
                 found |= {"verdict": "unknown", "sentence": "Whether it hunts is not known."}
             yield stage, found
 
-    def _memory(self, state: State) -> dict[str, Any]:
-        """What is known of the servo at whatever gain."""
-        values = tuple((key, value) for key, value in state.values.items() if key not in (GAIN, SET_POINT))
-        key = (values, state.model, state.remedy, repr(state.parts))
+    def _memory(self, state: State, *free: str) -> dict[Any, Any]:
+        """What is known of the servo whatever the numbers `free` are."""
+        values = tuple((key, value) for key, value in state.values.items() if key not in (*free, SET_POINT))
+        key = (free, values, state.model, state.remedy, repr(state.parts))
         self._kept.setdefault(key, {})
         self._kept.move_to_end(key)
-        while len(self._kept) > KEPT_SERVOS:
+        while len(self._kept) > MOST_KEPT:
             self._kept.popitem(last=False)
-        memory: dict[str, Any] = self._kept[key]
+        memory: dict[Any, Any] = self._kept[key]
         return memory

@@ -1,14 +1,15 @@
 """The stages (answers.py) of a servo, by the verbs of a servo, and of a loop of parts, by those of a loop.
 
     step          followed for three periods, or a hundred reset times where there is no cycle
-    diagram       from a twentieth of the fold gain, or from below the present one, round the fold and back
+    diagram       from a twentieth of the fold gain, or from below the present one, round the fold and back;
+                  of a loop from a power of two below the present gain, or of four below that
     friction      F(v) = g(v) sgn v + sigma2 v, where it is Stribeck's
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -19,7 +20,7 @@ from ...continuation import Fold, follow
 from ...continuation.walk import walk
 from ...design.remedies.border import BORDERS, Scales, border
 from ...errors import ComesToRest, NoOrbit
-from ...orbits import Options, Orbit, with_multipliers
+from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
 from ...servo.delayed_loop import Margins, margins
 from ...servo.find_fold import HIGHEST, find_fold
@@ -30,17 +31,19 @@ from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.units import GAIN_UNIT
 from .numbers import brief, curve, ends_at, hunts, seen_number, sentence_of, shown_number
-from .state import Problem
+from .state import GAIN, Problem
 
 PERIODS_OF_A_STEP, RESETS_OF_A_STEP = 3.0, 100.0
 DRAWN_MOTION_TOLERANCE, MOTION_POINTS = 1e-4, 6
 """Of the simulated step: a picture and a peak need no more."""
 CYCLE_POINTS = 8
 BELOW_THE_FOLD, BELOW_THE_GAIN = 20.0, 2.0
-"""A diagram begins so many times below the fold gain, or below a gain that is smaller still."""
-DIAGRAM_TOLERANCE, DIAGRAM_STEP, MOST_DIAGRAM_POINTS = 1e-4, 0.3, 120
-LOWER_GAINS = (0.5, 0.25, 0.1, 0.05)
-"""Parts of the gain at which a cycle of a loop is looked for, where it does not hunt at its own."""
+"""A diagram begins so many times below the fold gain, or below a gain that is smaller still; that of a loop at a power
+of the latter which is at least so many times below its gain."""
+DRAWN_CYCLES, DIAGRAM_STEP, MOST_DIAGRAM_POINTS = Options(tol=1e-4, provisional=True), 0.3, 120
+"""Of the cycles of a diagram, whose errors nobody reads."""
+LOWER_GAINS = (1.0, 0.25, 0.0625)
+"""Parts of that gain at which a cycle of a loop is looked for in turn."""
 FAR_ABOVE = 1e3
 """A branch of a loop is followed up to so many times the gain."""
 ROUGH = Options(tol=1e-6)
@@ -52,8 +55,9 @@ DRAWN_SPEEDS, SPEED_POINTS = 10.0, 200
 class ServoAnswers:
     """The stages of a servo without load and remedy."""
 
-    def __init__(self, problem: Problem, memory: dict[str, Any]) -> None:
-        self.problem, self.memory = problem, memory
+    def __init__(self, problem: Problem, memory: Callable[..., dict[Any, Any]]) -> None:
+        self.problem, self.remembered = problem, memory
+        self.memory = memory(GAIN)
         self.orbit: Orbit | None = None
         self.said = ""
 
@@ -140,13 +144,12 @@ class ServoAnswers:
         servo, model, gain = self.problem[:3]
         assert servo is not None
         start = self._start()
-        if self.memory.get("diagram", {}).get("start") != start:
-            how = Options(tol=DIAGRAM_TOLERANCE)
-            first = find_orbit(servo, model, start, options=how)
-            steps = walk(first, low=start, high=start * HIGHEST, options=how, largest_step=DIAGRAM_STEP)
+        if ("diagram", start) not in self.memory:
+            first = find_orbit(servo, model, start, options=Options(tol=DRAWN_CYCLES.tol))
+            steps = walk(first, low=start, high=start * HIGHEST, options=DRAWN_CYCLES, largest_step=DIAGRAM_STEP)
             fold = self.memory["fold"].orbit if "fold" in self.memory else None
-            self.memory["diagram"] = {"start": start, **branches_shown([first, *steps], fold)}
-        return {**self.memory["diagram"], "present": gain}
+            self.memory["diagram", start] = branches_shown([first, *steps], fold)
+        return {**self.memory["diagram", start], "present": gain}
 
     def _start(self) -> float:
         """The gain at which the diagram begins: the same for most gains, so that a move along it computes nothing."""
@@ -188,11 +191,29 @@ class LoopAnswers(ServoAnswers):
         """The cycle on which a motion settles that starts on that of the servo alone.  Raises NoOrbit."""
         servo, model, gain = self.problem[:3]
         assert servo is not None
-        start = self.loop.at_rest(-FIRST_OFF)
         with suppress(NoOrbit):
-            bare = self._bare = find_orbit(servo, model, gain)
-            start = self.loop.state(**on_the_cycle(bare))
-        return loop_cycle(self.loop, start=start, options=ROUGH)
+            self._bare = find_orbit(servo, model, gain)
+        return cycle_beside(self.loop, self._bare)
+
+    def _foot(self) -> Any:
+        """The cycle from which the branch in the gain is followed: the same for most gains, as `_start`.
+
+        Where none is found at a lower gain it is the present one.  Raises NoOrbit: there is none either.
+        """
+        servo, model = self.problem[:2]
+        low = BELOW_THE_GAIN ** (math.floor(math.log(self.problem.gain, BELOW_THE_GAIN)) - 1)
+        for gain in (part * low for part in LOWER_GAINS):
+            if ("foot", gain) not in self.memory:
+                found = None
+                with suppress(NoOrbit):
+                    bare = None if servo is None else find_orbit(servo, model, gain)
+                    found = cycle_beside(self.loop.replace(gain=gain), bare)
+                self.memory["foot", gain] = found
+            if (found := self.memory["foot", gain]) is not None:
+                return found
+        if self.orbit is None:
+            raise NoOrbit("no hunting was found at this gain or below, from which its cycles could be followed")
+        return self.orbit
 
     def linear(self) -> dict[str, Any]:
         """Friction curve and margins, where there are any."""
@@ -231,21 +252,20 @@ class LoopAnswers(ServoAnswers):
         """The gain at which hunting ends, and the size of the remedy that ends it at this gain."""
         shown: dict[str, Any] = {}
         try:
-            fold = fold_in(self._some_cycle(), "gain", options=ROUGH)
+            fold = self._fold()
             shown = self._gain_border(fold.value, fold.value_error)
         except NoOrbit as why:
             shown["why"] = str(why)
         return shown | (self._remedy_border() if self.problem.remedy is not None else {})
 
-    def _some_cycle(self) -> Any:
-        """The cycle at this gain, or where none was found, at a lower one.  Raises NoOrbit: at none."""
-        if self.orbit is not None:
-            return self.orbit
-        for part in () if self.problem.remedy is not None else LOWER_GAINS:
-            with suppress(NoOrbit):
-                lower = self.loop.replace(gain=part * self.problem.gain)
-                return loop_cycle(lower, start=lower.at_rest(-FIRST_OFF), options=ROUGH)
-        raise NoOrbit("no hunting was found at this gain, from which its cycles could be followed")
+    def _fold(self) -> Fold[Any]:
+        """The fold of the branch in the gain, found once for all gains that it is followed for.  Raises NoOrbit."""
+        foot = self._foot()
+        key = "fold", foot.problem.value(GAIN)
+        if key not in self.memory:
+            self.memory[key] = fold_in(foot, GAIN, options=ROUGH)
+        found: Fold[Any] = self.memory[key]
+        return found
 
     def _remedy_border(self) -> dict[str, Any]:
         """The smallest size of the remedy that ends hunting at this gain."""
@@ -253,8 +273,11 @@ class LoopAnswers(ServoAnswers):
         assert remedy is not None and without is not None
         if bare is None:
             return {"remedy_why": "without the remedy no hunting was found either, that it could end"}
-        start, scales = without.state(**on_the_cycle(bare)), Scales(bare.amplitude, bare.period)
-        found = border(without, remedy, start, scales, ROUGH)
+        memory = self.remembered(remedy.size)  # where it ends does not depend on the present size
+        if "border" not in memory:
+            start, scales = without.state(**on_the_cycle(bare)), Scales(bare.amplitude, bare.period)
+            memory["border"] = border(without, remedy, start, scales, ROUGH)
+        found = memory["border"]
         if found.kind not in BORDERS:
             return {"remedy_why": found.why or f"hunting goes on up to {brief(found.size)} {remedy.unit}".rstrip()}
         present = self.loop.value(remedy.size)
@@ -265,18 +288,24 @@ class LoopAnswers(ServoAnswers):
         }  # fmt: skip
 
     def diagram(self) -> dict[str, Any]:
-        """Amplitude against gain, from a cycle down and up, round the fold and back."""
-        if "diagram" not in self.memory:
-            first = self._some_cycle()
-            gain = first.problem.value("gain")
-            low = gain / BELOW_THE_GAIN
-            how: dict[str, Any] = {"options": Options(tol=DIAGRAM_TOLERANCE), "monitors": (),
-                                   "largest_step": DIAGRAM_STEP, "max_points": MOST_DIAGRAM_POINTS}  # fmt: skip
-            below = follow(first, "gain", to=low, **how)
-            above = follow(first, "gain", to=gain * FAR_ABOVE, back=low, **how)
-            orbits = [*reversed(below.orbits[1:]), *above.orbits]
-            self.memory["diagram"] = branches_shown(orbits)
-        return {**self.memory["diagram"], "present": self.problem.gain}
+        """Amplitude against gain, from a cycle up, round the fold and back."""
+        foot = self._foot()
+        low = foot.problem.value(GAIN)
+        if ("diagram", low) not in self.memory:
+            branch = follow(foot, GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN_CYCLES, monitors=(),
+                            largest_step=DIAGRAM_STEP, max_points=MOST_DIAGRAM_POINTS)  # fmt: skip
+            fold = self.memory.get(("fold", low))
+            self.memory["diagram", low] = branches_shown(branch.orbits, None if fold is None else fold.orbit)
+        return {**self.memory["diagram", low], "present": self.problem.gain}
+
+
+def cycle_beside(loop: Loop, bare: Any) -> Any:
+    """The cycle of a loop on which a motion settles that starts on a servo's own cycle, or from rest beside its aim.
+
+    bare: the servo's cycle, or None. Raises NoOrbit.
+    """
+    start = loop.at_rest(-FIRST_OFF) if bare is None else loop.state(**on_the_cycle(bare))
+    return loop_cycle(loop, start=start, options=ROUGH)
 
 
 def on_the_cycle(orbit: Any) -> dict[str, float]:
@@ -290,14 +319,12 @@ def on_the_cycle(orbit: Any) -> dict[str, float]:
 def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
     """Amplitude against gain of cycles along a branch, as two curves: attracting and not.
 
-    fold: the cycle in which the two meet, where it is known; amplitudes fall along the branch.
+    fold: the first one of the branch, where it is known; it is put in if the branch goes no further up.
     """
     gains = np.array([orbit.problem.value("gain") for orbit in orbits])
     amplitudes = np.array([orbit.amplitude for orbit in orbits])
-    for _ in with_multipliers(_in_turn(orbits)):  # side by side they take half as long
-        pass
-    stable = np.array([bool(orbit.stable) for orbit in orbits])
-    if fold is not None:
+    stable = np.array([orbit.seen_stable for orbit in orbits])
+    if fold is not None and gains.max() < fold.problem.value(GAIN):
         turn = int(np.argmax(gains))
         turn += bool(amplitudes[turn] > fold.amplitude)
         gains = np.insert(gains, turn, fold.problem.value("gain"))
@@ -308,11 +335,6 @@ def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
         near = on | (np.roll(on, 1) & (np.arange(on.size) > 0)) if name == "stable" else on
         curves[name] = curve(gain=np.where(near, gains, np.nan), amplitude=np.where(near, amplitudes, np.nan))
     return curves
-
-
-def _in_turn(orbits: Any) -> Generator[Any, None, str]:
-    yield from orbits
-    return ""
 
 
 def friction_curve(numbers: Any) -> dict[str, Any]:

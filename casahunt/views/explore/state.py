@@ -86,6 +86,10 @@ class State:
         remedy = remedy_called(self.remedy, model)
         own = {key: self.values[key] for key in own_numbers(remedy)}
         mended = with_remedy(loop, remedy, own[remedy.size]).replace(**own)
+        others = {key: value for key, value in own.items() if key != remedy.size}
+        if others and not remedy.instead:  # they are the remedy's at whatever size
+            assert remedy.part is not None
+            loop = mended.replace(**{remedy.size: remedy.part.absent})
         return Problem(servo, model, gain, step, mended, remedy, loop)
 
     def address(self) -> str:

@@ -7,6 +7,7 @@ fold.py          elasticities of a fold
 fold_curve.py    the gains with and without hunting against another parameter
 fold_map.py      contours of the fold gain over two parameters
 loop.py          Bode pictures
+basin.py         where motions stick on both sides of the border of settling
 event_map.py     cobweb picture of the event map
 uncertainty.py   histogram of sampled fold gains
 equilibria.py    stick region, generalised Jacobian

@@ -57,7 +57,7 @@ EXCHANGING = ("fold", "symmetry breaking", "flip")
 """Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
 
 
-def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, axes: Any = None) -> Array:
+def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any = None) -> Array:
     """Bifurcation diagram: amplitude [rad] and period [s] of the cycles against the controller gain.
 
     Parameters
@@ -68,7 +68,7 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, axes: Any
         say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis; of a loop of parts
         nothing is said.
 
-    axes
+    ax
         two axes, for amplitude and period, to draw into; default: those of a new figure.
 
     Returns
@@ -81,8 +81,8 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, axes: Any
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram, pictures
-    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> from casahunt import Servo, diagram, pictures
+    >>> branch = diagram(Servo(), "switch", start=0.6)
     >>> above, below = pictures.diagram([branch])
     >>> above.get_ylabel(), below.get_ylabel()
     ('amplitude max |x₁| [rad]', 'period [s]')
@@ -90,7 +90,7 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, axes: Any
     curves = [*_curves(branches), *_lopsided(branches)]
     markers = _special_markers([*branches, *(pair for branch in _of_servos(branches) for pair in branch.lopsided)])
     handles = _legend(curves, markers)
-    figure, both = stacked(axes, (1.35, 1), legend_rows=_rows(handles))
+    figure, both = stacked(ax, (1.35, 1), legend_rows=_rows(handles))
     above, below = both
     for ax, quantity in ((above, "amplitude"), (below, "period")):
         for curve in curves:
@@ -133,8 +133,8 @@ def multipliers(branches: Sequence[AnyBranch], *, ax: Axes | None = None) -> Axe
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram, pictures
-    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> from casahunt import Servo, diagram, pictures
+    >>> branch = diagram(Servo(), "switch", start=0.6)
     >>> pictures.multipliers([branch]).get_ylabel()
     'leading half multiplier μ [–]'
     """

@@ -13,14 +13,14 @@ LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
 """Values of c whose eigenvalues get a colour of their own."""
 
 
-def equilibria(found: Equilibria, *, axes: Any = None) -> Array:
+def equilibria(found: Equilibria, *, ax: Any = None) -> Array:
     """Stick region and equilibria of Switch in the plane (x1, x3), or the eigenvalues of LuGre.
 
     Parameters
     ----------
     found
         the equilibria.
-    axes
+    ax
         one (Switch) or two axes (LuGre) to draw into; default: those of a new figure.
 
     Returns
@@ -38,7 +38,7 @@ def equilibria(found: Equilibria, *, axes: Any = None) -> Array:
     >>> axes.get_title()
     'stick region of the Switch servo, K = 0.1'
     """
-    return _strip(found, axes) if found.model == "switch" else _eigenvalues(found, axes)
+    return _strip(found, ax) if found.model == "switch" else _eigenvalues(found, ax)
 
 
 def _strip(found: Equilibria, given: Any) -> Array:

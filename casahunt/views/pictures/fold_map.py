@@ -16,7 +16,7 @@ NEVER = "#d9d9d9"
 """Colour where no gain hunts."""
 
 
-def fold_map(folds: FoldMap, ax: Axes | None = None) -> Axes:
+def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     """The fold gain as contours over two parameters; above a contour's gain the servo on it does not hunt.
 
     Parameters

@@ -14,14 +14,14 @@ DOTS = ("0.55", "#7a1f3d", "#5fae8c", "#b0509b", "#555555")
 """Colours of the records, in turn."""
 
 
-def fitted_records(found: Identification, *, axes: Any = None) -> Array:
+def fitted_records(found: Identification, *, ax: Any = None) -> Array:
     """Positions of all records against the time in their period, with the cycle at the first gain; below, what is left.
 
     Parameters
     ----------
     found
         what `identify` returned.
-    axes
+    ax
         two axes to draw into; default: those of a new figure.
 
     Returns
@@ -43,7 +43,7 @@ def fitted_records(found: Identification, *, axes: Any = None) -> Array:
     >>> pictures.fitted_records(found)[1].get_ylabel()
     'position − model [rad]'
     """
-    figure, both = panels(axes, 2, height_ratios=(1.6, 1))
+    figure, both = panels(ax, 2, height_ratios=(1.6, 1))
     above, below = both
     look, handles = LOOKS[found.model], []
     for i, (data, rest, phase, orbit) in enumerate(

@@ -24,14 +24,14 @@ ROOM = 30.0
 """The frequencies drawn reach this factor beyond every corner and crossover."""
 
 
-def bode(servo: Servo, loops: Sequence[LinearLoop], *, axes: Any = None) -> Array:
+def bode(servo: Servo, loops: Sequence[LinearLoop], *, ax: Any = None) -> Array:
     """Magnitude and phase of the controller C (left) and of the loop L (right), crossovers marked.
 
     Parameters
     ----------
     servo, loops
         the servo, and its linear loops at the gains to be drawn.
-    axes
+    ax
         four axes to draw into; default: those of a new figure.
 
     Returns
@@ -55,7 +55,7 @@ def bode(servo: Servo, loops: Sequence[LinearLoop], *, axes: Any = None) -> Arra
     corners = [1 / tau for tau in servo.controller.corners if tau > 0]
     low, high = min(corners + crossings), max(corners + crossings)
     omega = np.geomspace(low / ROOM, high * ROOM, BODE_POINTS)
-    figure, four = panels(axes, 2, 2, sharex=True)
+    figure, four = panels(ax, 2, 2, sharex=True)
     c_size, l_size, c_phase, l_phase = four
     looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
     handles = []

@@ -51,7 +51,7 @@ DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
 
-def time_traces(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
+def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
 
     The window opens a quarter of a period before that, so that no slip is cut in two.
@@ -60,7 +60,7 @@ def time_traces(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
     ----------
     orbits
         one or two, for instance both models at the same gain.
-    axes
+    ax
         as many axes as there are states, to draw into; default: those of a new figure.
 
     Returns
@@ -76,14 +76,14 @@ def time_traces(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
     >>> from matplotlib.figure import Figure
     >>> from casahunt import Servo, find_orbit, pictures
     >>> three = Figure().subplots(3)
-    >>> drawn = pictures.time_traces([find_orbit(Servo(), "switch", 0.1)], axes=three)
+    >>> drawn = pictures.time_traces([find_orbit(Servo(), "switch", 0.1)], ax=three)
     >>> drawn[0] is three[0], len(drawn)
     (True, 3)
     """
     at_least_one("orbits", orbits)
     traces = [rolled(*orbit.sample(DRAWN_POINTS)) for orbit in orbits]
     n = max(len(states) for _, states in traces)
-    figure, all_of_them = stacked(axes, (1,) * n, legend_rows=len(orbits))
+    figure, all_of_them = stacked(ax, (1,) * n, legend_rows=len(orbits))
     states_named = max((orbit.cycle.states for orbit in orbits), key=len)
     for i, (ax, state) in enumerate(zip(all_of_them, states_named, strict=True)):
         name, unit = STATE_NAMES.get(state, (state.replace("_", " "), ""))
@@ -107,7 +107,7 @@ def time_traces(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
     return all_of_them
 
 
-def phase_portrait(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
+def phase_portrait(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
 
     Stick, |x2| < STUCK max |x2|, is drawn thick.
@@ -116,7 +116,7 @@ def phase_portrait(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
     ----------
     orbits
         one or more.
-    axes
+    ax
         three axes to draw into, the first one in three dimensions; default: those of a new figure.
 
     Returns
@@ -145,7 +145,7 @@ def phase_portrait(orbits: Sequence[Orbit], *, axes: Any = None) -> Array:
     handles += [Line2D([], [], color=NEUTRAL, linewidth=1.3, label="slip (thin)")]
     handles += [Line2D([], [], color=NEUTRAL, linewidth=4.5, label="stick (thick)")]
     columns = min(len(handles), 4) if all(len(name) < LONG for name in names) else 2
-    figure, three = _space_and_planes(axes, math.ceil(len(handles) / columns))
+    figure, three = _space_and_planes(ax, math.ceil(len(handles) / columns))
     space, planes = three[0], ((three[1], 1), (three[2], 2))
     for look, states in zip(_looks(orbits), samples, strict=True):
         x = states / np.array([factor for factor, _ in scales])[:, None]

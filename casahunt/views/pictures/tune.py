@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...design.diagram import collect, diagram
+from ...design.diagram import diagram
 from ...design.sensitivity import fold_sensitivities
 from ...design.tune.tasks import SimulatedTask
 from ...design.tune.tuning import Tuning
@@ -25,7 +25,7 @@ TASK_SWINGS = 6
 BEFORE, AFTER = "#b03020", "#1d6b3f"
 
 
-def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Array:
+def operating_point(tuning: Tuning, branch: Branch, *, ax: Any = None) -> Array:
     """The diagram of the worst servo with the recommended gain and the fold gain plus margin.
 
     Parameters
@@ -34,7 +34,7 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
         the tuning.
     branch
         of its worst servo.
-    axes
+    ax
         two axes to draw into; default: those of a new figure.
 
     Returns
@@ -47,14 +47,14 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram, tune, pictures
+    >>> from casahunt import Servo, diagram, tune, pictures
     >>> tuning = tune(Servo(), "switch")
-    >>> branch = collect(tuning.worst, "switch", diagram(tuning.worst, "switch", start=0.6))
+    >>> branch = diagram(tuning.worst, "switch", start=0.6)
     >>> axes = pictures.operating_point(tuning, branch)
     >>> axes.shape
     (2,)
     """
-    both = drawn_diagram([branch], equilibria=False, axes=axes)
+    both = drawn_diagram([branch], equilibria=False, ax=ax)
     for ax in both:
         low, high = ax.get_xlim()
         reach = max(high, tuning.gain + 0.06 * (tuning.gain - low))
@@ -73,7 +73,7 @@ def operating_point(tuning: Tuning, branch: Branch, *, axes: Any = None) -> Arra
     return both
 
 
-def tasks(before: tuple[float, Sequence[SimulatedTask]], after: Sequence[SimulatedTask], *, axes: Any = None) -> Array:
+def tasks(before: tuple[float, Sequence[SimulatedTask]], after: Sequence[SimulatedTask], *, ax: Any = None) -> Array:
     """The same tasks before and after: distance from the set point [rad] against time [s].
 
     Parameters
@@ -82,7 +82,7 @@ def tasks(before: tuple[float, Sequence[SimulatedTask]], after: Sequence[Simulat
         gain and tasks.
     after
         tasks with the tuned controller.
-    axes
+    ax
         axes for every task, to draw into; default: those of a new figure.
 
     Returns
@@ -106,7 +106,7 @@ def tasks(before: tuple[float, Sequence[SimulatedTask]], after: Sequence[Simulat
     swings = [old.motion.verdict.period for old, _ in pairs if old.motion.verdict.kind == "hunting"]
     whole = min(float(task.motion.times[-1]) for pair in pairs for task in pair)
     shown = min(whole, TASK_SWINGS * max(swings)) if swings else whole
-    _, rows = panels(axes, len(pairs), sharex=True)
+    _, rows = panels(ax, len(pairs), sharex=True)
     for ax, (old, new) in zip(rows, pairs, strict=True):
         for task, colour, width, dashes in ((old, BEFORE, ALONE, "-"), (new, AFTER, 2.2, (0, (5, 2)))):
             t, x = task.motion.dense(8)
@@ -140,8 +140,8 @@ def evidence_images(
     fold = tuning.verification.fold
     if fold is not None:
         try:
-            points = diagram(tuning.worst, tuning.model, start=START * fold.gain, options=options)
-            images["diagram"] = png(operating_point(tuning, collect(tuning.worst, tuning.model, points)))
+            branch = diagram(tuning.worst, tuning.model, start=START * fold.gain, options=options)
+            images["diagram"] = png(operating_point(tuning, branch))
         except NoOrbit:
             pass  # a servo without a cycle at that gain: the page says its fold in numbers
         images["sensitivities"] = png(elasticities([fold], [fold_sensitivities(fold)]))

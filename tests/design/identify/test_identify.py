@@ -144,7 +144,7 @@ def test_the_further_record_has_a_gain_that_hunts(found):
 
 
 def test_its_picture_has_the_residual(found):
-    above, below = pictures.fitted_records(found, axes=Figure().subplots(2))
+    above, below = pictures.fitted_records(found, ax=Figure().subplots(2))
     rest = below.get_lines()[0].get_ydata()
     assert np.std(rest) == pytest.approx(found.noises[0].sigma, rel=0.1)
 

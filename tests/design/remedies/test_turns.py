@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from casahunt import Controller, Friction, Servo, remedies
+from casahunt import Controller, Friction, Options, Servo, find_orbit, remedies
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies.border import TURN_KNOWN
@@ -14,14 +14,13 @@ class Branch:
 
     def __init__(self, values, *kinds):
         self.values, self.orbits = np.array(values), list(values)
-        self.special = ()
         self.missed = [type("Missed", (), {"kind": kind, "meaning": "between two cycles"}) for kind in kinds]
 
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_the_border_is_the_outermost_cycle_and_known_to_its_neighbours(sense):
     values = 1 + sense * np.array([-0.5, -1e-5, 0.0, -2e-5, -0.3])
-    found = border._turned(Branch(values, "fold"), sense, 1e-9)
+    found = border._turned(Branch(values, "fold"), sense)
     assert (found.kind, found.size, found.why) == ("fold", 1.0, "between two cycles")
     assert found.error == pytest.approx(2e-5, rel=1e-6)
 
@@ -32,16 +31,7 @@ def test_the_border_is_the_outermost_cycle_and_known_to_its_neighbours(sense):
 ])  # fmt: skip
 def test_what_is_no_border(values, kinds):
     """No turn was met; cycles too far apart on either side; a branch that only ends."""
-    assert border._turned(Branch(values, *kinds), 1, 1e-9) is None
-
-
-@pytest.mark.parametrize(("value", "border_there"), [(1.01, True), (0.7, False)])
-def test_a_grazing_at_the_outer_end_is_a_border(value, border_there):
-    """Behind it the branch came back on the mirror image of its cycle; one on the way is none."""
-    branch = Branch([0.5, 1.0, 0.5])
-    branch.special = [type("Special", (), {"kind": "grazing", "value": value, "orbit": None, "meaning": "an event"})]
-    found = border._turned(branch, 1, 1e-9)
-    assert (found is not None) is border_there and (found is None or (found.kind, found.size) == ("grazing", value))
+    assert border._turned(Branch(values, *kinds), 1) is None
 
 
 def test_cycles_that_go_on_unstable_are_no_hunting(monkeypatch):
@@ -59,3 +49,15 @@ def test_cycles_that_go_on_unstable_are_no_hunting(monkeypatch):
         monkeypatch.setattr(table, "verdict", lambda *a, seen=seen: seen)
         row = remedies(servo, "switch", 0.00944, only=["error dead band"]).remedies[0]
         assert row.kind == kind and says in row.why
+
+
+def test_a_freeze_ends_hunting_where_it_is_as_long_as_the_stop():
+    """The grazing is where the cycle itself would be frozen; what lies next to it is the other half of the same."""
+    servo = Servo(
+        inertia=0.16618, motor_gain=2.8158, controller=Controller(lead_time=0.040025, integral_time=0.084466),
+        friction=Friction(static=0.40839, coulomb=0.23037, stribeck_velocity=0.038958, viscous=0.010726),
+    )  # fmt: skip
+    cycle = find_orbit(servo, "switch", 7.126, options=Options(tol=1e-9))
+    stick = next(arc.duration for arc in cycle.arcs if arc.mode == "stick")
+    (row,) = remedies(servo, "switch", 7.126, only=["freeze"]).remedies
+    assert row.kind == "grazing" and row.size == pytest.approx(stick, rel=1e-7)

@@ -10,8 +10,9 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Servo, Status, effort, find_fold, find_orbit, margins, remedies
 from casahunt.cli import main
-from casahunt.servo.parts import load_loop, loop_cycle
+from casahunt.servo.parts import fold_in, load_loop, loop_cycle
 from casahunt.views.explore import answers as stages
+from casahunt.views.explore import kinds
 from casahunt.views.explore.answers import STAGES, Answers
 from casahunt.views.explore.controls import HIDDEN, LUGRE_ALONE, choices_of, controls_of
 from casahunt.views.explore.copies import command_line, python, servo_file
@@ -279,6 +280,64 @@ def test_a_move_of_the_gain_computes_no_fold_and_no_diagram_again(monkeypatch):
     assert second["diagram"]["stable"] == first["diagram"]["stable"] and second["diagram"]["present"] == 0.2
 
 
+DEAD_BAND = turned(TABLE1.choose("remedy", "dead band"), gain=0.04, dead_band=0.01)
+
+
+@pytest.mark.parametrize(
+    "before, moved, stages_asked, what, kept",
+    [
+        (DEAD_BAND, {"gain": 0.05}, ("hunts", "border", "diagram"), ("fold_in", "follow"), ("gain", "stable")),
+        (DEAD_BAND, {"dead_band": 0.02}, ("hunts", "border"), ("border",), ("size",)),
+    ],
+)
+def test_a_move_computes_nothing_again_that_does_not_depend_on_it(
+    monkeypatch, before, moved, stages_asked, what, kept
+):
+    monkeypatch.setattr(stages, "STAGES", stages_asked)
+    asked = Answers()
+    first = dict(asked.of(before))
+    for name in what:
+        monkeypatch.setattr(f"casahunt.views.explore.kinds.{name}", None)
+    after = turned(before, **moved)
+    second = dict(asked.of(after))
+    for name in kept:
+        assert all(name not in told or second[stage][name] == told[name] for stage, told in first.items())
+    monkeypatch.undo()
+    monkeypatch.setattr(stages, "STAGES", stages_asked)
+    assert dict(Answers().of(after)) == second  # and what is shown does not depend on what was asked before
+
+
+def test_a_loop_above_its_fold_gain_has_the_border_and_diagram_of_those_below(shown):
+    above = shown(turned(TABLE1, gain=0.7, spring=0.01), "hunts", "border", "diagram")
+    below = shown(turned(TABLE1, gain=0.5, spring=0.01), "border")
+    assert above["hunts"]["verdict"] == "unknown" and above["border"]["ratio"]["value"] < 1
+    assert above["border"]["gain"]["value"] == pytest.approx(below["border"]["gain"]["value"], rel=1e-8)
+    drawn = [x for name in ("stable", "unstable") for x in above["diagram"][name]["gain"] if x is not None]
+    assert max(drawn) == pytest.approx(above["border"]["gain"]["value"], rel=1e-5)
+
+
+def test_the_border_of_a_remedy_is_that_with_its_other_numbers(shown):
+    """With a part of the gain left inside an error dead band there is a smallest one; with none of it there is none."""
+    asked = turned(TABLE1.choose("remedy", "error dead band"), gain=0.04, error_dead_band=0.01, remaining_gain=0.3)
+    loop = asked.problem.loop
+    truth = fold_in(loop_cycle(loop, "error_dead_band", start=loop.state(x1=-0.04)), "error_dead_band").value
+    assert shown(asked, "hunts", "border")["border"]["size"]["value"] == pytest.approx(truth, rel=1e-6)
+    none = shown(turned(asked, remaining_gain=0.0), "hunts", "border")["border"]
+    assert "size" not in none and "goes on" in none["remedy_why"]
+
+
+def test_stability_at_a_glance_is_that_of_the_multipliers(monkeypatch):
+    """Along the branches that the page draws, stable, unstable, and next to the fold."""
+    drawn = []
+    real = kinds.branches_shown
+    monkeypatch.setattr(kinds, "branches_shown", lambda orbits, fold: drawn.extend(orbits) or real(orbits, fold))
+    for state in (TABLE1, DEAD_BAND):
+        dict(Answers().of(state))
+    some = [orbit for k, orbit in enumerate(drawn) if k % 4 == 0 or 0.1 < orbit.provisional_multiplier < 10]
+    assert [orbit.seen_stable for orbit in some] == [orbit.stable for orbit in some]
+    assert {orbit.stable for orbit in some} == {True, False}
+
+
 def test_nobody_waits_for_an_answer_that_is_dropped():
     calls = 0
 
@@ -308,9 +367,9 @@ def test_a_stage_that_takes_too_long_is_given_up(monkeypatch, shown):
 def test_kept_servos_are_few(monkeypatch):
     monkeypatch.setattr(stages, "STAGES", ("linear",))
     asked = Answers()
-    for i in range(3 * stages.KEPT_SERVOS):
+    for i in range(3 * stages.MOST_KEPT):
         list(asked.of(turned(TABLE1, friction__viscous=0.1 + i / 100)))
-    assert len(asked._kept) == stages.KEPT_SERVOS
+    assert len(asked._kept) == stages.MOST_KEPT
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ motions, one from each side, confirm it.
 import matplotlib.pyplot as plt
 
 from casahunt import Servo, basin
-from problems import table1
 
 found = basin(Servo(), "switch", 0.4)
 print(found.border, found.confirmed)
@@ -23,6 +22,8 @@ ax.legend()
 
 # %%
 # The unstable cycle of the event map in 34 digits.
+
+from problems import table1
 
 truth = next(row for row in table1.REFERENCE["switch"]["unstable"] if row["K"] == 0.4)
 assert found.confirmed and abs(found.border / truth["amplitude"] - 1) < 1e-6

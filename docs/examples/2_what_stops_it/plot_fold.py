@@ -9,7 +9,6 @@ solve tells by how much each parameter of the servo moves that gain.
 import matplotlib.pyplot as plt
 
 from casahunt import Options, Servo, find_fold, fold_sensitivities
-from problems import table1
 
 fold = find_fold(Servo(), "switch", options=Options(tol=1e-9))
 print(fold.gain, fold.gain_error)
@@ -26,6 +25,8 @@ ax.set(xlabel="per cent of the fold gain for one per cent of the parameter")
 
 # %%
 # From outside: the event map in 34 digits, and finite differences of such folds.
+
+from problems import table1
 
 assert abs(fold.gain / table1.REFERENCE["switch"]["fold"]["K"] - 1) < 1e-9
 assert abs(moving["friction.static"] - 6.081563) < 1e-5

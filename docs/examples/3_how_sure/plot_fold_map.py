@@ -9,7 +9,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Servo, find_fold, fold_map
-from problems import taylor
 
 static, coulomb = np.linspace(0.5, 0.56, 9), np.linspace(0.42, 0.46, 9)
 folds = fold_map(Servo(), "switch", ("friction.static", "friction.coulomb"), static, coulomb)
@@ -21,6 +20,8 @@ ax.set(xlabel="static friction [N m]", ylabel="Coulomb friction [N m]", title="f
 
 # %%
 # At two corners of the map: the fold of an event map marched by Taylor series, apart from the package's solvers.
+
+from problems import taylor
 
 for i, j in ((0, 0), (-1, -1)):
     servo = Servo().replace(**{"friction.static": float(static[i]), "friction.coulomb": float(coulomb[j])})

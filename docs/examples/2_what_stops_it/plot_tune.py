@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Servo, Uncertainty, simulate, tune
-from problems import taylor
 
 servo = Servo()
 friction = Uncertainty({"friction.static": (0.52, 0.54)})
@@ -29,6 +28,8 @@ ax.legend()
 # %%
 # The motions of the worst servo are simulated apart from all of it. From any stick position an event map marched by
 # Taylor series comes nearer to the set point at the gain that tuning gives, and farther from some at the lower one.
+
+from problems import taylor
 
 assert tuning.verification.ok
 assert motions[0.04].verdict.kind == "hunting" and motions[tuning.gain].verdict.kind in ("decaying", "at rest")

@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Servo, fixed_points
-from problems import table1
 
 seen = fixed_points(Servo(), 0.4)
 for point in seen.fixed:
@@ -25,6 +24,8 @@ ax.legend()
 
 # %%
 # Unstable and stable cycle, Taylor series with 34 digits.
+
+from problems import table1
 
 truth = table1.REFERENCE["switch"]
 known = [next(row for row in truth[name] if row["K"] == 0.4)["amplitude"] for name in ("unstable", "stable")]

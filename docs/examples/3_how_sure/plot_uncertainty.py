@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Options, Servo, Uncertainty, find_fold, sample_fold_gains
-from problems import taylor
 
 servo = Servo()
 known = Uncertainty({"friction.static": (0.52, 0.54), "friction.coulomb": (0.435, 0.445)})
@@ -24,6 +23,8 @@ ax.set(xlabel="fold gain [V/rad]", ylabel="servos of 1000")
 # %%
 # The fold of the worst corner is above them all, and not by much. There and at the largest of the drawn ones an event
 # map marched by Taylor series, apart from the package's solvers, has its fold as well.
+
+from problems import taylor
 
 corner = servo.replace(**{"friction.static": 0.54, "friction.coulomb": 0.435})
 largest = int(np.nanargmax(drawn.gains))

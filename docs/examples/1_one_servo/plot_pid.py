@@ -9,7 +9,6 @@ both forms describe the same controller, they give the same cycle.
 import matplotlib.pyplot as plt
 
 from casahunt import Controller, Options, Pid, Servo, find_orbit
-from problems import taylor
 
 by_times = Servo(controller=Controller(lead_time=0.2, integral_time=0.5))
 pid = by_times.controller.pid()
@@ -26,6 +25,8 @@ ax.set(xlabel="time [s]", ylabel="position off the set point [rad]")
 # %%
 # The relation of the two forms is exact; the cycle is the fixed point of an event map that Taylor series march, apart
 # from the package's solvers.
+
+from problems import taylor
 
 assert abs(pid.kp - (1 + 0.2 / 0.5)) < 1e-15 and abs(pid.ki - 1 / 0.5) < 1e-15 and abs(pid.kd - 0.2) < 1e-15
 amplitude, period = taylor.switch_cycle(by_gains, 0.1, other.amplitude)

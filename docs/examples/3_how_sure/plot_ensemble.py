@@ -9,7 +9,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Servo, orbit_ensemble
-from problems import table1, taylor
 
 random = np.random.default_rng(3)
 rows = np.column_stack([random.uniform(0.09, 0.11, 2000), random.uniform(0.52, 0.54, 2000)])
@@ -24,6 +23,8 @@ ax.set(xlabel="gain K [V/rad]", ylabel="amplitude [rad]")
 
 # %%
 # The first row against the event map in 34 digits, others against the fixed point of one marched by Taylor series.
+
+from problems import table1, taylor
 
 truth = next(row for row in table1.REFERENCE["switch"]["stable"] if row["K"] == 0.1)
 assert abs(servos.amplitudes[0] / truth["amplitude"] - 1) < 1e-6

@@ -9,7 +9,6 @@ action pulls it back: it *hunts*. One call gives that cycle, for the exact Switc
 import matplotlib.pyplot as plt
 
 from casahunt import Options, Servo, find_orbit
-from problems import table1
 
 servo = Servo()  # Table 1 of the report
 figure, axes = plt.subplots(2, 1, sharex=True, figsize=(6.4, 5), layout="constrained")
@@ -25,6 +24,8 @@ axes[0].legend()
 
 # %%
 # Taylor series with 34 digits (Switch) and of order 22 in extended precision (LuGre) have the same cycles.
+
+from problems import table1
 
 for model, orbit in orbits.items():
     truth = next(row for row in table1.REFERENCE[model]["stable"] if row["K"] == 0.04)

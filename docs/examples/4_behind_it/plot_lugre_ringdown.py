@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Options, Servo, find_orbit
-from problems import table1
 
 orbit = find_orbit(Servo(), "lugre", 0.04, options=Options(tol=1e-9))
 times, states = orbit.sample()
@@ -25,6 +24,8 @@ ax.set(xlabel="time after the first reversal [s]", ylabel="bristle deflection [1
 
 # %%
 # Period and half multiplier from an explicit event solver with Taylor series of order 22.
+
+from problems import table1
 
 truth = next(row for row in table1.REFERENCE["lugre"]["stable"] if row["K"] == 0.04)
 assert abs(orbit.period / truth["period"] - 1) < 1e-9

@@ -1,0 +1,58 @@
+"""The border between settling and hunting: where two motions stick, swing after swing, from a little inside of it and
+a little outside."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...servo.basin import Basin
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, MaxNLocator, legend, logarithmic, panels
+
+
+def basin(found: Basin, *, ax: Any = None) -> Axes:
+    """Stick position against the number of the swing, of the motions from both sides, with the two cycles as lines.
+
+    Parameters
+    ----------
+    found
+        the border.
+    ax
+        axes to draw into; default: those of a new figure.
+
+    Returns
+    -------
+    The axes.
+
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, basin, pictures
+    >>> ax = pictures.basin(basin(Servo(), "switch", 0.5))
+    >>> ax.get_xlabel(), ax.get_yscale()
+    ('swing', 'log')
+    """
+    figure, (panel,) = panels(ax, 1)
+    look = LOOKS[found.unstable.model]
+    for trial, style, word in ((found.outside, look, "outside"), (found.inside, MORE_LOOKS[0], "inside")):
+        shown = trial.positions > 0
+        panel.plot(
+            np.flatnonzero(shown), trial.positions[shown], color=style.colour, marker=style.marker,
+            linewidth=style.width, label=f"from a little {word}: {trial.outcome}",
+        )  # fmt: skip
+    panel.axhline(found.border, color=NEUTRAL, linestyle="--", linewidth=1.2,
+                  label=f"unstable cycle, the border: {found.border:.4g} rad")  # fmt: skip
+    if found.outer is not None:
+        kind = "stable" if found.outer.stable else "symmetric"
+        panel.axhline(found.outer_position, color=NEUTRAL, linewidth=1.2,
+                      label=f"{kind} cycle: {found.outer_position:.4g} rad")  # fmt: skip
+    logarithmic(panel, "y")
+    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+    panel.set(xlabel="swing", ylabel="stick position [rad]")
+    panel.grid(True, color="0.9", linewidth=0.6)
+    legend(figure, panel, frameon=False, ncols=2)
+    return panel
