@@ -196,7 +196,8 @@ def _verification(p: _Page) -> list[str]:
 
 def _asked_margins(p: _Page) -> list[str]:
     factor = p.n("demands/gain_margin", "g")
-    return ["asked for", f"at least {p.n('demands/phase_margin', 'g')} degrees", *[f"by a factor of {factor}"] * 2]
+    least = f"at least {p.n('demands/phase_margin', 'g')} degrees"
+    return ["asked for", least, f"{factor} times less", f"{factor} times more"]
 
 
 def _loop_rows(p: _Page) -> list[list[str]]:

@@ -27,7 +27,7 @@ DRAWN_SAMPLES, SHORT_STICK = 20_000, 10
 """Samples of a motion that are drawn; samples of a stick that is shown, more than."""
 MOST_DOTS = 20_000
 """Samples of a record that are drawn."""
-MOST_OF_THE_TIME, SPIKE, ROOM = 0.95, 4.0, 2.0
+MOST_OF_THE_TIME, SPIKE, TIMES_THE_USUAL = 0.95, 4.0, 2.0
 """Where the torque exceeds what it is for the first part of the time by the second factor, as at a step, the picture
 goes up to the third times that, and the peak is written down: beside it nothing else could be read."""
 SHADE = "0.9"
@@ -151,7 +151,7 @@ def _three(
         three[2].axhline(level, **dashed)
     usual = max(_most_of_the_time(t, np.abs(curves[2])), *levels, 0.0)
     if 0 < SPIKE * usual < float(np.max(np.abs(curves[2]))):
-        three[2].set_ylim(-ROOM * usual, ROOM * usual)
+        three[2].set_ylim(-TIMES_THE_USUAL * usual, TIMES_THE_USUAL * usual)
         peak = curves[2][np.argmax(np.abs(curves[2]))]
         said = f"off the scale: {peak:.3g} N m at the most"
         three[2].text(0.99, 0.93, said, transform=three[2].transAxes, ha="right", va="top", fontsize=SMALL)

@@ -65,6 +65,12 @@ def every_state():
 STATES = dict(every_state())
 
 
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """However busy the machine is: no stage is given up for its seconds."""
+    monkeypatch.setattr(stages, "LONGEST_STAGE", 600.0)
+
+
 @pytest.fixture
 def shown(monkeypatch):
     """Called with a state and the names of stages: what these show."""
