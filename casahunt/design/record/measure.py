@@ -201,7 +201,7 @@ def measure(
     >>> found.kind, round(found.amplitude, 3), round(found.period, 4)
     ('hunting', 0.3, 1.0)
     >>> found = measure(simulate(Servo(), "switch", 0.04, time=80.0), start=20.0)
-    >>> round(found.period, 2), found.record.times[0]
+    >>> round(found.period, 2), float(found.record.times[0])
     (10.28, 20.0)
     """
     reading = {"time_unit": time_unit, "position_unit": position_unit, "time_column": time_column,
