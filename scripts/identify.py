@@ -1,28 +1,31 @@
 """Friction from records of random servos, made by an integrator of another kind: are the true values in the intervals?
 
     python scripts/identify.py [--count N] [--seed S] [--model switch|lugre] [--only I ...] [--counts LOW HIGH]
+                               [--out FILE.jsonl]
 
 Each servo is drawn as in scripts/random_servos.py and records so many periods at a part of its fold's gain, with noise
 of 1 % of its amplitude, on an encoder of 2000 to 20000 counts a revolution (scripts/peers/hunting_record.py; where that
 makes fewer than `FEWEST` counts of the amplitude, of more).  The fit starts from values each wrong by a factor of two,
 up or down by chance, and once more from others.
 
-    inside     share of the true values inside their 95 % intervals, of all and of each parameter
+    inside     share of the true values inside their 95 % intervals, of all and of each parameter, with the 95 %
+               interval of that share (Wilson)
     same       both starts end in the same optimum: deviances within 0.5, or values within a tenth of their intervals
     settled    both fits say that they have converged; the intervals of the first one do not count where it says not
     explained  the model is said to explain its own record
     time       of one record [s of the processor]
 
-Prints a line per servo and the sums.
+Prints a line per servo and the sums.  The file holds one line of JSON per servo; a run adds those that it does not
+hold yet, and sums over all of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import time
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -62,10 +65,13 @@ class Made:
         fold = find_fold(self.servo, model).gain
         self.gain = float(fold * math.exp(rng.uniform(*np.log(SHARES))))
         orbit = find_orbit(self.servo, model, self.gain)
+        if not orbit.stable:
+            raise NoOrbit(f"its cycle at gain {self.gain:g} is not stable")
         a, T = orbit.amplitude, orbit.period
         whole, each = rng.uniform(*PERIODS), rng.uniform(*SAMPLES)
         times = np.arange(0.0, (whole + 2) * T, T / each)
-        x = positions(self.servo, model, self.gain, a, times)
+        state = orbit.arcs[0].states[0, 0] if model == "lugre" else None
+        x = positions(self.servo, model, self.gain, a, times, state)
         self.counts = 0.0
         if counts[1] > 0:
             self.counts = max(math.exp(rng.uniform(*np.log(counts))), FEWEST * 2 * math.pi / a)
@@ -94,6 +100,85 @@ def same(a: Identification, b: Identification) -> bool:
     return True
 
 
+def examined(number: int, seed: int, model: str, counts: tuple[float, float]) -> dict[str, Any]:
+    """The row of one servo."""
+    row: dict[str, Any] = {"seed": seed, "number": number, "model": model, "counts": list(counts), "refused": []}
+    try:
+        made = Made(number, seed, model, counts)
+    except NoOrbit as error:
+        return row | {"record": False, "refused": [str(error)]}
+    answers, seconds = [], []
+    for start in made.starts:
+        began = time.process_time()
+        try:
+            answers.append(identify([made.record], start, made.gain, model, advise=not seconds))  # type: ignore[arg-type]
+        except (InputError, NoOrbit) as error:
+            row["refused"].append(f"{type(error).__name__}: {error}")
+        seconds.append(time.process_time() - began)
+    row |= {"record": True, "seconds": seconds, "samples": made.record.times.size, "gain": made.gain}
+    if not answers:
+        return row
+    found, truth = answers[0], flatten(made.servo)
+    return row | {
+        "counts_of_amplitude": found.orbits[0].amplitude * made.counts / 2 / math.pi,
+        "parameters": {
+            name: {"true": truth[name], "value": found.values[name], "low": low, "high": high}
+            for name, (low, high) in found.intervals.items()
+        },
+        "settled": [answer.status.ok for answer in answers], "same": len(answers) == 2 and same(*answers),
+        "explained": found.judgement.explained, "misfit": found.judgement.misfit, "factor": found.judgement.factor,
+        "deviances": [answer.deviance for answer in answers], "noise": found.noises[0].sigma,
+    }  # fmt: skip
+
+
+def line(row: dict[str, Any]) -> str:
+    """What is printed of a servo: logarithms of value over truth, ! where that is outside its interval."""
+    if "parameters" not in row:
+        return f"{row['number']:4d} {'no record' if not row['record'] else 'refused'}: {row['refused'][0]}"[:150]
+    said = []
+    for p in row["parameters"].values():
+        mark = "?" if not row["settled"][0] else " " if p["low"] <= p["true"] <= p["high"] else "!"
+        said.append(f"{math.log(p['value'] / p['true']):+.3f}{mark}")
+    return (
+        f"{row['number']:4d} {row['samples']:6d} samples, {row['counts_of_amplitude']:6.1f} counts: {' '.join(said)} "
+        f"misfit {row['misfit']:.2f} {'same' if row['same'] else 'OTHER'} "
+        f"{' '.join(f'{each:.1f}' for each in row['seconds'])} s"
+    )
+
+
+def share(count: int, of: int) -> str:
+    """A share with its 95 % interval (Wilson)."""
+    if not of:
+        return "none"
+    p, z = count / of, 1.96
+    middle, half = p + z * z / 2 / of, z * math.sqrt(p * (1 - p) / of + z * z / 4 / of**2)
+    low, high = ((middle + sign * half) / (1 + z * z / of) for sign in (-1, 1))
+    return f"{p:.1%} ({low:.1%} to {high:.1%} of {of})"
+
+
+def sums(rows: list[dict[str, Any]]) -> str:
+    """Over all servos that hunt."""
+    rows = [row for row in rows if row["record"]]
+    fitted = [row for row in rows if "parameters" in row]
+    told = [row for row in fitted if row["settled"][0]]
+    names = list(dict.fromkeys(name for row in told for name in row["parameters"]))
+    inside = {
+        name: sum(row["parameters"][name]["low"] <= row["parameters"][name]["true"] <= row["parameters"][name]["high"]
+                  for row in told)
+        for name in names
+    }  # fmt: skip
+    lines = [f"inside {share(sum(inside.values()), len(told) * len(names))}"]
+    lines += [f"  {name} {share(count, len(told))}" for name, count in inside.items()]
+    for name in ("same", "explained"):
+        lines.append(f"{name} {share(sum(row[name] for row in fitted), len(fitted))}")
+    lines.append(f"settled {share(sum(all(row['settled']) for row in fitted), len(fitted))}")
+    lines.append(f"refused {share(sum(bool(row['refused']) for row in rows), len(rows))}")
+    times = [each for row in rows for each in row["seconds"]] or [math.nan]
+    late = np.quantile(times, 0.95)
+    lines.append(f"time: median {np.median(times):.2f} s, 95 % {late:.2f} s, longest {max(times):.2f} s")
+    return "\n".join(lines)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; returns 0."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -102,50 +187,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--model", default="switch")
     parser.add_argument("--only", type=int, nargs="+")
     parser.add_argument("--counts", type=float, nargs=2, default=(2000.0, 20000.0))
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args(arguments)
-    sums, inside, lost, times = Counter[str](), Counter[str](), 0, []
+    asked = {"seed": options.seed, "model": options.model, "counts": list(options.counts)}
+    rows = {}
+    if options.out and options.out.exists():
+        kept = [json.loads(text) for text in options.out.read_text().splitlines()]
+        rows = {row["number"]: row for row in kept if asked.items() <= row.items()}
     for number in options.only or range(options.count):
-        try:
-            made = Made(number, options.seed, options.model, tuple(options.counts))
-        except NoOrbit as error:
-            print(f"{number:4d} no record: {error}"[:150], flush=True)
-            continue
-        answers: list[Any] = []
-        for start in made.starts:
-            began = time.process_time()
-            try:
-                found = identify([made.record], start, made.gain, options.model, advise=not answers)
-                answers.append(found)
-            except (InputError, NoOrbit) as error:
-                print(f"{number:4d} {type(error).__name__}: {error}"[:200], flush=True)
-            times.append(time.process_time() - began)
-        if not answers:
-            lost += 1
-            continue
-        found, truth = answers[0], flatten(made.servo)
-        sums["settled"] += all(answer.status.ok for answer in answers)
-        said = []
-        for name, (low, high) in found.intervals.items():
-            good = low <= truth[name] <= high
-            inside[name] += good
-            mark = " " if good else "!" if found.status.ok else "?"
-            said.append(f"{math.log(found.values[name] / truth[name]):+.3f}{mark}")
-        sums["told"] += found.status.ok
-        sums["servos"] += 1
-        sums["explained"] += found.judgement.explained
-        sums["same"] += len(answers) == 2 and same(*answers)
-        alike = "same" if len(answers) == 2 and same(*answers) else "OTHER"
-        print(
-            f"{number:4d} {made.record.times.size:6d} samples, amplitude {found.orbits[0].amplitude:.3g} rad, "
-            f"{found.orbits[0].amplitude * made.counts / 2 / math.pi:6.1f} counts: {' '.join(said)} misfit "
-            f"{found.judgement.misfit:.2f} {alike} {times[-len(answers)]:.1f} s", flush=True,
-        )  # fmt: skip
-    n, told = max(sums["servos"], 1), max(sums["told"], 1)
-    each = ", ".join(f"{name} {count / told:.0%}" for name, count in inside.items())
-    print(f"inside {sum(inside.values()) / told / len(FREE):.1%}: {each}")
-    shares = ", ".join(f"{name} {sums[name] / n:.1%}" for name in ("same", "settled", "explained"))
-    print(f"{shares}, refused {lost}")
-    print(f"time: median {np.median(times):.2f} s, 95 % {np.quantile(times, 0.95):.2f} s, longest {max(times):.2f} s")
+        if number not in rows:
+            rows[number] = examined(number, options.seed, options.model, tuple(options.counts))
+            print(line(rows[number]), flush=True)
+            if options.out:
+                with options.out.open("a") as file:
+                    file.write(json.dumps(rows[number]) + "\n")
+    print(sums(list(rows.values())))
     return 0
 
 

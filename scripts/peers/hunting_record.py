@@ -18,14 +18,21 @@ Array = np.ndarray
 TOLERANCES = {"rtol": 1e-9, "atol": 1e-13}
 
 
-def positions(servo: Servo, model: str, gain: float, start: float, times: Array) -> Array:
-    """(m,) positions x1 [rad] at increasing times from 0, of a servo that is stuck at -start when they begin."""
-    return motion(servo, model, gain, start, times)[0]
+def positions(
+    servo: Servo, model: str, gain: float, start: float, times: Array, state: Array | None = None
+) -> Array:
+    """(m,) positions x1 [rad] at increasing times from 0, of a servo that is stuck at -start when they begin.
+
+    state: of the LuGre servo at the start instead, where its transients last too long.
+    """
+    return motion(servo, model, gain, start, times, state)[0]
 
 
-def motion(servo: Servo, model: str, gain: float, start: float, times: Array) -> Array:
+def motion(
+    servo: Servo, model: str, gain: float, start: float, times: Array, state: Array | None = None
+) -> Array:
     """(2, m) positions x1 [rad] and torques of the motor [N m] in the same way."""
-    return (_switch if model == "switch" else _lugre)(servo, gain, start, times)
+    return _switch(servo, gain, start, times) if model == "switch" else _lugre(servo, gain, start, times, state)
 
 
 def measured(x: Array, noise: float, counts: float, level: float, rng: np.random.Generator) -> Array:
@@ -72,7 +79,7 @@ def _switch(servo: Servo, gain: float, start: float, times: Array) -> Array:
     return out
 
 
-def _lugre(servo: Servo, gain: float, start: float, times: Array) -> Array:
+def _lugre(servo: Servo, gain: float, start: float, times: Array, state: Array | None) -> Array:
     kp, kd, ki = servo.torque_gains(gain)
     f, J = servo.friction, servo.inertia
 
@@ -84,6 +91,6 @@ def _lugre(servo: Servo, gain: float, start: float, times: Array) -> Array:
         return [v, (-(kp * x + kd * v + ki * x3) - friction) / J, x, dz]
 
     m = 0.9 * f.static
-    y = [-start, 0.0, -(m - kp * start) / ki, m / f.stiffness]
+    y = [-start, 0.0, -(m - kp * start) / ki, m / f.stiffness] if state is None else state
     found = solve_ivp(rate, (0.0, times[-1]), y, t_eval=times, method="LSODA", rtol=1e-8, atol=1e-12)
     return np.array([found.y[0], -(kp * found.y[0] + kd * found.y[1] + ki * found.y[2])])

@@ -4,6 +4,7 @@
 
 likelihood.py positions that carry noise and are rounded
 torque.py     the torque of the motor, where it was measured
+noise.py      the likeliest noise, and the model with it
 fit.py        the computed cycle laid over records
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood

@@ -41,8 +41,8 @@ Array = np.ndarray
 
 MOST_OF_A_STEP = 0.4
 """Relative change of a parameter in one step: a model that is half as large is another cycle."""
-NEXT_TO_NOTHING = 0.02
-"""Unknown below which a parameter is not followed: it is a fiftieth of its scale, and moves nothing."""
+NEXT_TO_NOTHING = 0.1
+"""Unknown below which a parameter is not followed: it is a fiftieth of what was stated, and moves next to nothing."""
 FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8
 NEAR_DAMPING = 1e-8
 """Of the first step from where the linear model says that the optimum is: information spans so many decades."""
@@ -51,13 +51,13 @@ RESTORATIONS = 6
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
 square, and the next ones come back to it."""
 ACROSS, RESTORED = 30.0, 0.5
-"""Factor of the damping of these steps, so that they go across the valley, and not along it once more; and that by which
-the excess of the deviance falls in each."""
+"""Factor of the damping of these steps, so that they go across the valley, and not along it once more; and that by
+which the excess of the deviance falls in each."""
 MOST_FIT_STEPS = 120
 FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
-GOES_ALONG = 0.2
+GOES_ALONG = 0.45
 """Relative change of the parameters up to which the cycle is sought from the last one."""
 
 
@@ -195,7 +195,7 @@ def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point
         if np.array_equal(z[:k], near.z[:k]):
             return near.orbits[i]
         try:
-            return refined(near.orbits[i], q.options, at=q.values(z))
+            return refined(near.orbits[i], replace(q.options, solver="newton"), at=q.values(z))
         except NoOrbit:
             pass  # other phases, or too far: from nothing
     return cycle_at(servo, q.model, gain, q.options)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,8 @@ from ..uncertainty.set import Uncertainty
 from .fit import NEAR_DAMPING, Array, Data, Point, Question, at, climb, expected, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
-from .likelihood import LEAST_NOISE, Noise, likeliest
+from .likelihood import Noise
+from .noise import with_noise
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
 from .suitable import of_few_steps, suitable
 from .torque import residual
@@ -42,8 +43,6 @@ LITTLE_TO_GAIN = 0.05
 """Decrease of the deviance that may still be expected at an optimum: a ninth of the way to the end of an interval."""
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
-WIDE_NOISE = 0.3
-"""Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
 LEAST_TOLD = 1e-6
 """Information about a logarithm that is added to all directions: one that nothing tells has the variance 1e6."""
 FIRST_STEPS = 40
@@ -55,10 +54,6 @@ GROSS = 0.1
 CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
 and differently on every mesh."""
-MOST_NOISE_STEPS, LONGEST_NOISE_STEP, NOISE_APART = 12, 0.5, 0.01
-"""Of the logarithm of the noise, to where that is likeliest; and between two whose deviances are compared."""
-LESS_LIKELY = 0.05
-"""Decrease of the deviance below which another noise is none that is likelier."""
 BOUND_FACTOR = 10.0
 """Factor at which an interval that nothing bounds ends in the uncertainty file."""
 
@@ -280,7 +275,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
             ends = _ends(question, best, noises, judgement.factor)
             break
         except BetterFound as better:
-            best, noises = _with_noise(question, climb(question, better.point, noises), noises)
+            best, noises = with_noise(question, climb(question, better.point, noises), noises)
     else:
         ends = None
     J = marginal_information(question, best)
@@ -334,7 +329,8 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
     for z in starts(question):
         point = at(question, z, plain, stretched=True)
         if point is not None:
-            point = at(question, climb(question, point, plain, stretched=True, most=FIRST_STEPS).z, plain, point)
+            point = climb(question, point, plain, stretched=True, most=FIRST_STEPS)
+            point = at(question, point.z, plain, point)
         if point is None:
             continue
         point = climb(question, point, plain, damping=NEAR_DAMPING)
@@ -349,59 +345,8 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
     for end in ends[1:]:
         if ONE_POINT < end.deviance - likely[-1].deviance and end.deviance - ends[0].deviance < RIVAL:
             likely.append(end)
-    found = [_with_noise(question, end, plain) for end in likely]
+    found = [with_noise(question, end, plain) for end in likely]
     return min(found, key=lambda each: each[0].deviance)
-
-
-def _with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Point, list[Noise]]:
-    """The likeliest noise and the likeliest point with it.
-
-    Without rounding that is the scatter of what is left.  Counts that noise hardly moves are walls between which the
-    model has room, and noise and model make up for each other: from wide noise on it is lowered with the model behind.
-    """
-    laid = list(zip(question.records, point.positions, strict=True))
-    found = [likeliest(d.position, x, d.quantum, d.size) for d, x in laid]
-    found = [replace(n, sigma=max(n.sigma, WIDE_NOISE * n.quantum)) for n in found]
-    again = at(question, point.z, found, point)
-    if again is None:
-        return point, list(noises)
-    point = climb(question, again, found, damping=NEAR_DAMPING)
-    if all(n.quantum == 0 for n in found):
-        found = [likeliest(d.position, x, 0.0, d.size) for d, x in zip(question.records, point.positions, strict=True)]
-        return at(question, point.z, found, point) or point, found
-    before = None
-    for _ in range(MOST_NOISE_STEPS):
-        size = np.log([n.sigma for n in found])
-        slope, bend = _noise_slopes(question, point, found)
-        if before is not None:
-            moved = np.abs(size - before[0]) > 0
-            secant = np.divide(slope - before[1], size - before[0], out=bend.copy(), where=moved)
-            bend = np.where(secant > 0, secant, bend)
-        step = np.clip(-slope / bend, -LONGEST_NOISE_STEP, LONGEST_NOISE_STEP)
-        trial = [_scaled(n, math.exp(each)) for n, each in zip(found, step, strict=True)]
-        gain = -float(slope @ (np.log([n.sigma for n in trial]) - size)) / 2
-        again = at(question, point.z, trial, point) if gain > LESS_LIKELY else None
-        other = None if again is None else climb(question, again, trial, damping=NEAR_DAMPING)
-        if other is None or other.deviance > point.deviance:
-            break
-        before, point, found = (size, slope), other, trial
-    return point, found
-
-
-def _noise_slopes(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Array, Array]:
-    """First and second derivative of the deviance by the logarithm of each noise, the model as it is: at its optimum
-    the first one is also that of the deviance with the model behind."""
-    D = np.array([
-        [replace(noise, sigma=noise.sigma * math.exp(way)).deviance(data.position, x) for way in (-NOISE_APART, 0, NOISE_APART)]
-        for data, noise, x in zip(question.records, noises, point.positions, strict=True)
-    ])
-    slope = (D[:, 2] - D[:, 0]) / (2 * NOISE_APART)
-    bend = (D[:, 2] - 2 * D[:, 1] + D[:, 0]) / NOISE_APART**2
-    return slope, np.maximum(bend, np.abs(slope) / LONGEST_NOISE_STEP)
-
-
-def _scaled(noise: Noise, factor: float) -> Noise:
-    return replace(noise, sigma=max(noise.sigma * factor, LEAST_NOISE * noise.quantum))
 
 
 def _no_fit(question: Question, left: float) -> Exception:

@@ -17,8 +17,18 @@ from typing import NamedTuple
 import numpy as np
 
 from .fit import (
-    LEAST_DAMPING, NEAR_DAMPING, NEXT_TO_NOTHING, Array, Point, Question, at, climb, expected, step, too_long,
-)  # fmt: skip
+    LEAST_DAMPING,
+    NEAR_DAMPING,
+    NEXT_TO_NOTHING,
+    Array,
+    Point,
+    Question,
+    at,
+    climb,
+    expected,
+    step,
+    too_long,
+)
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
@@ -161,26 +171,27 @@ def _way(point: Point, j: int, sign: int) -> Array:
     return (step(point, LEAST_DAMPING, j, sign * SHORT) - step(point, LEAST_DAMPING, j)) / SHORT
 
 
-def _refit(
-    question: Question, best: Point, near: Point, by: float, noises: Sequence[Noise], j: int
-) -> Point | None:
+def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequence[Noise], j: int) -> Point | None:
     """The likeliest point whose z_j is further by so much; None where the model has no cycle.
 
-    From where the linear model says that the others will be.  Where that is not near enough, which a period of many in a
-    record soon makes, the way is that of the stretched problem, whose slips stay where they are.
+    From where the linear model says that the others will be.  Where that is not near enough, which the period of a
+    record of many soon makes, the way is that of the stretched problem, whose slips stay where they are.
     """
+
+    def refitted(point: Point | None, stretched: bool) -> Point | None:
+        return point and climb(
+            question, point, noises, stretched=stretched, held=j, settled=REFIT, most=MOST_REFIT_STEPS,
+            damping=NEAR_DAMPING,
+        )  # fmt: skip
+
     z = near.z + step(near, LEAST_DAMPING, j, by)
     z[: near.k] = np.maximum(z[: near.k], NEXT_TO_NOTHING)
     trial = at(question, z, noises, near)
-    if trial is None:
-        return None
     samples = sum(data.times.size for data in question.records)
-    refitted = {"held": j, "settled": REFIT, "most": MOST_REFIT_STEPS, "damping": NEAR_DAMPING}
-    if trial.deviance - best.deviance > LITTLE_RISE * samples:
-        again = at(question, z, noises, trial, stretched=True)
-        again = again and climb(question, again, noises, stretched=True, **refitted)
+    if trial is not None and trial.deviance - best.deviance > LITTLE_RISE * samples:
+        again = refitted(at(question, z, noises, trial, stretched=True), True)
         trial = again and at(question, again.z, noises, again)
-    return trial and climb(question, trial, noises, **refitted)
+    return refitted(trial, False)
 
 
 def _next(below: _Seen, above: _Seen | None, wanted: float, most: float) -> float:

@@ -2,9 +2,12 @@
 
 Standardised residuals, whatever the rounding: s_i/sqrt(I_i), score over its expected size, of mean 0 and variance 1.
 
-    misfit     sum over parts of a period (sum s)^2/(sum I), over their number less that of the unknowns: 1 of noise
+    misfit     sum over parts of a period (sum s)^2/(sum I), over their number less that of the unknowns: 1 of noise;
+               parts of as much time and way as each other, so that a slip has as many as the rest
     scatter    the same over consecutive stretches of time: above 1 where noise lasts longer than a sample
     untold     v' J v small for a unit vector v of logarithms, J the marginal information: q_1^v_1 q_2^v_2 ... free
+    doubt      sum I e^2, e the error that no record is free of: what it may shift lies in no residual, since it is
+               fitted; of all errors of that size the worst raises the deviance at the true values by that much
     further    the gain with the largest ln det(J + J_gain) - ln det J, J_gain of a record as long and as noisy
 
 Symbols: k parameters.
@@ -18,11 +21,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import NoOrbit
-from ...servo.find_fold import find_fold
+from ...servo.problem import HuntingOrbit
 from ..record.verdict import chi_square
-from .fit import Array, Data, Point, Question, at
-from .intervals import marginal_information
+from .fit import Array, Point, Question, at
+from .intervals import NORMAL_95, marginal_information
 from .likelihood import Noise
 from .torque import residual
 
@@ -34,14 +36,15 @@ NEGLIGIBLE = 0.003
 """Systematic residual, relative to the amplitude, of a model that is good enough: records without noise show less."""
 UNSURE = 0.01
 """The same below which the intervals are widened."""
+TRUSTED = 3e-5
+"""Error, relative to the amplitude, that lasts: of a transient's end, of rounded rests, of samples between which a
+simulation was interpolated.  However many samples there are, none is told to more."""
 UNTOLD = 0.25
 """Standard deviation of a combination of logarithms from which on the record does not tell it."""
 IN_IT = 0.3
 """Part of a combination from which on a parameter is named."""
-FURTHER_GAINS = 7
-"""Gains at which a further record is thought of."""
-LOWEST_SHARE, HIGHEST_SHARE = 0.1, 0.95
-"""Of the fold gain: between these the further record is sought."""
+UP, DOWN, GAINS_ABOVE, GAINS_BELOW = 1.4, 0.5, 12, 1
+"""Factors between the gains at which a further record is thought of; upwards as long as the servo hunts."""
 LEAST_GAINED = 0.5
 """ln det below which a further record is not worth its name."""
 
@@ -71,37 +74,41 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     parts: list[float] = []
     stretches: list[float] = []
     left, size = 0.0, 0.0
-    for data, noise, y, x, whole in _channels(question, point, noises):
+    doubt, trusted = 0.0, max(TRUSTED, question.options.tol)
+    for (periods, part), noise, y, x, whole in _channels(question, point, noises):
         score = noise.slopes(y, x).score
         offset = float(y[0] % noise.quantum) if noise.quantum else 0.0
         information = noise.information(x, offset)
-        for by, into in ((_parts(data.times, data.period), parts), (_stretches(data.times, data.period), stretches)):
+        doubt += float(np.sum(information)) * (trusted * whole) ** 2
+        for by, into in ((part, parts), (periods * PARTS_OF_PERIOD + part, stretches)):
             sums, sizes = np.bincount(by, score), np.bincount(by, information)
             told = sizes > 1e-3 * sizes.mean()
             into += list(sums[told] ** 2 / sizes[told])
-        by = _parts(data.times, data.period)
-        held = np.bincount(by) > 0
-        count = np.bincount(by)[held]
-        mean = np.bincount(by, y - x)[held] / count
+        held = np.bincount(part) > 0
+        count = np.bincount(part)[held]
+        mean = np.bincount(part, y - x)[held] / count
         left += float(np.mean(np.maximum(mean**2 - noise.variance / count, 0.0))) / whole**2
         size += 1
     unknowns = point.z.size
     misfit, chance = _ratio(parts, unknowns)
     scatter, other = _ratio(stretches, unknowns)
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
+    factor += doubt / NORMAL_95**2
     systematic = math.sqrt(left / size)
     return Judgement(misfit, scatter, chance >= IMPROBABLE or systematic < NEGLIGIBLE, systematic, factor)
 
 
 def _channels(
     question: Question, point: Point, noises: Sequence[Noise]
-) -> Iterator[tuple[Data, Noise, Array, Array, float]]:
-    """What was measured: record, noise, measured and computed, amplitude; of positions, and of torques if there are."""
-    for data, noise, x, m in zip(question.records, noises, point.positions, point.torques, strict=True):
-        yield data, noise, data.position, x, data.amplitude
+) -> Iterator[tuple[tuple[Array, Array], Noise, Array, Array, float]]:
+    """What was measured, positions and torques: parts of the period, noise, measured and computed, amplitude."""
+    laid = zip(question.records, noises, point.orbits, point.positions, point.torques, strict=True)
+    for i, (data, noise, orbit, x, m) in enumerate(laid):
+        parts = _parts(data.times / data.period - point.z[question.own(i).start], orbit)
+        yield parts, noise, data.position, x, data.amplitude
         if data.torque is not None and m is not None:
             r, sigma = residual(data.torque, m)
-            yield data, Noise(sigma, 0.0), m + r, m, float(np.ptp(m)) / 2
+            yield parts, Noise(sigma, 0.0), m + r, m, float(np.ptp(m)) / 2
 
 
 def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
@@ -111,12 +118,13 @@ def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
     return total / freedom, 1 - chi_square(freedom, min(total, 1e4 * freedom))
 
 
-def _parts(times: Array, period: float) -> Array:
-    return np.floor(times / period % 1 * PARTS_OF_PERIOD).astype(int) % PARTS_OF_PERIOD
-
-
-def _stretches(times: Array, period: float) -> Array:
-    return np.floor((times - times[0]) / period * PARTS_OF_PERIOD).astype(int)
+def _parts(phase: Array, orbit: HuntingOrbit) -> tuple[Array, Array]:
+    """(m,) which period each phase belongs to, from 0 on, and which part of it."""
+    times, states = orbit.sample()
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states[0])))])
+    done = np.interp(phase % 1 * times[-1], times, (times / times[-1] + way / way[-1]) / 2)
+    periods = np.floor(phase).astype(int)
+    return periods - periods.min(), np.minimum(done * PARTS_OF_PERIOD, PARTS_OF_PERIOD - 1).astype(int)
 
 
 def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]]:
@@ -134,21 +142,21 @@ def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]
 def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[float, float] | None:
     """(gain, information gained) of the further record that would tell most; None where none would tell much."""
     J = marginal_information(question, point)
-    first = point.orbits[0]
-    try:
-        fold = find_fold(first.servo, question.model, options=question.options.rough(), start=first).gain
-    except NoOrbit:
-        return None
     data, noise = question.records[0], noises[0].plain
     known = np.linalg.slogdet(J)[1]
-    best: tuple[float, float] | None = None
-    for gain in fold * np.geomspace(LOWEST_SHARE, HIGHEST_SHARE, FURTHER_GAINS):
-        other = replace(question, records=(replace(data, gain=float(gain), torque=None),))
-        z = np.concatenate([point.z[: len(question.free)], [0.0, 0.0]])
+    z = np.concatenate([point.z[: len(question.free)], [0.0, 0.0]])
+
+    def gained(gain: float) -> float | None:
+        other = replace(question, records=(replace(data, gain=gain, torque=None),))
         there = at(other, z, [noise])
         if there is None:
-            continue
-        gained = float(np.linalg.slogdet(J + marginal_information(question, there))[1] - known) / 2
-        if best is None or gained > best[1]:
-            best = float(gain), gained
-    return best if best is not None and best[1] > LEAST_GAINED else None
+            return None
+        return float(np.linalg.slogdet(J + marginal_information(other, there))[1] - known) / 2
+
+    found = [(data.gain * DOWN**k, gained(data.gain * DOWN**k)) for k in range(1, GAINS_BELOW + 1)]
+    for k in range(1, GAINS_ABOVE + 1):
+        found.append((data.gain * UP**k, gained(data.gain * UP**k)))
+        if found[-1][1] is None:
+            break
+    told = [(more, gain) for gain, more in found if more is not None]
+    return max(told)[::-1] if told and max(told)[0] > LEAST_GAINED else None

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
 from ...errors import InputError, NoOrbit
+from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, flatten
 from .fit import Array, Data, Question, cycle_at
@@ -87,22 +88,31 @@ def trials(question: Question) -> Iterator[dict[str, float]]:
 
 
 def starts(question: Question) -> list[Array]:
-    """Unknowns from which the fit may start, the most promising first; none where no trial hunts."""
-    found = []
-    rough = question.options.rough()
-    for values in trials(question):
-        try:
-            servo = question.servo.replace(**values)
-            orbits = [cycle_at(servo, "switch", data.gain, rough) for data in question.records]
-        except (NoOrbit, InputError):
-            continue
-        z, off = [*question.unknowns(np.array(list(values.values())))], 0.0
-        for data, orbit in zip(question.records, orbits, strict=True):
-            tau, b, misfit = laid_over(orbit, data)
-            z += [tau, b]
-            off += misfit + abs(math.log(orbit.period / data.period)) + abs(math.log(orbit.amplitude / data.amplitude))
-        found.append((off, np.array(z)))
-    return [z for _, z in sorted(found, key=lambda each: each[0])[:STARTS]]
+    """Unknowns from which the fit may start, the most promising first; none where no trial hunts.
+
+    Tried as Switch servos, whose cycles are found quickly; what is promising, as the model that is asked for.
+    """
+    tried = [found for values in trials(question) if (found := _laid(question, values, "switch")) is not None]
+    tried.sort(key=lambda each: each[0])
+    if question.model == "switch":
+        return [z for _, _, z in tried[:STARTS]]
+    asked = (_laid(question, values, question.model) for _, values, _ in tried)
+    return [laid[2] for laid in islice((one for one in asked if one is not None), STARTS)]
+
+
+def _laid(question: Question, values: dict[str, float], model: Model) -> tuple[float, dict[str, float], Array] | None:
+    """How far the cycles of some values are from the records, and the unknowns; None where there is none."""
+    try:
+        servo = question.servo.replace(**values)
+        orbits = [cycle_at(servo, model, data.gain, question.options.rough()) for data in question.records]
+    except (NoOrbit, InputError):
+        return None
+    z, off = [*question.unknowns(np.array(list(values.values())))], 0.0
+    for data, orbit in zip(question.records, orbits, strict=True):
+        tau, b, misfit = laid_over(orbit, data)
+        z += [tau, b]
+        off += misfit + abs(math.log(orbit.period / data.period)) + abs(math.log(orbit.amplitude / data.amplitude))
+    return off, values, np.array(z)
 
 
 def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:
