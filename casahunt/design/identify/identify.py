@@ -31,7 +31,7 @@ from .intervals import BetterFound, Interval, Unsettled, marginal_information, p
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import Noise
 from .noise import with_noise
-from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of, starts
 from .suitable import of_few_steps, suitable
 from .torque import residual
 
@@ -228,8 +228,8 @@ def identify(
         raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
     data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(records, each, strict=True))
     options = of_kind("options", options or Options(), Options)
-    scales = scales_of(data[0], servo, free)
-    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales), advise=advise)
+    scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
+    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales, lowest), advise=advise)
 
 
 def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:

@@ -185,7 +185,7 @@ def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequ
         )  # fmt: skip
 
     z = near.z + step(near, LEAST_DAMPING, j, by)
-    z[: near.k] = np.maximum(z[: near.k], NEXT_TO_NOTHING)
+    z[: near.k] = np.maximum(z[: near.k], near.lowest)
     trial = at(question, z, noises, near)
     samples = sum(data.times.size for data in question.records)
     if trial is not None and trial.deviance - best.deviance > LITTLE_RISE * samples:
@@ -211,5 +211,5 @@ def marginal_information(question: Question, point: Point) -> Array:
     H, k = point.curvature, len(question.free)
     rest = H[k:, k:]
     J = H[:k, :k] - H[:k, k:] @ np.linalg.lstsq(rest, H[k:, :k], rcond=1e-13)[0]
-    by_logarithm = point.z[:k]
+    by_logarithm = np.maximum(point.z[:k], NEXT_TO_NOTHING)
     return np.asarray(J * by_logarithm[:, None] * by_logarithm)
