@@ -4,8 +4,8 @@
 
 likelihood.py positions that carry noise and are rounded
 torque.py     the torque of the motor, where it was measured
-noise.py      the likeliest noise, and the model with it
 fit.py        the computed cycle laid over records
+noise.py      the likeliest noise, and the model with it
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood
 judgement.py  misfit, what a record cannot tell, which further one would

@@ -50,7 +50,7 @@ RESTORATIONS = 6
 """Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
 square, and the next ones come back to it."""
-ACROSS, RESTORED = 30.0, 0.5
+ACROSS_VALLEY, RESTORED_PART = 30.0, 0.5
 """Factor of the damping of these steps, so that they go across the valley, and not along it once more; and that by
 which the excess of the deviance falls in each."""
 MOST_FIT_STEPS = 120
@@ -278,10 +278,10 @@ def climb(
         trial = at(question, _stepped(point, mu, held), noises, point, stretched=stretched)
         last = math.inf
         for _ in range(RESTORATIONS):
-            if trial is None or not 0 < trial.deviance - point.deviance < RESTORED * last:
+            if trial is None or not 0 < trial.deviance - point.deviance < RESTORED_PART * last:
                 break
             last, most = trial.deviance - point.deviance, most - 1
-            trial = at(question, _stepped(trial, ACROSS * mu, held), noises, trial, stretched=stretched)
+            trial = at(question, _stepped(trial, ACROSS_VALLEY * mu, held), noises, trial, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
             point, mu, vain = trial, mu if vain else max(mu * LESS, LEAST_DAMPING), False
         else:

@@ -51,7 +51,7 @@ ONE_POINT, RIVAL = 1.0, 30.0
 """Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
 GROSS = 0.1
 """Systematic rest, relative to the amplitude, of a fit that is none."""
-MOST_NOISE = 0.3
+MOST_LEFT = 0.3
 """Of what a fit leaves, relative to the amplitude: more is no noise, however likely, since a period was measured."""
 CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
@@ -272,7 +272,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         question, best = sharpened(question, best, noises)
         judgement = judged(question, best, noises)
         left = [np.std(d.position - x) / d.amplitude for d, x in zip(question.records, best.positions, strict=True)]
-        if max(left) > MOST_NOISE or not judgement.explained and judgement.systematic > GROSS:
+        if max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS:
             raise _no_fit(question, max(*left, judgement.systematic))
         try:
             ends = _ends(question, best, noises, judgement.factor)

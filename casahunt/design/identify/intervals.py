@@ -38,11 +38,11 @@ MOST_REFITS = 12
 END_NEAR, END_CLOSE = 0.1, 0.03
 """Relative distance from the end of an interval, at which its slope is as good as a refit; and between two refits on
 both sides of a jump of the deviance."""
-HALVINGS = 10
+STEP_HALVINGS = 10
 """Of a step that is too long."""
-SHORT = 1e-6
+SHORT_WAY = 1e-6
 """Of an unknown: so far no other one comes to its end."""
-INSIDE = 0.15
+BETWEEN_REFITS = 0.15
 """Part of what is between two refits that the next one keeps from either."""
 LITTLE_RISE = 0.1
 """Of the deviance per sample: up to there the model is linear in all unknowns."""
@@ -157,7 +157,7 @@ def _shortened(point: Point, j: int, sign: int, by: float) -> float:
     short, long = 0.0, by
     if too_long(point, step(point, LEAST_DAMPING, j, sign * by)) == 1:
         return by
-    for _ in range(HALVINGS):
+    for _ in range(STEP_HALVINGS):
         middle = (short + long) / 2
         if too_long(point, step(point, LEAST_DAMPING, j, sign * middle)) > 1:
             long = middle
@@ -168,7 +168,7 @@ def _shortened(point: Point, j: int, sign: int, by: float) -> float:
 
 def _way(point: Point, j: int, sign: int) -> Array:
     """How all unknowns go along a profile."""
-    return (step(point, LEAST_DAMPING, j, sign * SHORT) - step(point, LEAST_DAMPING, j)) / SHORT
+    return (step(point, LEAST_DAMPING, j, sign * SHORT_WAY) - step(point, LEAST_DAMPING, j)) / SHORT_WAY
 
 
 def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequence[Noise], j: int) -> Point | None:
@@ -199,7 +199,7 @@ def _next(below: _Seen, above: _Seen | None, wanted: float, most: float) -> floa
     if above is None:
         ahead = below.reach + (wanted - below.root) / below.slope if below.slope > 0 else math.inf
         return min(ahead, below.reach * LONGEST_STRIDE or math.inf, most)
-    width, s = above.reach - below.reach, np.linspace(INSIDE, 1 - INSIDE, 101)
+    width, s = above.reach - below.reach, np.linspace(BETWEEN_REFITS, 1 - BETWEEN_REFITS, 101)
     left = (1 + 2 * s) * below.root + s * width * below.slope
     right = (3 - 2 * s) * above.root - (1 - s) * width * above.slope
     cubic = (1 - s) ** 2 * left + s**2 * right

@@ -36,14 +36,14 @@ NEGLIGIBLE = 0.003
 """Systematic residual, relative to the amplitude, of a model that is good enough: records without noise show less."""
 UNSURE = 0.01
 """The same below which the intervals are widened."""
-TRUSTED = 3e-5
+LASTING_ERROR = 3e-5
 """Error, relative to the amplitude, that lasts: of a transient's end, of rounded rests, of samples between which a
 simulation was interpolated.  However many samples there are, none is told to more."""
 UNTOLD = 0.25
 """Standard deviation of a combination of logarithms from which on the record does not tell it."""
 IN_IT = 0.3
 """Part of a combination from which on a parameter is named."""
-UP, DOWN, GAINS_ABOVE, GAINS_BELOW = 1.4, 0.5, 12, 1
+GAIN_UP, GAIN_DOWN, GAINS_ABOVE, GAINS_BELOW = 1.4, 0.5, 12, 1
 """Factors between the gains at which a further record is thought of; upwards as long as the servo hunts."""
 LEAST_GAINED = 0.5
 """ln det below which a further record is not worth its name."""
@@ -74,7 +74,7 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     parts: list[float] = []
     stretches: list[float] = []
     left, size = 0.0, 0.0
-    doubt, trusted = 0.0, max(TRUSTED, question.options.tol)
+    doubt, trusted = 0.0, max(LASTING_ERROR, question.options.tol)
     for (periods, part), noise, y, x, whole in _channels(question, point, noises):
         score = noise.slopes(y, x).score
         offset = float(y[0] % noise.quantum) if noise.quantum else 0.0
@@ -153,9 +153,9 @@ def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> t
             return None
         return float(np.linalg.slogdet(J + marginal_information(other, there))[1] - known) / 2
 
-    found = [(data.gain * DOWN**k, gained(data.gain * DOWN**k)) for k in range(1, GAINS_BELOW + 1)]
+    found = [(data.gain * GAIN_DOWN**k, gained(data.gain * GAIN_DOWN**k)) for k in range(1, GAINS_BELOW + 1)]
     for k in range(1, GAINS_ABOVE + 1):
-        found.append((data.gain * UP**k, gained(data.gain * UP**k)))
+        found.append((data.gain * GAIN_UP**k, gained(data.gain * GAIN_UP**k)))
         if found[-1][1] is None:
             break
     told = [(more, gain) for gain, more in found if more is not None]

@@ -94,6 +94,16 @@ def test_an_interval_ends_where_a_parameter_is_next_to_nothing():
         assert low <= flatten(made.servo)[name] <= high < 1000, name
 
 
+def test_what_may_be_nothing_is_followed_to_nothing(record):
+    """Viscous friction held at none is a place on its profile, and the others are where its derivatives lead."""
+    asked = question(record, Servo(), GAIN)
+    assert asked.lowest[2] == 0 and (asked.lowest[3:] > 0).all()
+    best, noises = rooms._best(asked)
+    z = np.where(np.arange(best.z.size) == 2, 0.0, best.z)
+    point = climb(asked, at(asked, z, noises, best, stretched=True), noises, stretched=True, held=2)
+    assert asked.values(point.z)["friction.viscous"] == 0 and expected(point, 2) < LITTLE_TO_GAIN
+
+
 def test_the_interval_is_where_the_deviance_of_other_servos_says(record):
     """One free parameter: the deviance at the ends is that of the optimum and 3.85 more (2395 samples)."""
     servo = Servo()
