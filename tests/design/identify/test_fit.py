@@ -108,7 +108,7 @@ def test_the_interval_is_where_the_deviance_of_other_servos_says(record):
     """One free parameter: the deviance at the ends is that of the optimum and 3.85 more (2395 samples)."""
     servo = Servo()
     data = data_of(record, suitable(record), GAIN)
-    free = ("friction.coulomb",)
+    free = ("friction.stribeck_velocity",)
     asked = asked_about(data, servo, free, CYCLE_SHARE)
     best, noises = rooms._best(asked)
     asked, best = rooms.sharpened(asked, best, noises)
