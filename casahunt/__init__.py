@@ -27,14 +27,14 @@ from . import interrupts  # noqa: F401  first: on the command line it answers Ct
 if TYPE_CHECKING:
     from .continuation.special_points import Missed, SpecialPoint
     from .continuation.walk import walk, walk_naturally
-    from .design.diagram import collect, diagram
+    from .design.diagram import diagram, diagram_points
     from .design.ensemble import FoldEnsemble, fold_ensemble, orbit_ensemble
     from .design.fold_curve.curve import fold_curve
     from .design.fold_curve.data import FoldCurve
     from .design.fold_map import FoldMap, fold_map
     from .design.identify.identify import Identification, identify
-    from .design.record.file import Record, read_record
-    from .design.record.measure import Measurement, measure, record_of
+    from .design.record.file import Record
+    from .design.record.measure import Measurement, measure
     from .design.remedies.cures import Cure, Cures
     from .design.remedies.remedies import remedies
     from .design.sensitivity import Sensitivities, fold_sensitivities
@@ -82,14 +82,14 @@ if TYPE_CHECKING:
 _HOMES = {
     "continuation.special_points": ("Missed", "SpecialPoint"),
     "continuation.walk": ("walk", "walk_naturally"),
-    "design.diagram": ("collect", "diagram"),
+    "design.diagram": ("diagram", "diagram_points"),
     "design.ensemble": ("FoldEnsemble", "fold_ensemble", "orbit_ensemble"),
     "design.fold_curve.curve": ("fold_curve",),
     "design.fold_curve.data": ("FoldCurve",),
     "design.fold_map": ("FoldMap", "fold_map"),
     "design.identify.identify": ("Identification", "identify"),
-    "design.record.file": ("Record", "read_record"),
-    "design.record.measure": ("Measurement", "measure", "record_of"),
+    "design.record.file": ("Record",),
+    "design.record.measure": ("Measurement", "measure"),
     "design.remedies.cures": ("Cure", "Cures"),
     "design.remedies.remedies": ("remedies",),
     "design.sensitivity": ("Sensitivities", "fold_sensitivities"),
@@ -210,9 +210,9 @@ __all__ = [
     "as_built",
     "basin",
     "cause_of",
-    "collect",
     "compare_uncertainty",
     "diagram",
+    "diagram_points",
     "equilibria",
     "explore",
     "find_fold",
@@ -234,8 +234,6 @@ __all__ = [
     "no_cycle",
     "orbit_ensemble",
     "other_end",
-    "read_record",
-    "record_of",
     "remedies",
     "sample_fold_gains",
     "save_branch",

@@ -25,8 +25,9 @@ from . import effort, interrupts
 from .checks import choice_of
 from .errors import InputError, NoOrbit
 from .views.commands.arguments import Parser
-from .views.commands.console import Outputs, complain, explain_complaints, own_process, progress, say
+from .views.commands.console import Outputs, complain, explain_complaints, own_process
 from .views.commands.output_paths import keep_inputs
+from .views.commands.progress import over, progress, tell
 
 COMMANDS = (
     "orbit",
@@ -96,7 +97,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         interrupts.begin()
         explain_complaints(aloud=False)  # of a command that was interrupted
+        over()  # of a command that was interrupted
         code = _run(command, words, program=arguments is None)
+        over()
         with suppress(OSError):
             explain_complaints(aloud=code == 1 and not {"--quiet", "--json"}.intersection(words))
         interrupts.check()
@@ -121,11 +124,11 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
                 answer(build_parser(line[1:2] if len(line) > 2 and line[1] in COMMANDS else COMMANDS))
             own_process()
         options = _parsed(words)
-        name, stream = options.command, progress(options.quiet)
-        tell = None if name in SAY_THEMSELVES else lambda text: say(stream, text)
+        name, stream = options.command, progress(options)
+        note = None if name in SAY_THEMSELVES else lambda text: tell(stream, text)
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         keep_inputs(options)
-        with Outputs() as options.outputs, effort.counting_work(tell, limit=limit):
+        with Outputs() as options.outputs, effort.counting_work(note, limit=limit):
             return _module(name).run(options)
     except InputError as error:
         interrupts.check()
@@ -133,7 +136,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         return 2
     except (NoOrbit, effort.GivenUp) as error:
         interrupts.check()
-        complain(command, error)
+        complain(command, error, details="--details" in words)
         return 1
     except OSError as error:  # a full disk, or nobody who reads the output any more (head), which needs no words
         interrupts.check()

@@ -83,6 +83,8 @@ class NoOrbit(Exception):
     ----------
     status : the Status of the last solve, or None where there is no such cycle: a fold below the gain shows it, or a
         proof.
+    plain : the message without its evidence.
+    evidence : what supports it, in the words of the trade; "" where the message says it all.
 
     Examples
     --------
@@ -94,9 +96,9 @@ class NoOrbit(Exception):
     no hunting limit cycle of the switch servo at gain 0.7: it
     """
 
-    def __init__(self, message: str, status: Status | None = None) -> None:
-        super().__init__(message)
-        self.status = status
+    def __init__(self, message: str, status: Status | None = None, *, evidence: str = "") -> None:
+        super().__init__(f"{message} ({evidence})" if evidence else message)
+        self.status, self.plain, self.evidence = status, message, evidence
 
 
 class ComesToRest(NoOrbit):

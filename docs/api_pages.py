@@ -43,8 +43,9 @@ TOPICS = (
     }),
     Topic("border", "Where does it end?",
           "The fold, all cycles against the gain, and the border in two parameters.", {
-        "casahunt": "find_fold Fold diagram collect Branch walk walk_naturally with_lopsided SpecialPoint Missed "
-        "other_end OtherEnd stable_range StableRange fold_curve FoldCurve fold_map FoldMap save_branch load_branch",
+        "casahunt": "find_fold Fold diagram diagram_points Branch walk walk_naturally with_lopsided SpecialPoint "
+        "Missed other_end OtherEnd stable_range StableRange fold_curve FoldCurve fold_map FoldMap save_branch "
+        "load_branch",
     }),
     Topic("certainty", "How sure is that?",
           "What the border hangs on, and the worst servo of those that friction allows.", {
@@ -57,7 +58,7 @@ TOPICS = (
     }),
     Topic("records", "From a record",
           "Amplitude and period of a measured motion, and friction from it.", {
-        "casahunt": "read_record Record record_of measure Measurement identify Identification",
+        "casahunt": "Record measure Measurement identify Identification",
     }),
     Topic("loops", "Loops from parts",
           "Other plants, controllers, friction laws and loads, as parts that fit together.", {

@@ -12,7 +12,8 @@ seconds, as where a slider is dragged; one of `LOOKS` moves waits for the whole 
 resident of the server and of the largest of its workers, of which one that has grown is replaced (worker.py).
 
 `times`: seconds from the message to the first numbers (stage "hunts") and to the last one, of moves one after the
-other, so that what is kept from one to the next counts; processor seconds are those of the worker.
+other, so that what is kept from one to the next counts; and what the worker's processor has spent until then (`used`),
+which is less where other programs run beside it.
 """
 
 from __future__ import annotations
@@ -20,14 +21,13 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import os
 import random
 import re
 import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,7 @@ class Page:
     async def move(self, message: dict[str, Any], wait: float = LONGEST) -> dict[str, float]:
         """Send a move and hear its answers for so long: {stage: seconds}, with "done" where the page is complete."""
         self.number += 1
-        began, heard = time.monotonic(), {}
+        used, began, heard = processor_seconds(self.workers()), time.monotonic(), {}
         await self.socket.write_message(json.dumps({"n": self.number, **message}))
         while "done" not in heard and (left := began + wait - time.monotonic()) > 0:
             try:
@@ -89,7 +89,9 @@ class Page:
             if told.get("n") == self.number:
                 if told["kind"] == "refused":
                     heard["refused"] = heard["done"] = time.monotonic() - began
-                heard[told.get("stage", told["kind"])] = time.monotonic() - began
+                stage = told.get("stage", told["kind"])
+                heard[stage] = time.monotonic() - began
+                heard[f"{stage} used"] = processor_seconds(self.workers()) - used
         return heard
 
     _reading: Any = None
@@ -122,14 +124,11 @@ def resident(pid: int) -> float:
 
 def processor_seconds(pids: list[int]) -> float:
     """What processes have used."""
-    total = 0.0
+    total = 0
     for pid in pids:
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return total
+        with suppress(OSError):
+            total += int(Path(f"/proc/{pid}/schedstat").read_text().split()[0])
+    return total / 1e9
 
 
 @asynccontextmanager
@@ -204,7 +203,7 @@ async def moves(count: int, seed: int, wait: float) -> int:
 
 async def times() -> int:
     """First numbers and the whole page, of moves of each kind."""
-    print(f"{'model':8s}{'moved':22s}{'first [ms]':>12s}{'whole [s]':>11s}{'processor [s]':>15s}")
+    print(f"{'model':8s}{'moved':22s}{'first':>8s}{'used':>8s}{'whole':>10s}{'used':>8s}   [ms, ms, s, s]")
     async with opened() as page:
         await page.move({"ask": "gain=0.1"})
         for model in ("switch", "lugre"):
@@ -214,11 +213,10 @@ async def times() -> int:
                 for value in VALUES[key][1:]:
                     address = f"model={model}&{query}{value!r}"
                     assert state_of_address(address).problem
-                    before = processor_seconds(page.workers())
                     heard = await page.move({"ask": address})
-                    used = processor_seconds(page.workers()) - before
-                    first, whole = 1e3 * heard["hunts"], heard["done"]
-                    print(f"{model:8s}{kind:22s}{first:12.0f}{whole:11.2f}{used:15.2f}", flush=True)
+                    first, used = 1e3 * heard["hunts"], 1e3 * heard["hunts used"]
+                    whole, all_used = heard["done"], heard["done used"]
+                    print(f"{model:8s}{kind:22s}{first:8.0f}{used:8.0f}{whole:10.2f}{all_used:8.2f}", flush=True)
     return 0
 
 

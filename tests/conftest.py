@@ -40,7 +40,7 @@ def undrawn(monkeypatch):
 @pytest.fixture
 def telling_at_once(monkeypatch):
     """Commands say where they are all the time, which they do every few seconds to a person."""
-    monkeypatch.setattr("casahunt.views.commands.console.TELL_EVERY", 0.0)
+    monkeypatch.setattr("casahunt.views.commands.progress.TELL_EVERY", 0.0)
 
 
 @pytest.fixture

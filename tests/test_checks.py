@@ -23,7 +23,7 @@ TAKE_A_SERVO = {
     "find_fold": lambda s: casahunt.find_fold(s, "switch"),
     "simulate": lambda s: casahunt.simulate(s, "switch", 0.1),
     "tune": lambda s: casahunt.tune(s, "switch"),
-    "diagram": lambda s: next(casahunt.diagram(s, "switch")),
+    "diagram": lambda s: casahunt.diagram(s, "switch"),
     "fold_curve": lambda s: casahunt.fold_curve(s, "switch", vary="friction.static", start=0.5, end=0.6),
     "fold_map": lambda s: casahunt.fold_map(s, "switch", ("friction.static", "friction.viscous"), [1, 2], [1, 2]),
     "fold_ensemble": lambda s: casahunt.fold_ensemble(s, "switch", ["friction.static"], [[0.5]]),
@@ -97,7 +97,7 @@ REFUSED = {
     "system = 'belt' (of type str): must be a System": lambda: find_cycle("belt", x=0.0),
     "system = None (of type NoneType)": lambda: simulate_system(None, duration=1.0, x=0.0),
     "orbit = 'orbit.npz' (of type str): must be an Orbit": lambda: follow("orbit.npz", "belt", to=1.0),
-    "record = 'record.csv' (of type str): must be a Record": lambda: casahunt.measure("record.csv"),
+    "record = 3 (of type int): must be a Record": lambda: casahunt.measure(3),
 }
 
 

@@ -185,7 +185,7 @@ NO_DROP = ["--set", "friction.static=0.44"]  # Fs = Fc
 )
 def test_no_hunting(capsys, tmp_path, monkeypatch, words, parts):
     monkeypatch.chdir(tmp_path)
-    code, out, err = run(capsys, "orbit", *words, "--plot", "a.png", "--save", "a.npz", "--json")
+    code, out, err = run(capsys, "orbit", *words, "--plot", "a.png", "--save", "a.npz", "--json", "--details")
     assert (code, out) == (1, "")
     assert err.startswith("casahunt orbit: no hunting limit cycle") and err.count("\n") == 1
     for part in parts:
@@ -194,7 +194,7 @@ def test_no_hunting(capsys, tmp_path, monkeypatch, words, parts):
 
 
 def test_no_fold_without_hunting(capsys):
-    code, out, err = run(capsys, "fold", *NO_DROP, "--json")
+    code, out, err = run(capsys, "fold", *NO_DROP, "--json", "--details")
     assert (code, out) == (1, "")
     assert err.startswith("casahunt fold: no hunting limit cycle") and "scanned" in err and err.count("\n") == 1
 
@@ -202,6 +202,8 @@ def test_no_fold_without_hunting(capsys):
 def test_words_of_an_error_are_explained_below_it_once(capsys):
     cases = (["--gain", "0.8"], "fold: ", "bristle"), (["--gain", "1", *NO_DROP], "stick position: ", "fold: ")
     for words, told, untold in cases:
+        assert run(capsys, "orbit", *words)[2].count("\n") == 1  # in plain words
+        words = [*words, "--details"]
         code, out, err = run(capsys, "orbit", *words)
         complaint, _, explained = err.partition(MEANINGS)
         assert (code, out, complaint.count("\n")) == (1, "", 1)
@@ -215,7 +217,7 @@ def test_words_of_an_error_are_explained_below_it_once(capsys):
 )
 def test_no_diagram_without_hunting(capsys, tmp_path, words, models):
     """One sentence per model, and no folder where there is nothing to put into it."""
-    command = ["diagram", *words, "--out", tmp_path / "new" / "out"]
+    command = ["diagram", *words, "--out", tmp_path / "new" / "out", "--details"]
     code, text, err = run(capsys, *command)
     assert (code, text) == (1, "")
     complaints, _, explained = err.partition(MEANINGS)

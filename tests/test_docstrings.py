@@ -51,7 +51,7 @@ def functions(path: Path) -> Iterator[tuple[str, ast.FunctionDef, list[ast.AST],
     for outer in [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef))]:
         inside = outer.name if isinstance(outer, ast.ClassDef) else ""
         for node in outer.body:
-            if isinstance(node, ast.FunctionDef):
+            if isinstance(node, ast.FunctionDef) and not any(ast.unparse(d) == "overload" for d in node.decorator_list):
                 name = f"{inside}.{node.name}" if inside else node.name
                 public = path == ROOT / "problems" / "gallery.py" or (module_of(path), inside or name) in PUBLIC
                 yield name, node, [tree] if outer is tree else [tree, outer], public and node.name[0] != "_"
@@ -115,3 +115,18 @@ def test_other_functions_say_it_in_a_sentence():
         if not public and sections.search(ast.get_docstring(node) or "")
     ]
     assert not full
+
+
+def test_no_signature_and_no_public_value_shows_where_it_lies_in_memory():
+    """Neither in help() nor on a page of the reference: an address says nothing, and is another one in each run."""
+    shown = {}
+    for module in map(import_module, ("casahunt", "casahunt.pictures", *(f"casahunt.{room}" for room in ROOMS))):
+        for name in module.__all__:
+            one = getattr(module, name)
+            if not callable(one) or inspect.isclass(one) and issubclass(one, Exception):
+                shown[name] = repr(one)
+                continue
+            methods = [*vars(one).values()] if inspect.isclass(one) else []
+            for what in (one, *(method for method in methods if inspect.isfunction(method))):
+                shown[f"{name} {what.__name__}"] = str(inspect.signature(what))
+    assert not {name: text for name, text in shown.items() if " at 0x" in text}

@@ -23,7 +23,7 @@ UNSTABLE = ["orbit", "--model", "lugre", "--gain", "0.1", "--branch", "unstable"
 )
 def test_commands_say_where_they_are(words, parts, capsys, monkeypatch):
     monkeypatch.setattr(effort, "EVERY", 0.0)
-    assert cli.main(words) == 0
+    assert cli.main([*words, "--details"]) == 0
     err = capsys.readouterr().err
     assert all(part in err for part in parts), err[-500:]
     assert cli.main([*words, "--quiet"]) == 0

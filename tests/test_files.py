@@ -24,8 +24,9 @@ import pytest
 from command_line import contents, run
 from file_support import ROOT, posix
 
-from casahunt import Servo, files, find_orbit, load, load_branch, load_orbit, load_uncertainty, read_record, save_orbit
+from casahunt import Servo, files, find_orbit, load, load_branch, load_orbit, load_uncertainty, save_orbit
 from casahunt.design.record import file as record_file
+from casahunt.design.record.file import read_record
 from casahunt.errors import InputError
 from casahunt.files import bounded
 from casahunt.orbits import npz_arrays

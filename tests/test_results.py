@@ -43,8 +43,8 @@ def flips():
 MADE: dict[str, Any] = {
     "orbit": lambda: casahunt.find_orbit(SERVO, SWITCH, 0.1),
     "fold": lambda: casahunt.find_fold(SERVO, SWITCH),
-    "branch": lambda: casahunt.collect(SERVO, SWITCH, casahunt.diagram(SERVO, SWITCH, start=0.6)),
-    "point": lambda: next(casahunt.diagram(SERVO, SWITCH, start=0.6)),
+    "branch": lambda: casahunt.diagram(SERVO, SWITCH, start=0.6),
+    "point": lambda: next(casahunt.diagram_points(SERVO, SWITCH, start=0.6)),
     "special": lambda: made("branch").special[-1],
     "multipliers": lambda: made("orbit").multipliers,
     "trajectory": lambda: casahunt.simulate(SERVO, SWITCH, 0.04, time=20.0),
@@ -71,8 +71,8 @@ MADE: dict[str, Any] = {
     "orbit ensemble": lambda: casahunt.orbit_ensemble(
         SERVO, SWITCH, 0.1, ["friction.viscous"], [[0.1], [0.12]], orbit=made("orbit")
     ),
-    "record": lambda: casahunt.record_of(made("trajectory")),
-    "measurement": lambda: casahunt.measure(casahunt.record_of(casahunt.simulate(SERVO, SWITCH, 0.04, time=60.0))),
+    "record": lambda: made("measurement").record,
+    "measurement": lambda: casahunt.measure(casahunt.simulate(SERVO, SWITCH, 0.04, time=60.0)),
     "motion": lambda: simulate(belt, "slip", x=0.0, v=0.0, duration=5.0),
     "system orbit": lambda: find_cycle(belt, "slip", x=0.0, v=0.0),
     "arc": lambda: made("system orbit").arcs[0],

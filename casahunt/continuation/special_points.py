@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Generic
+from dataclasses import dataclass, field
+from typing import Any, Generic
 
 import numpy as np
 
@@ -91,7 +91,7 @@ class Missed(Result):
     meaning: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Monitor:
     """A function that changes sign at a special point.
 
@@ -117,10 +117,17 @@ class Monitor:
     value: Callable[[Orbit, CurvePoint], float]
     meaning: str
     tolerance: float = 1e-9
-    confirmed: Callable[[Orbit], bool] = lambda orbit: True
-    sure: Callable[[Orbit, CurvePoint], bool] = lambda orbit, point: True
+    confirmed: Callable[[Orbit], bool] = field(default_factory=lambda: _always)
+    sure: Callable[[Orbit, CurvePoint], bool] = field(default_factory=lambda: _always)
     by_multipliers: bool = False
     multiplier: float = math.nan
+
+    def __repr__(self) -> str:
+        return f"<Monitor: {self.kind}>"
+
+
+def _always(*_: Any) -> bool:
+    return True
 
 
 def _fold_value(orbit: Orbit, point: CurvePoint) -> float:
@@ -129,7 +136,8 @@ def _fold_value(orbit: Orbit, point: CurvePoint) -> float:
 
 FOLD = Monitor(
     "fold", _fold_value,
-    "fold at {name} = {value:.10g}: the stable and the unstable cycle merge; {beyond}", multiplier=1.0,
+    "fold at {name} = {value:.10g}: two cycles, as a rule a stable and an unstable one, meet and are gone; {beyond}",
+    multiplier=1.0,
 )  # fmt: skip
 SYMMETRY_BREAKING = Monitor(
     "symmetry breaking", lambda orbit, point: orbit.half_multiplier + 1,
@@ -138,7 +146,7 @@ SYMMETRY_BREAKING = Monitor(
 )  # fmt: skip
 SUPERSTABLE = Monitor(
     "superstable", lambda orbit, point: orbit.half_multiplier,
-    "superstable at {name} = {value:.10g}: perturbations of the cycle die out within half a period",
+    "superstable at {name} = {value:.10g}: a small disturbance of the cycle is gone after half a period",
     by_multipliers=True, multiplier=0.0,
 )  # fmt: skip
 GRAZING = Monitor(

@@ -232,7 +232,7 @@ def _curve(kind: str, names: tuple[str, str], found: list[SpecialOrbit], reason:
 
 def special_walk(
     orbit: AnyOrbit, vary: str, axis: Axis, *, sense: float, options: Options, monitor: Monitor = FOLD,
-    spacing: float = 1 / SPECIAL_PLACES, turned: bool = False, again: Callable[[float], Any] = lambda c: None,
+    spacing: float = 1 / SPECIAL_PLACES, turned: bool = False, again: Callable[[float], Any] | None = None,
 ) -> Generator[SpecialOrbit, None, str]:  # fmt: skip
     """The special points along a curve in two parameters, one by one: that of a known orbit first.
 
@@ -286,7 +286,7 @@ def special_orbits(
     sense: float,
     most: int = 200,
     turned: bool = False,
-    again: Callable[[float], Any] = lambda c: None,
+    again: Callable[[float], Any] | None = None,
 ) -> Generator[SpecialOrbit, None, str]:
     """The special points along a curve, that of the chart first.
 
@@ -329,10 +329,10 @@ def special_orbits(
     return ended
 
 
-def _beyond(last: SpecialChart, sense: float, again: Callable[[float], Any]) -> SpecialChart | None:
+def _beyond(last: SpecialChart, sense: float, again: Callable[[float], Any] | None) -> SpecialChart | None:
     """The special point a step further on, by another way; None where it is not of the same curve."""
     c = float(np.clip(last.position + sense * last.reach[1] / 2, 0.0, 1.0))
-    orbit = again(c) if c != last.position else None
+    orbit = again(c) if again is not None and c != last.position else None
     if orbit is None:
         return None
     chart = special_chart(last.task, Evaluation(0.0, orbit), last.sheet, c - last.position)

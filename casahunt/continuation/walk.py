@@ -381,7 +381,7 @@ def walk_naturally(
         here = parameter_value(last, vary)
         point = curve_point(last, vary, sense=sense)
         if abs(point.row[-1]) < 1e-4:
-            return f"the branch ends at {vary} = {here:.8g}: a fold, where the stable and the unstable cycle merge"
+            return f"the branch ends at {vary} = {here:.8g}: a fold, where two cycles meet and are gone"
         steepness = float(point.row[-1]) ** 2
         if before is not None and steepness < before[1]:
             ahead = steepness * abs(here - before[0]) / (before[1] - steepness) / abs(last.problem.unit(vary))

@@ -5,8 +5,8 @@ for, it begins at the report's lower bound, the Routh-Hurwitz gain without frict
 rounded up (0.0321 for its Table 1); where the servo has no stable cycle there, at the first gain that has one, in
 factors of two from there up, or from a twentieth of the fold gain where that lies below.
 
-A generator, so that points can be written down as they become known, some at once, since their multipliers are computed
-side by side; `collect` gathers a Branch.
+`diagram` gives it as a Branch; `diagram_points` is a generator, so that points can be written down as they become
+known, some at once, since their multipliers are computed side by side.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import math
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 from ..continuation import (
     FOLD,
@@ -34,7 +34,7 @@ from ..results import Result
 from ..servo.branch import Branch
 from ..servo.find_fold import HIGHEST, find_fold
 from ..servo.find_orbit import find_orbit
-from ..servo.hunting import Model
+from ..servo.hunting import MODELS, Model
 from ..servo.linear_loop import typical_gain
 from ..servo.problem import HuntingOrbit
 from ..servo.servo import Servo, a_servo
@@ -104,12 +104,82 @@ def _rounded_up(gain: float) -> float:
     return float(f"{math.ceil(gain * 10.0**unit * (1 - 1e-12)) / 10.0**unit:.{FIGURES}g}")
 
 
+@overload
 def diagram(
+    servo: Servo, model: Model, *, start: float | None = None, options: Options | None = None,
+    monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
+) -> Branch: ...  # fmt: skip
+@overload
+def diagram(
+    servo: Servo, model: tuple[Model, ...] = MODELS, *, start: float | None = None, options: Options | None = None,
+    monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
+) -> tuple[Branch, ...]: ...  # fmt: skip
+def diagram(
+    servo: Servo, model: Model | tuple[Model, ...] = MODELS, *, start: float | None = None,
+    options: Options | None = None, monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP,
+    natural: bool = False,
+) -> Branch | tuple[Branch, ...]:  # fmt: skip
+    """The bifurcation diagram of a servo: hunting cycles from a gain round the fold and back.
+
+    Parameters
+    ----------
+    servo
+        the servo.
+    model
+        its friction model, "switch" or "lugre", or several of them; default: both.
+    start
+        gain [V/rad] at which the stable branch is entered and the unstable one is left; default: `starting_gain` of
+        each model, 0.0321 for Table 1.
+    options, monitors
+        tolerance and method of the orbits; special points to be located.
+    largest_step
+        of the walk, in arclength; of natural continuation, in relative change of the gain.
+    natural
+        natural continuation in the gain: the stable branch, up to the fold.
+
+    Returns
+    -------
+    Branch; of several models one each, in their order.
+
+    Raises
+    ------
+    InputError, NoOrbit : as `find_orbit` at the gain `start`, or, without one, where no gain to begin at is found.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, diagram
+    >>> branch = diagram(Servo(), "switch", start=0.6)
+    >>> branch.ended
+    'gain reached 0.6, the end of the range'
+    >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
+    True
+    >>> [f"{branch.gains.max():.2f}" for branch in diagram(Servo(), start=0.6)]  # of both models
+    ['0.65', '0.62']
+    """
+    how: dict[str, Any] = {"start": start, "options": options, "monitors": monitors, "largest_step": largest_step,
+                           "natural": natural}  # fmt: skip
+    models = (model,) if isinstance(model, str) else model
+    branches = tuple(_whole(servo, each, diagram_points(servo, each, **how)) for each in models)
+    return branches[0] if isinstance(model, str) else branches
+
+
+def _whole(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:
+    """A diagram that is run to its end."""
+    ended = ""
+
+    def run() -> Iterator[DiagramPoint]:
+        nonlocal ended
+        ended = yield from points
+
+    return branch_of(servo, model, list(run()), ended)
+
+
+def diagram_points(
     servo: Servo, model: Model, *, start: float | None = None, options: Options | None = None,
     monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
     begun: Sequence[DiagramPoint] = (),
 ) -> Generator[DiagramPoint, None, str]:  # fmt: skip
-    """The points of the diagram, in order along the branch.
+    """The points of a diagram one by one, in order along the branch, each as soon as it is known.
 
     Parameters
     ----------
@@ -137,8 +207,8 @@ def diagram(
 
     Examples
     --------
-    >>> from casahunt import Servo, diagram
-    >>> points = diagram(Servo(), "switch", start=0.6)
+    >>> from casahunt import Servo, diagram_points
+    >>> points = diagram_points(Servo(), "switch", start=0.6)
     >>> next(points).orbit.gain
     0.6
     """
@@ -192,38 +262,6 @@ def _over(begun: Sequence[DiagramPoint], start: float, natural: bool) -> str:
 
 def _natural_end(fold: SpecialPoint[HuntingOrbit], before: HuntingOrbit) -> str:
     return f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at gain {before.gain:.10g}"
-
-
-def collect(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:
-    """Run a diagram to its end.
-
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    points
-        its `diagram`.
-
-    Returns
-    -------
-    Branch, with the sentence that says why it ends.
-
-    Examples
-    --------
-    >>> from casahunt import Servo, collect, diagram
-    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
-    >>> branch.ended
-    'gain reached 0.6, the end of the range'
-    >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
-    True
-    """
-    ended = ""
-
-    def whole() -> Iterator[DiagramPoint]:
-        nonlocal ended
-        ended = yield from points
-
-    return branch_of(servo, model, list(whole()), ended)
 
 
 def branch_of(servo: Servo, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:

@@ -47,7 +47,7 @@ class Problem(ABC):
     fold_type: ClassVar[type | None] = None
     """The same for `continuation.fold.Fold`."""
     beyond_a_fold: ClassVar[str] = "beyond it there is neither"
-    """What a user is told of the far side of a fold, where a stable and an unstable cycle merge."""
+    """What a user is told of the far side of a fold, where a stable and an unstable cycle meet and are gone."""
     system: Any
     """The system (language.py) whose cycles these are, or None."""
     sections: tuple[Any, ...] = ()

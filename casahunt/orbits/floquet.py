@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -249,3 +250,21 @@ def _trivial(full: Array, others: Array) -> complex:
 def multipliers(t: Transcription, u: Array, setting: Setting) -> Multipliers:
     """The Floquet multipliers of a converged solution on its own mesh, from its collocation blocks."""
     return chain_multipliers(collocation_chain(t, u, setting), t.cycle.repeats)
+
+
+def multiplier_record(m: Multipliers, half: bool) -> dict[str, Any]:
+    """The multipliers of an orbit by name; None for what is not to be trusted, or not known for a full cycle.
+
+    half: whether half a cycle was computed.
+    """
+    known = m.trusted and not m.leading_floor
+    return {
+        "half_multiplier": m.leading.real if m.trusted and half else None,
+        "log10_abs_half_multiplier": m.log10_leading / (1 if half else 2) if known else None,
+        "multipliers": m.full if m.trusted else None,
+        "multipliers_below": [float(floor) or None for floor in m.full_floor] if m.trusted else None,
+        "multiplier_error": m.error,
+        "trivial_multiplier_error": m.trivial_error,
+        "multipliers_trusted": m.trusted,
+        "stable": m.stable if m.trusted else None,
+    }

@@ -260,23 +260,7 @@ class Orbit(Result):
         return dict(zip(self._state_columns, (times, *states), strict=False))
 
     def _more(self) -> dict[str, Any]:
-        return multiplier_record(self)
-
-
-def multiplier_record(orbit: Orbit) -> dict[str, Any]:
-    """The multipliers of an orbit by name; None for what is not to be trusted, or not known for a full cycle."""
-    m = orbit.multipliers
-    known = m.trusted and not m.leading_floor
-    return {
-        "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else None,
-        "log10_abs_half_multiplier": m.log10_leading / (1 if orbit.half else 2) if known else None,
-        "multipliers": m.full if m.trusted else None,
-        "multipliers_below": [float(floor) or None for floor in m.full_floor] if m.trusted else None,
-        "multiplier_error": m.error,
-        "trivial_multiplier_error": m.trivial_error,
-        "multipliers_trusted": m.trusted,
-        "stable": orbit.stable if m.trusted else None,
-    }
+        return floquet.multiplier_record(self.multipliers, self.half)
 
 
 AnyOrbit = TypeVar("AnyOrbit", bound=Orbit)

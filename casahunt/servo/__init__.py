@@ -5,8 +5,8 @@
 friction.py       friction records and laws
 controller.py     the controller in its two forms, by times and by gains
 drive.py          the drive as built: sample time, delay, encoder, as a record
-servo.py          the servo record; TOML in and out
 units.py          the units of its numbers
+servo.py          the servo record; TOML in and out
 linear_loop.py    the loop without dry friction: stability, poles, margins
 delayed_loop.py   the same with a delay: margins of phase and gain
 hunting.py        the Switch and LuGre servo as systems like any user's: fields, modes, events

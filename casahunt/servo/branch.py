@@ -51,8 +51,8 @@ class Branch(Result):
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram
-    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> from casahunt import Servo, diagram
+    >>> branch = diagram(Servo(), "switch", start=0.6)
     >>> [special.kind for special in branch.special]
     ['superstable', 'fold']
     >>> f"{branch.gains.max():.2f}"  # V/rad

@@ -99,16 +99,16 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     if any(_has_fixed_point(servo, gain, beside.start) for gain, beside in promised):
         raise NoOrbit(
             f"no hunting limit cycle of the {model} servo was computed, though the event map of the Switch servo shows "
-            f"some: {tried}",
-            Status.NOT_CONVERGED if failed else Status.NOT_FOUND,
-        )
+            "some; try another tolerance",
+            Status.NOT_CONVERGED if failed else Status.NOT_FOUND, evidence=tried,
+        )  # fmt: skip
     evidence = _evidence(hunt, gains)
     if failed:
         evidence += f"; at some, motions come back so close to where they started that cycles were sought, and {tried}"
     raise NoOrbit(
-        f"no hunting limit cycle of the {model} servo was found, which does not prove that there is none: {evidence}",
-        Status.NOT_FOUND,
-    )
+        f"no hunting limit cycle of the {model} servo was found, which does not prove that there is none",
+        Status.NOT_FOUND, evidence=evidence,
+    )  # fmt: skip
 
 
 Place = tuple[float, HalfCycle | None, bool]
@@ -288,10 +288,10 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
             after = next(steps)
         except StopIteration as end:
             raise NoOrbit(
-                f"the fold of the {first.model} servo was not found: its cycles were followed from gain "
-                f"{first.gain:.6g} to {before.gain:.8g}, where the half multiplier is {before.half_multiplier:.3g}: "
-                f"{end.value}",
+                f"the gain at which the {first.model} servo stops hunting was not found: its cycles were followed from "
+                f"gain {first.gain:.6g} to {before.gain:.6g} V/rad only",
                 Status.NOT_CONVERGED,
+                evidence=f"where the half multiplier is {before.half_multiplier:.3g}: {end.value}",
             ) from None
         if (fold := confirmed_between(before, after, options)) is not None:
             return replace(fold, wall_s=time.perf_counter() - began)

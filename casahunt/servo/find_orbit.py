@@ -42,6 +42,8 @@ TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
 NO_AMPLITUDE = 1e-6
 """Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
+FOLD_DIGITS = 4
+"""Digits of a fold gain in a refusal: friction is known to per cents; its evidence has all of them."""
 DOWNWARDS = 0.01
 """First step away from a fold, in arclength."""
 
@@ -234,7 +236,7 @@ UNSTABLE: tuple[Strategy[_OrbitSearch, HuntingOrbit], ...] = (
 def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: AtOneGain) -> HuntingFold:
     """The fold of a servo, if it lies above `gain`."""
     seen = met.seen
-    also = "" if seen is None else f"; {seen.sentence()}"
+    also = "" if seen is None else seen.sentence()
     if seen is not None and not seen.conclusive:
         _deny_proved(servo, model, gain, also)
         raise NoOrbit(
@@ -249,24 +251,27 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
             _deny_proved(servo, model, gain, also)
             raise NoOrbit(
                 f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
-                f"there is none: the largest gain at which it hunts was not located either ({error})",
-                Status.NOT_FOUND,
-            ) from None
+                "there is none: the largest gain at which it hunts was not located either",
+                Status.NOT_FOUND, evidence=str(error),
+            ) from None  # fmt: skip
         if abs(gain / fold.gain - 1) > 2 * fold.gain_error:
             break
     else:
         raise NoOrbit(
             f"the gain {gain:.12g} lies within the error of the fold gain {to_error(fold.gain, fold.gain_error)} of "
-            f"the {model} servo, where the stable and the unstable hunting cycle merge: on which side it lies is not "
-            "known; ask for another gain, or for a smaller tolerance",
+            f"the {model} servo, where hunting ends: on which side it lies is not known; ask for another gain, or for "
+            "a smaller tolerance",
             Status.TOLERANCE_NOT_REACHED,
         )
     if gain > fold.gain:
         raise NoOrbit(
-            f"no hunting limit cycle of the {model} servo at gain {gain:.10g}: its cycles end at gain "
-            f"{to_error(fold.gain, fold.gain_error)}, in a fold, where the stable and the unstable one merge (located "
-            f"on their branch, and again as the largest gain of all cycles near it){also}"
-        )
+            f"no hunting limit cycle of the {model} servo at gain {gain:.10g}: it can hunt up to gain "
+            f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad, and not above",
+            evidence="; ".join(filter(None, (
+                f"its cycles end at gain {to_error(fold.gain, fold.gain_error)}, in a fold, located on their branch, "
+                "and again as the largest gain of all cycles near it", also,
+            ))),
+        )  # fmt: skip
     return fold
 
 
@@ -274,7 +279,8 @@ def _deny_proved(servo: Servo, model: Model, gain: float, also: str) -> None:
     """NoOrbit where it is proved that there is no cycle at a gain."""
     why = no_cycle(servo, model, gain)
     if why:
-        raise NoOrbit(f"no hunting limit cycle of the {model} servo at gain {gain:g} or above: {why}{also}") from None
+        message = f"no hunting limit cycle of the {model} servo at gain {gain:g} or above: {why}"
+        raise NoOrbit(message, evidence=also) from None
 
 
 def _down_from(fold: HuntingFold, gain: float, branch: BranchName, options: Options) -> HuntingOrbit:
@@ -284,10 +290,11 @@ def _down_from(fold: HuntingFold, gain: float, branch: BranchName, options: Opti
         return last
     how = f"to this gain, where the cycle has the half multiplier {last.half_multiplier:.4g}"
     raise NoOrbit(
-        f"the {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:g} was not found: its cycles, which "
-        f"end in a fold at gain {to_error(fold.gain, fold.gain_error)}, were followed down from there "
-        + (how if last.gain == gain else f"to gain {last.gain:.8g} only ({ended})"),
+        f"the {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:g} was not found; try another gain "
+        "or tolerance",
         Status.NOT_FOUND,
+        evidence=f"its cycles, which end in a fold at gain {to_error(fold.gain, fold.gain_error)}, were followed down "
+        "from there " + (how if last.gain == gain else f"to gain {last.gain:.8g} only: {ended}"),
     )
 
 
@@ -347,8 +354,10 @@ def _deny_below(
         return
     if gain < lower.gain * (1 - 2 * lower.gain_error):
         raise NoOrbit(
-            f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: followed down from their "
-            f"largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn back at "
-            f"{to_error(lower.gain, lower.gain_error)}, in a second fold (located on their branch, and again as the "
-            "smallest gain of all cycles near it)"
+            f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
+            f"gain {to_error(lower.gain, lower.gain_error, most=FOLD_DIGITS)} to "
+            f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad",
+            evidence=f"followed down from their largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn "
+            f"back at {to_error(lower.gain, lower.gain_error)}, in a second fold, located on their branch, and again "
+            "as the smallest gain of all cycles near it",
         )

@@ -66,7 +66,7 @@ def with_lopsided(
     Parameters
     ----------
     branch
-        the branch, such as `collect` gives it.
+        the branch, such as `diagram` gives it.
     options
         tolerance and method; default those of the orbits at the symmetry breakings.
     progress
@@ -79,8 +79,8 @@ def with_lopsided(
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram, with_lopsided
-    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> from casahunt import Servo, diagram, with_lopsided
+    >>> branch = diagram(Servo(), "switch", start=0.6)
     >>> with_lopsided(branch).lopsided  # this servo's cycle keeps its symmetry
     ()
     """

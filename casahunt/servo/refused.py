@@ -39,16 +39,16 @@ def check_problem(servo: Servo, model: Model, gain: float) -> None:
     if why := no_cycle(servo, model, gain):
         where = "any gain" if no_cycle(servo, model) else f"gain {gain:g} or above"
         seen = scan(StickMap(model, servo, gain)).sentence()
-        raise NoOrbit(f"no hunting limit cycle of the {model} servo at {where}: {why}; at gain {gain:g}, {seen}")
+        message = f"no hunting limit cycle of the {model} servo at {where}: {why}"
+        raise NoOrbit(message, evidence=f"at gain {gain:g}, {seen}")
     if why := no_cycle(servo, "switch", gain):
         bristles = scan(StickMap(model, servo, gain))
         if bristles.upper is None:
             raise NoOrbit(
                 f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
-                f"there is none: in the limit of stiff bristles there is none, because {why}, and with these bristles, "
-                f"{bristles.sentence()}",
-                Status.NOT_FOUND,
-            )
+                f"there is none: in the limit of stiff bristles there is none, because {why}",
+                Status.NOT_FOUND, evidence=f"with these bristles, {bristles.sentence()}",
+            )  # fmt: skip
 
 
 def check_hunts(servo: Servo, model: Model) -> None:

@@ -47,11 +47,12 @@ class Strategy(Generic[Q, R]):
 
 @dataclass(frozen=True)
 class Ended:
-    """How a strategy ended without an answer: its name, in words, and the status where it has refused."""
+    """How a strategy ended without an answer: its name, in words, and the status where it has refused; its evidence."""
 
     name: str
     how: str
     status: Status | None
+    evidence: str = ""
 
 
 def first_of(strategies: Sequence[Strategy[Q, R]], question: Q, what: str) -> R:
@@ -70,7 +71,7 @@ def first_of(strategies: Sequence[Strategy[Q, R]], question: Q, what: str) -> R:
         except NoOrbit as refusal:
             if refusal.status is None:
                 raise
-            ended.append(Ended(strategy.name, str(refusal), refusal.status))
+            ended.append(Ended(strategy.name, refusal.plain, refusal.status, refusal.evidence))
             continue
         if isinstance(answer, str):
             ended.append(Ended(strategy.name, answer, None))
@@ -91,5 +92,5 @@ def refused(ended: Sequence[Ended], what: str) -> NoOrbit:
     if lead is None:
         named = others[0].how if len(others) == 1 else "; ".join(f"{e.name} {e.how}" for e in others)
         return NoOrbit(f"{what} {named}", Status.NOT_FOUND)
-    also = "; tried besides: " + "; ".join(f"{e.name}: {e.how}" for e in others) if others else ""
-    return NoOrbit(lead.how + also, lead.status)
+    also = "tried besides: " + "; ".join(f"{e.name}: {e.how}" for e in others) if others else ""
+    return NoOrbit(lead.how, lead.status, evidence="; ".join(filter(None, (lead.evidence, also))))

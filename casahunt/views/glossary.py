@@ -11,6 +11,7 @@ import re
 GLOSSARY: dict[str, str] = {
     "admissible": "of a computed motion: it obeys the friction law all along; it never slips against its own "
     "direction and never sticks under a torque larger than static friction.",
+    "amplitude": "the largest distance from the set point in a cycle.",
     "arclength": "the length along a curve of solutions; stepping in it instead of in the gain goes round the fold.",
     "branch": "cycles that change continuously with the gain; the stable branch is what the servo does, the unstable "
     "one is the border between hunting and coming to rest.",
@@ -32,8 +33,8 @@ GLOSSARY: dict[str, str] = {
     "feedforward": "friction compensation: the estimated friction is added to the torque, by the direction of the "
     "motion, so that only the rest of it is left; while the servo sticks there is no direction.",
     "fixed point": "a distance a that the event map repeats, P(a) = a: a hunting cycle of that amplitude.",
-    "fold": "the point where the stable and the unstable cycle merge and vanish, at the largest gain at which the "
-    "servo can hunt, the fold gain.",
+    "fold": "where hunting ends: the largest gain at which the servo can hunt, the fold gain; there the stable cycle "
+    "has shrunk to the unstable one, and above it neither is left.",
     "freeze": "the integrator is stopped once the servo has stuck for a dwell time, until something moves it.",
     "generalised Jacobian": "all linearisations of an equation with a kink, one for each mixture of its two sides.",
     "grazing": "a cycle that only just touches the border between two kinds of motion, such as a slip that nearly "
@@ -77,12 +78,13 @@ GLOSSARY: dict[str, str] = {
     "turning point": "where a curve of solutions turns back in its parameter; on a branch of cycles it is a fold.",
     "unstable cycle": "the border between motions that come to rest and motions that end in the stable cycle; no "
     "servo stays on it.",
-    "worst corner": "of all values that the uncertain parameters may have, those with the largest fold gain: the "
-    "servo that goes on hunting longest.",
+    "worst corner": "the worst values: of all that the uncertain parameters may have, those with the largest fold "
+    "gain: the servo that goes on hunting longest.",
 }
 """Word: what it means."""
 OTHER_FORMS = {
     "admissible": ("inadmissible",),
+    "amplitude": "the largest distance from the set point in a cycle.",
     "arclength": ("pseudo-arclength",),
     "branch": ("branches",),
     "corrector": ("correctors",),
@@ -96,10 +98,18 @@ OTHER_FORMS = {
     "period doubling": ("flip", "flips"),
     "phase sequence": ("sequence of phases",),
     "hunting": ("hunt", "hunts"),
-    "worst corner": ("worst friction",),
+    "worst corner": ("worst friction", "worst values"),
 }
 """Other spellings of a word than its plural in s."""
-FAMILIAR = ("cycle", "hunting", "LuGre", "Newton", "stable cycle", "Switch", "unstable cycle")
+TEN_WORDS = ("amplitude", "cycle", "fold", "hunting", "lopsided", "LuGre", "stable cycle", "Switch", "unstable cycle",
+             "worst corner")  # fmt: skip
+"""The ten words of the plain answers: what else stands in them a control engineer knows, but for names of remedies."""
+CHAPTERS = {
+    "ten words, with which every answer can be read": TEN_WORDS,
+    "words of --details, of the remedies and of these pages": tuple(word for word in GLOSSARY if word not in TEN_WORDS),
+}
+"""Headings, and the words below them."""
+FAMILIAR = ("amplitude", "cycle", "hunting", "LuGre", "Newton", "stable cycle", "Switch", "unstable cycle")
 """Words that a control engineer knows, or that stand in every output: the glossary alone explains them."""
 
 
@@ -133,5 +143,8 @@ def sentence(word: str) -> str:
 
 def glossary_page() -> str:
     """The page docs/glossary.md of the documentation, which holds these sentences and nothing else."""
-    entries = "\n\n".join(f"{word}\n    {text[0].upper()}{text[1:]}" for word, text in GLOSSARY.items())
-    return f"# Glossary\n\n:::{{glossary}}\n{entries}\n:::\n"
+    parts = []
+    for heading, words in CHAPTERS.items():
+        entries = "\n\n".join(f"{word}\n    {GLOSSARY[word][0].upper()}{GLOSSARY[word][1:]}" for word in words)
+        parts.append(f"## {heading[0].upper()}{heading[1:]}\n\n:::{{glossary}}\n{entries}\n:::\n")
+    return "# Glossary\n\n" + "\n".join(parts)

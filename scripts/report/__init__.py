@@ -7,6 +7,7 @@
     cycles.py       4, 8, 11  limit cycles against time and in space
     branches.py     6, 7, 9, 10  bifurcation diagrams and Floquet multipliers
     regions.py      12, 13  regions of attraction: not in the report
+    averages.py     which friction would explain the measured averages (docs/report.md)
     attraction.py   many initial states: which stick they reach, which rest and which hunt
 
 A figure is a caption and a picture, both functions of the study.  No numerics here but those of

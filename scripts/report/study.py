@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from casahunt import Branch, Options, Orbit, Servo, Trajectory, collect, diagram, find_fold, find_orbit, simulate, walk
+from casahunt import Branch, Options, Orbit, Servo, Trajectory, diagram, find_fold, find_orbit, simulate, walk
 from casahunt.servo.hunting import Model
 from casahunt.views.pictures.plotting import Figure
 from problems import table1
@@ -80,7 +80,7 @@ class Study:
         options = Options(tol=1e-5 if self.quick else 1e-7)
         return self._once(
             ("branch", model),
-            lambda: collect(self.servo, model, diagram(self.servo, model, start=self.start, options=options)),
+            lambda: diagram(self.servo, model, start=self.start, options=options),
         )
 
     def enlarged(self, model: Model) -> Branch:

@@ -15,7 +15,7 @@ from casahunt.cli import main
 from casahunt.continuation import special_points_between
 from casahunt.continuation.special_points import FOLD, user_monitor
 from casahunt.continuation.walk import walk, walk_naturally, walk_to_end
-from casahunt.design.diagram import STANDARD, collect, diagram
+from casahunt.design.diagram import STANDARD, diagram
 from problems import table1
 
 FOLDS = {model: table1.REFERENCE[model]["fold"]["K"] for model in ("switch", "lugre")}
@@ -41,7 +41,7 @@ def test_natural_continuation_uses_given_range():
 
 @pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_natural_diagram_ends_at_the_fold_and_says_where(model):
-    branch = collect(Servo(), model, diagram(Servo(), model, start=0.6, natural=True))
+    branch = diagram(Servo(), model, start=0.6, natural=True)
     assert branch.orbits[-1].gain == pytest.approx(FOLDS[model], rel=1e-6)
     assert branch.special[-1].kind == "fold" and branch.special[-1].orbit is branch.orbits[-1]
     assert all(b.gain > a.gain for a, b in itertools.pairwise(branch.orbits))
@@ -52,7 +52,7 @@ def test_natural_diagram_ends_at_the_fold_and_says_where(model):
 
 def test_natural_diagram_by_ipopt_alone():
     options = Options(tol=1e-8, solver="ipopt")
-    branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6, options=options, natural=True))
+    branch = diagram(Servo(), "switch", start=0.6, options=options, natural=True)
     assert branch.orbits[-1].gain == pytest.approx(FOLDS["switch"], rel=1e-8)
     assert {o.solver for o in branch.orbits} == {"ipopt"}
 
@@ -149,7 +149,7 @@ def test_a_fold_between_two_orbits_of_a_walk(model):
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_special_points(model):
     """The fold lies at the reference gain; mu is what the kind says, by the integrator-free multipliers."""
-    branch = collect(Servo(), model, diagram(Servo(), model, start=0.55, options=Options(tol=1e-9)))
+    branch = diagram(Servo(), model, start=0.55, options=Options(tol=1e-9))
     kinds = {s.kind: s for s in branch.special}
     assert kinds["fold"].orbit.gain == pytest.approx(FOLDS[model], rel=1e-9 if model == "switch" else 1e-8)
     assert kinds["fold"].orbit.half_multiplier == pytest.approx(1, abs=1e-4)
@@ -210,7 +210,7 @@ VARIANTS = {
 def test_whole_diagrams(model, changes):
     """From K = 0.0321 round the fold to K = 0.0321 without a hand on it."""
     servo = Servo().replace(**changes)
-    branch = collect(servo, model, diagram(servo, model, start=0.0321, options=Options(tol=1e-9), largest_step=0.5))
+    branch = diagram(servo, model, start=0.0321, options=Options(tol=1e-9), largest_step=0.5)
     assert branch.gains[0] == branch.gains[-1] == 0.0321
     assert [s.kind for s in branch.special].count("fold") == 1
     assert all(o.status.ok and o.error_estimate <= 1e-9 for o in branch.orbits)
@@ -224,7 +224,7 @@ def test_whole_diagrams(model, changes):
 def test_large_steps_do_not_turn_back_at_the_fold():
     """A step over the fold turns the tangent by more than a right angle: it must not lead back unnoticed."""
     servo = Servo().replace(**{"friction.viscous": 0.2})
-    branch = collect(servo, "switch", diagram(servo, "switch", start=0.3, options=Options(tol=1e-9), largest_step=0.5))
+    branch = diagram(servo, "switch", start=0.3, options=Options(tol=1e-9), largest_step=0.5)
     assert [s.kind for s in branch.special].count("fold") == 1
     assert branch.orbits[-1].gain == 0.3 and branch.amplitudes[-1] < 0.5 * branch.amplitudes[0]
     assert not branch.stable[-1]

@@ -14,7 +14,7 @@ from command_line import contents, run
 from file_support import ROOT, posix
 
 from casahunt import Servo, find_fold, load_branch, save_branch
-from casahunt.design.diagram import diagram
+from casahunt.design.diagram import diagram_points
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve
 from problems import table1
@@ -24,7 +24,7 @@ def stopping(points: int):
     """The diagram, interrupted after so many new points."""
 
     def stopped(*args, **kwargs):
-        steps = diagram(*args, **kwargs)
+        steps = diagram_points(*args, **kwargs)
         for _ in range(points):
             yield next(steps)
         raise KeyboardInterrupt
@@ -39,7 +39,7 @@ def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, undrawn, m
     table, before = tmp_path / "switch.csv", b""
     for i, points in enumerate(stops):
         with monkeypatch.context() as patch:
-            patch.setattr(command_diagram, "diagram", stopping(points))
+            patch.setattr(command_diagram, "diagram_points", stopping(points))
             code, _, err = run(capsys, *command, *["--resume"] * (i > 0))
         assert code == 130 and "the points computed so far are in" in err
         assert table.read_bytes().startswith(before)
@@ -157,7 +157,8 @@ def test_a_fold_curve_goes_on_where_it_was_interrupted(capsys, tmp_path, monkeyp
 def test_a_signal_ends_a_process_with_its_points(tmp_path):
     """SIGKILL after two points: the files are whole, and the run can be taken up."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "casahunt", "diagram", "--model", "switch", "--from", "0.6", "--out", str(out)]
+    words = "diagram", "--model", "switch", "--from", "0.6", "--out", str(out), "--details"
+    command = [sys.executable, "-m", "casahunt", *words]
     child = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     try:
         assert child.stderr is not None
@@ -176,7 +177,8 @@ def test_a_signal_ends_a_process_with_its_points(tmp_path):
 def test_two_runs_after_a_kill(tmp_path):
     """The lock of a killed run holds nobody up; of two that take it up at once one is refused, and nothing is mixed."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "casahunt", "diagram", "--model", "switch", "--from", "0.6", "--out", str(out)]
+    words = "diagram", "--model", "switch", "--from", "0.6", "--out", str(out), "--details"
+    command = [sys.executable, "-m", "casahunt", *words]
 
     def started(*more: str) -> subprocess.Popen[str]:
         return subprocess.Popen([*command, *more], cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from casahunt import InputError, Record, Servo, cli, measure, read_record, record_of, simulate
+from casahunt import InputError, Record, Servo, cli, measure, simulate
+from casahunt.design.record.file import read_record
 
 KEYS = {
     "file", "columns", "kind", "reason", "periods", "amplitude", "amplitude_scatter", "amplitude_error", "frequency",
@@ -97,7 +98,7 @@ def test_asymmetry():
 @pytest.mark.parametrize("model", ["switch", "lugre"])
 def test_a_simulated_motion_is_a_record(orbit, model):
     cycle = orbit(model, 0.04)
-    found = measure(record_of(simulate(Servo(), model, 0.04, time=80.0)), start=20.0)
+    found = measure(simulate(Servo(), model, 0.04, time=80.0), start=20.0)
     assert found.hunting
     assert found.amplitude == pytest.approx(cycle.amplitude, rel=3e-4)
     assert found.period == pytest.approx(cycle.period, rel=3e-5)
@@ -141,7 +142,7 @@ def test_a_random_walk_is_no_limit_cycle(seed):
 def test_the_motion_of_pure_coulomb_friction_decays():
     """Without a drop in the friction curve swings shrink quickly, and take longer and longer."""
     motion = simulate(Servo().replace(**{"friction.static": 0.44}), "switch", 0.005, time=200.0)
-    found = measure(record_of(motion))
+    found = measure(motion)
     assert not found.hunting and found.reason
 
 
@@ -299,7 +300,27 @@ def test_a_long_record_says_where_it_is(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(command_record, "MANY", 100)
     t = np.arange(0, 60, 0.1)
     np.savetxt(tmp_path / "a.csv", np.column_stack([t, np.sin(t)]), delimiter=",", header="time,position", comments="")
-    assert cli.main(["record", str(tmp_path / "a.csv")]) == 0
+    assert cli.main(["record", str(tmp_path / "a.csv"), "--details"]) == 0
     assert capsys.readouterr().err == "reading 0 MB\n600 samples read, looking for the period\n"
     assert cli.main(["record", str(tmp_path / "a.csv"), "--quiet"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_a_file_its_samples_and_a_motion_are_measured_alike(tmp_path):
+    """One verb, whatever the samples are in; and what it measured is in its answer."""
+    motion = simulate(Servo(), "switch", 0.04, time=60.0)
+    of_motion = measure(motion)
+    record = of_motion.record
+    path = tmp_path / "record.csv"
+    rows = "".join(f"{1e3 * t!r},{x!r}\n" for t, x in zip(record.times.tolist(), record.position.tolist(), strict=True))
+    path.write_text("anything,else\n" + rows, encoding="utf-8")
+    stated = measure(path, time_unit="ms", position_unit="rad")
+    for found in (measure(record), stated, measure(str(path), time_unit="ms")):
+        assert found.period == pytest.approx(of_motion.period, rel=1e-12)
+        assert found.record.times.size == record.times.size
+    later = measure(path, time_unit="ms", start=20.0)
+    assert later.record.times[0] >= 20.0 and later.periods.size < of_motion.periods.size
+    with pytest.raises(InputError, match="time_unit: must be left out where no file is read"):
+        measure(record, time_unit="ms")
+    with pytest.raises(InputError, match="no such file"):
+        measure(tmp_path / "none.csv")

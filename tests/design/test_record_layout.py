@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from casahunt import InputError, cli, read_record
+from casahunt import InputError, cli
+from casahunt.design.record.file import read_record
 
 T = np.arange(0.0, 12.0, 0.01)
 Y = 0.05 * np.sin(2 * np.pi * T / 2)

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from casahunt import InputError, cli, read_record
+from casahunt import InputError, cli
+from casahunt.design.record.file import read_record
 from casahunt.design.record.units import parsed_unit, split_header
 
 DEG, MIN = math.pi / 180, 60.0

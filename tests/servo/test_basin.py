@@ -104,4 +104,4 @@ def test_no_cycle_no_border(capsys):
     assert cli.main(["basin", "--gain", "0.6", "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["confirmed"] and record["inside"]["outcome"] == "settles"
-    assert cli.main(["basin", "--gain", "0.6"]) == 0 and "settles" in capsys.readouterr().out
+    assert cli.main(["basin", "--gain", "0.6", "--details"]) == 0 and "settles" in capsys.readouterr().out

@@ -245,7 +245,7 @@ def test_command(capsys, tmp_path):
     record = json.loads(out)
     assert out.count("\n") == 1 and picture.stat().st_size > 10_000 and record["conclusive"]
     assert [f["stable"] for f in record["fixed_points"]] == [False, True]
-    assert cli.main(words) == 0 and "half multiplier P' = " in capsys.readouterr().out
+    assert cli.main([*words, "--details"]) == 0 and "half multiplier P' = " in capsys.readouterr().out
     for wrong in ([], ["--gain", "0"], [*words[1:5], "--to", "1e-4"], [*words[1:3], "--points", "x"]):
         assert cli.main(["map", *wrong]) == 2
 

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, collect, diagram, find_fold, find_orbit
+from casahunt import InputError, NoOrbit, Options, Servo, SpecialPoint, Status, diagram, find_fold, find_orbit
 from casahunt.collocation.newton import newton
 from casahunt.continuation.fold_check import confirmed, next_fold
 from casahunt.continuation.special_points import FOLD, GRAZING
@@ -336,7 +336,7 @@ def test_grazing_is_located():
     Its duration T goes like a square root: K = K* - a T^2 - b T^3 - c T^4, by four of these orbits.
     """
     servo = Servo()
-    branch = collect(servo, "lugre", diagram(servo, "lugre", start=0.1, monitors=(FOLD, GRAZING)))
+    branch = diagram(servo, "lugre", start=0.1, monitors=(FOLD, GRAZING))
     dying = [s.orbit for s in branch.special if s.kind == "grazing" and s.orbit.stable]
     assert dying
     for orbit in dying:

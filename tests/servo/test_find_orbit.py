@@ -105,7 +105,7 @@ LUGRE_TWICE = pytest.param("lugre", 0.63, "unstable", marks=pytest.mark.slow)  #
 )
 def test_a_denial_names_the_located_fold(model, gain, branch):
     """Whatever gain is asked for, the fold named is the one of the reference, to five units of its last digit."""
-    with pytest.raises(NoOrbit, match="no hunting limit cycle .* its cycles end at gain") as refused:
+    with pytest.raises(NoOrbit, match="no hunting limit cycle .*its cycles end at gain") as refused:
         find_orbit(Servo(), model, gain, branch=branch)
     assert refused.value.status is None
     named = re.search(r"end at gain ([0-9.]+), in a fold", str(refused.value)).group(1)
@@ -183,7 +183,7 @@ def test_cycles_that_cannot_be_computed_are_not_denied(monkeypatch):
 
     monkeypatch.setattr(fold, "quickly_at", lambda *_, **__: None)
     monkeypatch.setattr(fold, "stable_at", stuck)
-    with pytest.raises(NoOrbit, match="was computed, though the event map .*: 8 of them were tried") as refused:
+    with pytest.raises(NoOrbit, match="was computed, though the event map .*8 of them were tried") as refused:
         find_fold(Servo(), "switch")
     assert refused.value.status is Status.NOT_CONVERGED
 

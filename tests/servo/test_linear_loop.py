@@ -162,7 +162,7 @@ def test_command(capsys, tmp_path):
     record = json.loads(out)
     assert record["lowest_stable_gain"] == 0
     assert [loop["gain"] for loop in record["loops"]] == [0.02, 0.1] and record["loops"][0]["stable"]
-    code, out, _ = run(capsys, "loop", "--gain", 0.02, "--set", "friction.viscous=0")
+    code, out, _ = run(capsys, "loop", "--gain", 0.02, "--set", "friction.viscous=0", "--details")
     assert code == 0 and "unstable" in out and "0.0320762143" in out
     assert run(capsys, "loop")[0] == run(capsys, "loop", "--gain", 0)[0] == run(capsys, "loop", "--gain", "x")[0] == 2
     assert run(capsys, "loop", "--gain", 0.1, "--plot", tmp_path / "no" / "f.png")[0] == 2

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import NoOrbit, Options, Servo, collect, diagram, find_orbit, load_orbit, save_orbit, with_lopsided
+from casahunt import NoOrbit, Options, Servo, diagram, find_orbit, load_orbit, save_orbit, with_lopsided
 from casahunt.servo.branch import CSV_COLUMNS
 from problems import canudas_gain, canudas_servo
 from problems.taylor import lugre_half_cycle, switch_half_cycle
@@ -65,7 +65,7 @@ def test_below_the_loss_of_symmetry_the_pair_comes_back_round_its_fold():
 
 @pytest.mark.slow
 def test_the_pair_of_a_branch():
-    branch = collect(CANUDAS, "lugre", diagram(CANUDAS, "lugre", start=47.0, options=Options(tol=1e-7)))
+    branch = diagram(CANUDAS, "lugre", start=47.0, options=Options(tol=1e-7))
     whole = with_lopsided(branch, options=Options(tol=1e-7))
     (pair,) = whole.lopsided  # it meets the symmetric cycle at the other point: there no second one begins
     assert not whole.missed and not pair.missed and "own image" in pair.ended

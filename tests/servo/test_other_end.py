@@ -9,7 +9,7 @@ import pytest
 
 from casahunt import NoOrbit, Servo, Status, cli, effort, other_end, simulate
 from casahunt.servo import other_end as module
-from casahunt.views.commands import simulate as command
+from casahunt.views.answers.simulate import elsewhere
 from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle
 
@@ -61,7 +61,7 @@ def test_a_cycle_that_motions_leave_is_no_end():
     motion = simulate(canudas_servo.servo(), "switch", 47.0, time=40.0, tol=1e-4)
     found = other_end(motion)
     assert motion.verdict.kind == "decaying" and found.orbit.half_multiplier < -1 and not found.hunts
-    assert "no motion was found that stays beside it" in command._elsewhere(found, 100.0)
+    assert "no motion was found that stays beside it" in elsewhere(found, 100.0)
 
 
 def test_only_a_motion_shows_that_a_start_hunts(monkeypatch):

@@ -16,7 +16,6 @@ from casahunt import (
     Pid,
     Servo,
     cli,
-    collect,
     diagram,
     find_fold,
     find_orbit,
@@ -200,7 +199,7 @@ def test_branches_and_fold_curves_in_a_gain():
     *_, last = walk(find_orbit(COMPLEX, "switch", 0.6), vary="controller.kd", low=0.1, high=0.16, options=FINE)
     there = find_orbit(last.servo, "switch", 0.6, options=FINE)
     assert last.servo.controller.kd != 0.15 and last.period == pytest.approx(there.period, rel=1e-7)
-    branch = collect(COMPLEX, "lugre", diagram(COMPLEX, "lugre", start=0.7))
+    branch = diagram(COMPLEX, "lugre", start=0.7)
     fold = next(point for point in branch.special if point.kind == "fold")
     assert fold.orbit.gain == pytest.approx(find_fold(COMPLEX, "lugre").gain, rel=1e-5)
 

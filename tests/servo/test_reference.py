@@ -143,7 +143,7 @@ def test_command_line_names_the_solver(capsys):
         assert main(["fold", "--solver", solver, "--json", "--quiet"]) == 0
         record = json.loads(capsys.readouterr().out)
         assert record["solver"] == solver and record["gain"] == pytest.approx(FOLDS["switch"]["K"], rel=1e-6)
-    assert main(["fold", "--solver", "newton", "--quiet"]) == 0
+    assert main(["fold", "--solver", "newton", "--quiet", "--details"]) == 0
     text = capsys.readouterr().out
     assert "turning point" in text and "IPOPT" not in text
     assert main(["fold", "--solver", "ipop", "--quiet"]) == 2

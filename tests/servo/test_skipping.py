@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from casahunt import Options, Servo, collect, diagram, find_orbit
+from casahunt import Options, Servo, diagram, find_orbit
 from casahunt.collocation.node_system import node_system
 from casahunt.collocation.transcription import transcribe
 from casahunt.continuation.special_points import FOLD
@@ -23,7 +23,7 @@ def test_a_walk_to_the_fold_builds_each_problem_once_and_computes_no_multiplier(
     transcribe.cache_clear()
     node_system.cache_clear()
     servo = Servo()
-    branch = collect(servo, model, diagram(servo, model, start=0.3, monitors=(FOLD,)))
+    branch = diagram(servo, model, start=0.3, monitors=(FOLD,))
     assert len(branch.orbits) > 5 and [point.kind for point in branch.special] == ["fold"]
     # The last ones are those after the fold, of which it may be asked where the branch goes.
     assert not any("multipliers" in vars(orbit) for orbit in branch.orbits)

@@ -129,9 +129,10 @@ def test_a_branch_that_is_not_followed_is_not_stable_up_to_the_fold(monkeypatch)
 
 def test_what_fold_prints(capsys):
     words = ["fold", "--quiet", *(f"--set={key}={value!r}" for key, value in draw(2026, 2).items())]
-    assert cli.main(words) == 0
+    assert cli.main([*words, "--details"]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "hunting is possible up to gain 15.976" in out and "a stable cycle up to gain 15.149" in out
+    assert "hunting is possible up to gain 15.98 V/rad" in out and "gain there 15.976" in out
+    assert "up to 15.15 V/rad motions end in a cycle" in out and "a stable cycle up to gain 15.149" in out
     assert "Keep above 15.976" in out and "no cycle is left" in out
     assert cli.main([*words, "--json"]) == 0
     stable = json.loads(capsys.readouterr().out)["stable"]
@@ -147,5 +148,5 @@ def test_what_tune_prints(capsys):
     check = record["verification"]
     assert check["stable"]["beyond"] == "none" and check["stable"]["gain"] < 0.95 * check["fold_gain"]
     assert record["gain"] >= 1.1 * check["fold_gain"] * (1 - 1e-6)
-    cli.main(words)
+    cli.main([*words, "--details"])
     assert "a stable cycle up to gain 15.149" in " ".join(capsys.readouterr().out.split())

@@ -50,11 +50,11 @@ def test_a_denial_ends_the_search():
         ((says("a", "to 1"), says("b", "to 2")), "what a to 1; b to 2", Status.NOT_FOUND),
         (
             (says("a", ("stuck", Status.NOT_CONVERGED)), says("b", ("lost", Status.NOT_FOUND)), says("c", "in vain")),
-            "stuck; tried besides: b: lost; c: in vain", Status.NOT_CONVERGED,
+            "stuck (tried besides: b: lost; c: in vain)", Status.NOT_CONVERGED,
         ),
         (
             (says("a", ("lost", Status.NOT_FOUND)), says("b", ("lost too", Status.NOT_FOUND))),
-            "lost too; tried besides: a: lost", Status.NOT_FOUND,
+            "lost too (tried besides: a: lost)", Status.NOT_FOUND,
         ),
     ],
 )  # fmt: skip
@@ -79,13 +79,13 @@ def test_a_refusal_lists_motions_and_fold(monkeypatch):
         raise NoOrbit("lost", Status.NOT_CONVERGED)
 
     monkeypatch.setattr(find, "find_fold", lost)
-    listed = r"does not prove that there is none.*not located .* \(lost\); tried besides: motions at this gain: scanned"
+    listed = r"does not prove that there is none.*not located .* \(lost; tried besides: motions at this gain: scanned"
     with pytest.raises(NoOrbit, match=listed) as refused:
         find_orbit(Servo(), "switch", 0.9)
     assert refused.value.status is Status.NOT_FOUND  # a scan alone is no evidence
     # One that was found and not computed says more than that no other was found.
     monkeypatch.setattr(find, "stable_at", lost)
-    with pytest.raises(NoOrbit, match=r"^lost; tried besides: down from the fold: no hunting limit cycle") as refused:
+    with pytest.raises(NoOrbit, match=r"^lost \(tried besides: down from the fold: no hunting limit cycle") as refused:
         find_orbit(Servo(), "switch", 0.9)
     assert refused.value.status is Status.NOT_CONVERGED
 
@@ -93,6 +93,6 @@ def test_a_refusal_lists_motions_and_fold(monkeypatch):
 def test_a_walk_that_ends_before_the_fold_says_where(monkeypatch, orbit):
     """Patched: how far up a walk may go."""
     monkeypatch.setattr(fold, "HIGHEST", 1.001)
-    with pytest.raises(NoOrbit, match="^the fold .* was not found: its cycles were followed from gain 0.3") as refused:
+    with pytest.raises(NoOrbit, match="^the gain .* stops hunting was not found: .* from gain 0.3") as refused:
         find_fold(Servo(), "switch", start=orbit("switch", 0.3))
     assert refused.value.status is Status.NOT_CONVERGED

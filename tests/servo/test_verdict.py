@@ -299,8 +299,7 @@ BORDER = 0.01
 def map_made_by_hand(monkeypatch, q, slope) -> None:
     """P(b) = b q(b/BORDER), with dP/db given, in the place of the Switch servo's."""
     made = lambda servo, gain, b: SimpleNamespace(position=b * q(b / BORDER), slope=slope(b / BORDER))  # noqa: E731
-    for module in (long_run, verdict):
-        monkeypatch.setattr(module, "map_at", made)
+    monkeypatch.setattr(long_run, "map_at", made)
 
 
 def stuck(model, at: float, **how):
@@ -338,6 +337,8 @@ def test_what_may_lie_beyond_the_border_does_not_settle_in_other_models(monkeypa
 
 def test_command_prints_the_swings(capsys):
     assert cli.main(["simulate", "--gain", "0.04"]) == 0
+    assert "judged from" not in capsys.readouterr().out
+    assert cli.main(["simulate", "--gain", "0.04", "--details"]) == 0
     out = capsys.readouterr().out
     assert "judged from      0.050047, 0.050047" in out and "floor" in out
 

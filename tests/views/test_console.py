@@ -25,11 +25,11 @@ from matplotlib.figure import Figure
 import casahunt
 from casahunt import Options, cli, effort, files, load_branch
 from casahunt.checks import error_text, finite_or_none
-from casahunt.views.commands import console
+from casahunt.views.answers.answer import complex_text
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve
 from casahunt.views.commands import fold_map as command_fold_map
-from casahunt.views.commands.console import complex_text
+from casahunt.views.commands import progress
 from casahunt.views.pictures import plotting
 from problems import table1
 
@@ -45,17 +45,17 @@ def test_digits_shown_are_digits_known(capsys, tmp_path, tol):
     shown = [
         (["orbit", "--gain", "0.4"], rf"amplitude +({NUMBER}) rad", stable["amplitude"]),
         (["orbit", "--gain", "0.4"], rf"period +({NUMBER}) s", stable["period"]),
-        (["fold"], rf"up to gain ({NUMBER})", fold["K"]),
+        (["fold"], rf"gain there +({NUMBER}) V/rad", fold["K"]),
         (["fold"], rf"optimisation problem .*: ({NUMBER}) V/rad", fold["K"]),
         (["fold"], rf"period there +({NUMBER}) s", fold["period"]),
-        (["basin", "--gain", "0.4"], rf"within ({NUMBER}) rad", unstable["amplitude"]),
+        (["basin", "--gain", "0.4"], rf"border +({NUMBER}) rad", unstable["amplitude"]),
         (["basin", "--gain", "0.4"], rf"  stable cycle .* = ({NUMBER}) rad", stable["amplitude"]),
         (diagram, rf"fold at gain = ({NUMBER})", fold["K"]),
     ]
     said: dict[str, str] = {}
     for words, pattern, truth in shown:
         if words[0] not in said:
-            said[words[0]] = run(capsys, *words, "--tol", tol, "--quiet")[1]
+            said[words[0]] = run(capsys, *words, "--tol", tol, "--quiet", "--details")[1].partition("\ndetails\n")[2]
         number = re.search(pattern, said[words[0]])[1]
         unit = 10.0 ** -len(number.partition(".")[2])
         assert abs(float(number) - truth) <= max(5.5 * unit, 1e-9 * truth), (words, number, truth)
@@ -67,9 +67,9 @@ def test_digits_of_multipliers_are_digits_known(capsys):
     table = table1.REFERENCE["switch"]
     stable, unstable = (next(row for row in table[b] if row["K"] == 0.4) for b in ("stable", "unstable"))
     for branch, row in (("stable", stable), ("unstable", unstable)):
-        said = run(capsys, "orbit", "--gain", "0.4", "--branch", branch, "--quiet")[1]
+        said = run(capsys, "orbit", "--gain", "0.4", "--branch", branch, "--quiet", "--details")[1]
         assert_known(re.search(rf"half multiplier +({NUMBER})", said)[1], row["mu"])
-    said = run(capsys, "map", "--gain", "0.4", "--quiet")[1]
+    said = run(capsys, "map", "--gain", "0.4", "--quiet", "--details")[1]
     found = re.findall(rf"a = ({NUMBER}) rad.*\n +period = ({NUMBER}) s, half multiplier P' = ({NUMBER})", said)
     for numbers, row in zip(found, (unstable, stable), strict=True):
         assert_known(numbers[0], row["amplitude"])
@@ -108,21 +108,22 @@ def test_digits_of_a_tuning_a_fold_curve_and_samples_are_digits_known(capsys, tm
     bounds = tmp_path / "u.toml"
     bounds.write_text('[interval]\n"servo.motor_gain" = [16.0, 17.0]\n')  # K cm is a constant of the servo
     for words, pattern, truth in [
-        (("tune",), rf"recommended gain ({NUMBER})", 1.1 * K),
-        (("tune",), rf"possible up to gain ({NUMBER})", K),
+        (("tune",), rf"\ndetails\n  gain +({NUMBER}) V/rad", 1.1 * K),
+        (("tune",), rf"hunting +possible up to gain ({NUMBER}) V/rad\n", K),
         (("tune",), rf"fold once more +({NUMBER}) V/rad;", K),
         ((*curve, "--points", "2"), rf"\n +16 +({NUMBER}) ", K),
-        (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"up to gain ({NUMBER}) V/rad;", K),
+        (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"as given +up to gain ({NUMBER}) V/rad", K),
         (("uncertainty", "--uncertainty", bounds, "--samples", "2"), rf"worst corner +({NUMBER}) ", K),
     ]:
-        said = run(capsys, *words, "--tol", tol, "--quiet")[1]
+        said = run(capsys, *words, "--tol", tol, "--quiet", "--details")[1].partition("\ndetails\n")[2]
+        said = f"\ndetails\n{said}"
         assert_known(re.search(pattern, said)[1], truth)
 
 
 def test_a_long_step_is_named_again(monkeypatch):
-    monkeypatch.setattr(console, "REMIND_EVERY", 0.02)
+    monkeypatch.setattr(progress, "REMIND_EVERY", 0.02)
     stream = io.StringIO()
-    with console.telling(stream) as tell:
+    with progress.telling(progress.Progress(stream, every=True)) as tell:
         tell("computing fold 3")  # not said: the first line comes after `TELL_EVERY`
         deadline = time.monotonic() + 5
         while stream.getvalue().count("computing fold 3 (for ") < 2 and time.monotonic() < deadline:
@@ -132,7 +133,7 @@ def test_a_long_step_is_named_again(monkeypatch):
     length = len(stream.getvalue())
     time.sleep(0.1)
     assert len(stream.getvalue()) == length
-    with console.telling(stream) as tell:  # a reader that is gone ends nothing
+    with progress.telling(progress.Progress(stream, every=True)) as tell:  # a reader that is gone ends nothing
         tell("computing fold 4")
         stream.close()
         time.sleep(0.1)
@@ -149,7 +150,7 @@ def test_what_is_left_is_what_it_took_so_far(monkeypatch):
 def test_a_map_says_how_long_it_will_still_take(capsys, monkeypatch, telling_at_once):
     """In its grid, and between its neighbours: never more than all of it takes, and on a stream that is no terminal."""
     monkeypatch.setattr(effort, "WORTH_SAYING", 0.0)
-    assert cli.main(["map", "--gain", "0.1", "--from", "1e-3", "--to", "0.02", "--points", "9"]) == 0
+    assert cli.main(["map", "--gain", "0.1", "--from", "1e-3", "--to", "0.02", "--points", "9", "--details"]) == 0
     said = capsys.readouterr().err
     assert re.search(r"5 of 9 motions of the first grid, about \d+ s left\n", said)
     assert re.search(r"1\d motions computed, the last one from the stick position \S+ rad, about \d+ s left\n", said)
@@ -185,7 +186,7 @@ def test_a_fold_map_says_how_long_it_will_still_take(capsys, monkeypatch, tellin
     """From the first report on: what came before it is not what follows."""
     now = 100.0
     monkeypatch.setattr(effort.time, "monotonic", lambda: now)
-    report = command_fold_map._reporter(sys.stderr, 100)
+    report = command_fold_map._reporter(progress.Progress(sys.stderr, every=True), 100)
     for count in (40, 60, 100):
         report(count)
         now += 10.0
@@ -247,7 +248,7 @@ def test_the_result_and_every_file_stand_for_themselves(capsys, tmp_path, monkey
     command = ["orbit", "--gain", 0.1, "--save", paths[0], "--plot", paths[1], "--quiet"]
     full_disk(monkeypatch, numbers=full)
     code, out, err = run(capsys, *command)
-    assert code == 1 and out.startswith("switch servo at gain 0.1 V/rad: stable hunting cycle") and "status" in out
+    assert code == 1 and out.startswith("switch servo at gain 0.1 V/rad: hunts\n") and "period" in out
     said = "; ".join(f"{str(paths[i])!r}: the disk is full" for i in full)
     assert err == f"casahunt orbit: the output could not be written: {said}\n"
     assert set(contents(tmp_path)) == {path.name for i, path in enumerate(paths) if i not in full}

@@ -12,7 +12,7 @@ from command_line import PROGRESS, contents, is_picture, one_json, process, rows
 from casahunt import NoOrbit, Servo, find_fold, find_orbit, load
 from casahunt.continuation import crossings
 from casahunt.continuation import special_points as monitor
-from casahunt.design.diagram import DiagramPoint, diagram, starting_gain
+from casahunt.design.diagram import DiagramPoint, diagram_points, starting_gain
 from casahunt.servo.saved import load_branch
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold as command_fold
@@ -25,7 +25,7 @@ from problems.taylor import switch_cycle
 def test_diagram(capsys, tmp_path):
     """Pictures and data; twice into the same folder, which is made with its parents."""
     out = tmp_path / "new" / "folder"
-    command = ["diagram", "--model", "switch", "--from", "0.3", "--out", out]
+    command = ["diagram", "--model", "switch", "--from", "0.3", "--out", out, "--details"]
     code, text, err = run(capsys, *command)
     assert code == 0
     assert set(contents(out)) == {*command_diagram.PICTURES, "switch.csv", "switch.npz"}
@@ -62,7 +62,9 @@ def test_diagram(capsys, tmp_path):
     assert len(lines) == len(rows)
     for special in branch.special:
         assert f"switch  {special.meaning}" in lines and special.meaning in " ".join(text.split())
-    assert text.startswith(f"switch: {len(points)} points; ") and " ".join(text.split()).endswith(f"written to {out}")
+    plain, _, details = text.partition("\ndetails\n")
+    assert plain.startswith("switch: the servo can hunt up to gain 0.6473 V/rad") and plain.split()[-1] == str(out)
+    assert details.startswith(f"switch: {len(points)} points; ")
 
     files, gains = set(contents(out)), [float(row["gain"]) for row in rows]
     code, text, err = run(capsys, *command, "--quiet", "--json")
@@ -116,11 +118,12 @@ def test_a_start_without_a_cycle_gives_way_to_the_servos_own(capsys, tmp_path, m
         yield DiagramPoint(find_orbit(servo, model, 0.61), ())
         return "the end"
 
-    monkeypatch.setattr(command_diagram, "diagram", nowhere)
+    monkeypatch.setattr(command_diagram, "diagram_points", nowhere)
     monkeypatch.setattr(command_diagram, "starting_gain", lambda *_: 0.6)
     command = ["diagram", "--model", "switch", "--out", tmp_path, "--quiet", "--from"]
     code, out, err = run(capsys, *command, 0.5)
-    assert code == 1 and "none at gain 0.5; it is drawn from gain 0.6" in err and out.startswith("switch: 2 points")
+    assert code == 1 and "none at gain 0.5; it is drawn from gain 0.6" in err
+    assert out.startswith("switch: the servo can hunt; where that ends was not met (the end)\n")
     assert is_picture(tmp_path / "diagram.png") and len(rows_of(tmp_path / "switch.csv")) == 2
     before = contents(tmp_path)
     assert run(capsys, *command, 0.7) == (1, "", "casahunt diagram: none at gain 0.7\n")
@@ -134,7 +137,7 @@ def test_a_gain_below_the_cycles_is_replaced(capsys, tmp_path):
     command = ["diagram", tmp_path / "my.toml", "--model", "switch", "--natural", "--from", 0.0321, "--out", tmp_path]
     code, out, err = run(capsys, *command, "--quiet")
     assert code == 1 and out.startswith("switch: ") and "fold at gain = 4.05296" in out
-    assert "no stable hunting cycle of the switch servo at gain 0.0321" in err and "second fold" in err
+    assert "no stable hunting cycle of the switch servo at gain 0.0321: it has such cycles from" in err
     assert "it is drawn from gain 0.458" in err
     assert float(rows_of(tmp_path / "switch.csv")[0]["gain"]) == 0.458 and is_picture(tmp_path / "diagram.png")
 
@@ -238,7 +241,7 @@ def walk_that_ends(with_what):
 @pytest.mark.parametrize("end", ["no step converged: try this", NoOrbit("no step converged: try this")], ids=type)
 def test_branch_that_does_not_come_back(capsys, tmp_path, monkeypatch, end):
     """Exit code 1, and what has been computed is drawn and kept."""
-    monkeypatch.setattr(command_diagram, "diagram", walk_that_ends(end))
+    monkeypatch.setattr(command_diagram, "diagram_points", walk_that_ends(end))
     command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--quiet", "--json"]
     code, out, err = run(capsys, *command)
     assert code == 1 and one_json(out)["failures"] == [err.removeprefix("casahunt diagram: ").rstrip("\n")]
@@ -261,7 +264,7 @@ def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, undr
     monkeypatch.setattr(
         crossings, "locate_special_point", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k)
     )
-    monkeypatch.setattr(command_diagram, "diagram", partial(diagram, monitors=monitors))
+    monkeypatch.setattr(command_diagram, "diagram_points", partial(diagram_points, monitors=monitors))
     command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", "--json"]
     code, out, err = run(capsys, *command)
     assert code == expected
@@ -281,7 +284,7 @@ def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, undr
 
 @pytest.mark.parametrize("trouble", [KeyboardInterrupt(), ZeroDivisionError()], ids=repr)
 def test_trouble_on_the_way_keeps_the_points(capsys, tmp_path, monkeypatch, trouble):
-    monkeypatch.setattr(command_diagram, "diagram", walk_that_ends(trouble))
+    monkeypatch.setattr(command_diagram, "diagram_points", walk_that_ends(trouble))
     command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path / "out", "--quiet"]
     if isinstance(trouble, KeyboardInterrupt):
         assert run(capsys, *command) == (
@@ -312,17 +315,17 @@ def test_points_found_together_are_written_together(capsys, tmp_path, monkeypatc
 
     keep = command_diagram.keep
     monkeypatch.setattr(command_diagram, "keep", kept)
-    monkeypatch.setattr(command_diagram, "diagram", batches)
-    code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path)
+    monkeypatch.setattr(command_diagram, "diagram_points", batches)
+    code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--details")
     assert code == 130 and on_disk == [1, 4, 5] and len(load_branch(tmp_path / "switch.npz").orbits) == 5
     assert sum(bool(PROGRESS.fullmatch(line)) for line in err.splitlines()) == 5
 
 
 def test_points_say_whether_the_next_one_is_found():
     """All but the last of eight whose multipliers are computed in batches; each alone where nobody asks for them."""
-    points = diagram(Servo(), "switch", start=0.3)
+    points = diagram_points(Servo(), "switch", start=0.3)
     assert [next(points).ahead for _ in range(10)] == [False, *[True] * 7, False, True]
-    points = diagram(Servo(), "switch", start=0.3, monitors=())
+    points = diagram_points(Servo(), "switch", start=0.3, monitors=())
     assert [next(points).ahead for _ in range(3)] == [False] * 3
 
 
@@ -331,7 +334,8 @@ def test_interrupt_before_the_first_point(capsys, tmp_path, monkeypatch, words):
     def stop(*args, **kwargs):
         raise KeyboardInterrupt
 
-    for module, name in ((command_orbit, "find_orbit"), (command_fold, "find_fold"), (command_diagram, "diagram")):
+    stopped = (command_orbit, "find_orbit"), (command_fold, "find_fold"), (command_diagram, "diagram_points")
+    for module, name in stopped:
         monkeypatch.setattr(module, name, stop)
     monkeypatch.chdir(tmp_path)
     what = "; no point was computed" if words[0] == "diagram" else ""
@@ -344,6 +348,7 @@ def test_a_lopsided_pair(capsys, tmp_path):
     """To the end: announced, followed, drawn, written; taken up again without being computed again."""
     out = tmp_path / "out"
     command = ["diagram", canudas_servo.TOML, "--model", "lugre", "--from", "44", "--tol", "1e-7", "--out", out]
+    command.append("--details")
     code, text, err = run(capsys, *command)
     assert code == 0 and all(is_picture(out / name) for name in command_diagram.PICTURES)
     words = " ".join(text.split())

@@ -79,6 +79,13 @@ def test_what_is_not_verified_stands_on_the_page(record):
 WRONG = '<b onclick="x">A & B'
 
 
+def test_what_the_drive_does_is_on_the_page(record):
+    seen = {"kind": "hunting", "sentence": "half-way it hunts by one count", "dead_band": 0.00173}
+    page = evidence_page(record | {"as_built": seen}, {})
+    assert "<h2>In the loop as built</h2>" in page and "half-way it hunts by one count" in page
+    assert 'data-key="as_built/dead_band"' in page and "In the loop as built" not in evidence_page(record, {})
+
+
 def hostile(value, key=""):
     """A record whose texts, and names of elasticities, each hold HTML; but for the texts that the page chooses by."""
     if isinstance(value, dict):
@@ -167,6 +174,27 @@ def test_pictures_are_described_with_their_numbers(text, record):
         assert part in diagram
     assert f"friction: static {record['elasticities']['friction.static']:+.3g} %" in bars
     assert "A step of 1 rad from rest: hunting before, at rest after" in tasks and "0.04 V/rad" in tasks
+
+
+def test_margins_stand_in_one_block(record):
+    """What was asked for, then a row for each set of margins, with all servos that have it and where in the set."""
+    loop = {**record["verification"]["loops"]["nominal"], "phase_margin": 40.0}
+    other = {**loop, "phase_margin": 35.0}
+    names = ("phase margin", "gain margin (lowering)", "gain margin (raising)")
+    corners = dict.fromkeys(names[:2], {"friction.viscous": 0.09}) | {names[2]: {"friction.viscous": 0.11}}
+    loops = {"nominal": loop, "worst": other, **dict.fromkeys(names[:2], other), names[2]: loop}
+    check = record["verification"] | {"loops": loops, "loop_corners": corners}
+    worst = record["worst"] | {"corner": {"friction.viscous": 0.09}}
+    shown = evidence_page(record | {"verification": check, "worst": worst}, {})
+    before, _, behind = shown.partition("gain may rise to</th>")
+    block, _, below = behind.partition("</table>")
+    assert "degrees" not in before and "degrees" not in below.partition("What this does not prove")[0]
+    rows = re.findall(r"<tr>.*?</tr>", block, re.DOTALL)
+    rows = [" ".join(html.unescape(re.sub(r"<[^>]*>", " ", row)).split()) for row in rows]
+    assert len(rows) == 3 and rows[0] == "asked for at least 30 degrees by a factor of 2 by a factor of 2"
+    assert rows[1].startswith("nominal; least gain margin (raising) of the set: friction: viscous 0.11 N m s/rad 40")
+    where = "least phase margin, gain margin (lowering) of the set: friction: viscous 0.09 N m s/rad 35 degrees"
+    assert rows[2].startswith(f"worst friction; {where}")
 
 
 def test_words_of_the_trade_are_explained_on_the_page(text):

@@ -22,7 +22,7 @@ def test_command(capsys, tmp_path):
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert [float(row["gain"]) for row in rows] == [point["gain"] for point in record["points"]]
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert cli.main([*words, "--points", "3"]) == 0
+    assert cli.main([*words, "--points", "3", "--details"]) == 0
     out, err = capsys.readouterr()
     assert "friction.static reached" in out
     assert "K = " in err

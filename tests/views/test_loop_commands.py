@@ -56,11 +56,11 @@ def test_a_gain_at_which_no_motion_from_rest_settles(capsys, loop_file):
 def test_the_lines_the_table_the_picture_and_the_file_of_a_cycle(capsys, loop_file, tmp_path):
     path, written = loop_file("leak", leak=0.1), [tmp_path / name for name in ("o.csv", "o.png", "o.npz")]
     files = [word for pair in zip(("--csv", "--plot", "--save"), written, strict=True) for word in pair]
-    words = "--gain", 0.04, "--set", "leak=0.2", "--multipliers", "integrator"
+    words = "--gain", 0.04, "--set", "leak=0.2", "--multipliers", "integrator", "--details"
     code, out, err = run(capsys, "orbit", path, *words, *files)
     lines = out.splitlines()
-    assert code == 0 and lines[0] == "loop at gain 0.04 V/rad: stable hunting cycle"
-    assert lines[1].split(None, 1)[1] == "one inertia, Switch friction, PID by times, integrator, leak"
+    assert code == 0 and lines[0] == "loop at gain 0.04 V/rad: hunts"
+    assert "  parts            one inertia, Switch friction, PID by times, integrator, leak" in lines
     assert "by integrators" in out and re.match(r"loop    K = 0\.04 +amplitude = 0\.0342", err)
     (row,) = csv.DictReader(written[0].read_text(encoding="ascii").splitlines())
     assert (float(row["leak"]), float(row["gain"]), row["stable"]) == (0.2, 0.04, "True")
@@ -99,10 +99,11 @@ def test_hunting_ends_downwards_in_the_static_friction(capsys, loop_file):
 
 
 def test_the_lines_of_a_fold(capsys, loop_file, tmp_path):
-    words = "--csv", tmp_path / "f.csv", "--plot", tmp_path / "f.png"
-    code, out, err = run(capsys, "fold", loop_file("dead band", dead_band=0.02), "--vary", "dead_band", *words)
-    assert code == 0 and out.startswith("loop: hunting is possible up to dead_band 0.04334572")
-    assert "rad\n  parts " in out and "  one per cent more of        changes that dead_band by" in out
+    words = "--vary", "dead_band", "--details", "--csv", tmp_path / "f.csv", "--plot", tmp_path / "f.png"
+    code, out, err = run(capsys, "fold", loop_file("dead band", dead_band=0.02), *words)
+    assert code == 0 and out.startswith("loop: hunting is possible up to dead_band 0.04335 rad\n")
+    assert "  dead_band there  0.04334572" in out and "\n  parts " in out
+    assert "  one per cent more of        changes that dead_band by" in out
     assert err.startswith("loop    dead_band = 0.0433457") and is_picture(tmp_path / "f.png")
     rows = {row["parameter"]: row for row in csv.DictReader((tmp_path / "f.csv").read_text().splitlines())}
     assert float(rows["gain"]["elasticity"]) == pytest.approx(float(rows["motor_gain"]["elasticity"]))
@@ -112,9 +113,9 @@ def test_the_lines_of_a_fold(capsys, loop_file, tmp_path):
 def test_the_diagram_of_a_loop(capsys, loop_file, tmp_path):
     """Up, round the fold and back, where the cycle is the unstable one; what is written is whole."""
     out_folder, path = tmp_path / "drawn", loop_file("leak", leak=0.2)
-    words = "--vary", "leak", "--out", out_folder, "--tol", "1e-7"
+    words = "--vary", "leak", "--out", out_folder, "--tol", "1e-7", "--details"
     code, out, err = run(capsys, "diagram", path, *words)
-    assert code == 0 and re.match(r"loop: \d+ points along leak; leak reached 0\.2, the end of the range\n", out)
+    assert code == 0 and re.match(r"loop: \d+ cycles along leak; leak reached 0\.2, the end of the range\n", out)
     assert "fold at leak = 0.24684" in out and f"written to {out_folder}" in " ".join(out.split())
     rows = list(csv.DictReader((out_folder / "loop.csv").read_text().splitlines()))
     values = [float(row["leak"]) for row in rows]
@@ -155,7 +156,7 @@ def test_a_motion_that_rests_its_lines_table_and_picture(capsys, loop_file, tmp_
     parts = ["two masses", *PLAIN[1:], "dead band"]
     path.write_text(f"[loop]\nparts = {parts}\n[values]\nshaft_damping = 0.05\ndead_band = 0.06\n".replace("'", '"'))
     written = "--csv", tmp_path / "s.csv", "--plot", tmp_path / "s.png"
-    words = "--gain", 0.04, "--position", 0.5, "--state", "load_rate=0.1"
+    words = "--gain", 0.04, "--position", 0.5, "--state", "load_rate=0.1", "--details"
     code, out, _ = run(capsys, "simulate", path, *words, *written)
     said = " ".join(out.split())
     assert code == 0 and out.startswith("loop at gain 0.04 V/rad, set point 1 rad, 100 s: at rest\n")
@@ -173,7 +174,8 @@ def test_the_border_in_two_parameters(capsys, loop_file, tmp_path):
     """Gain against dead band, and back: at the first and the last point the stick map has the same border."""
     border = pytest.importorskip("stick_map_support").border
     words = "--from", 0.02, "--to", 0.03, "--points", 2, "--csv", tmp_path / "b.csv", "--plot", tmp_path / "b.png"
-    code, out, err = run(capsys, "fold-curve", loop_file("dead band"), "--vary", "dead_band", "--tol", "1e-7", *words)
+    words = "--vary", "dead_band", "--tol", "1e-7", "--details", *words
+    code, out, err = run(capsys, "fold-curve", loop_file("dead band"), *words)
     rows = [{k: float(v) for k, v in row.items() if k != "turns"}
             for row in csv.DictReader((tmp_path / "b.csv").read_text().splitlines())]  # fmt: skip
     assert code == 0 and re.match(r"loop: \d+ points; dead_band = 0\.03, gain = 0\.05685", out)

@@ -29,7 +29,7 @@ def fold() -> casahunt.Fold:
 
 @cache
 def branch() -> casahunt.Branch:
-    return casahunt.collect(SERVO, "switch", casahunt.diagram(SERVO, "switch", start=0.6))
+    return casahunt.diagram(SERVO, "switch", start=0.6)
 
 
 @cache
@@ -45,7 +45,7 @@ def motion() -> casahunt.Trajectory:
 
 @cache
 def record() -> casahunt.Record:
-    return casahunt.record_of(motion())
+    return casahunt.measure(motion()).record
 
 
 @cache
@@ -84,7 +84,7 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "fold_curves": (1, lambda: ([casahunt.fold_curve(
         SERVO, "switch", vary="friction.static", start=0.53, end=0.54, points=2)],)),
     "fold_map": (1, lambda: (folds(),)),
-    "folded_record": (2, lambda: (record(), casahunt.measure(record()), casahunt.find_orbit(SERVO, "switch", 0.04))),
+    "folded_record": (2, lambda: (casahunt.measure(motion()), casahunt.find_orbit(SERVO, "switch", 0.04))),
     "histogram": (1, histogram_of),
     "motion": (3, lambda: (motion(),)),
     "sampled_motion": (3, lambda: (sampled_motion(),)),
@@ -172,6 +172,18 @@ def test_the_picture_of_a_border_shows_its_motions(words, tmp_path, capsys):
     outside, inside, border, cycle = (line.get_ydata() for line in pictures.basin(found).get_lines())
     assert list(outside) == list(found.outside.positions) and set(inside) <= set(found.inside.positions)
     assert border[0] == found.border < cycle[0] == found.outer_position
+
+
+@pytest.mark.parametrize(("gain", "off"), [(0.8808, True), (0.04, False)])
+def test_torque_can_be_read_beside_its_peak(gain, off):
+    """At the first gain a step takes 28 N m, 0.53 N m hold the servo: the friction is a tenth of the panel at least."""
+    found = casahunt.simulate(SERVO, "switch", gain, time=20.0)
+    panel = pictures.motion(found)[2]
+    low, high = panel.get_ylim()
+    assert high - low < 10 * 2 * SERVO.friction.static
+    said = [text.get_text() for text in panel.texts]
+    assert said == ([f"off the scale: {found.peak_torque:.3g} N m at the most"] if off else [])
+    assert off or high > found.peak_torque
 
 
 def test_the_jacobian_takes_two_axes():

@@ -38,7 +38,7 @@ def test_the_table_is_read_at_a_glance(capsys):
     assert "may stand still, with the size to choose" in said
     assert "10 % more of the remedy" in said and "step of 1 rad" in said
     assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1
-    assert err.splitlines()[0].startswith("dead band: 0.043345724") and len(err.splitlines()) == 3  # as they are found
+    assert err == ""  # no milestones
 
 
 @pytest.mark.slow

@@ -66,6 +66,19 @@ def test_every_number_of_the_page_is_that_of_the_object(text, record):
     assert not no_remedy["ends_hunting"] and html.escape(no_remedy["said"]) in text
 
 
+def test_what_the_drive_does_with_a_remedy_is_on_the_page(record):
+    """Where the servo file describes it; each number with its key."""
+    seen = {"kind": "hunting", "sentence": "on a reading it is hunting", "dead_band": 0.00173}
+    more = record | {"as_built": {"gain": seen, "leak": "not checked, <none>"}}
+    page = remedies_page(more, {})
+    assert "<h2>In the loop as built</h2>" in page and "not checked, &lt;none&gt;" in page
+    assert "<span class=bad>" in page and 'data-key="as_built/gain/dead_band"' in page and "0.00173" in page
+    seen |= {"kind": "at rest", "sentence": "every one of 6 motions comes to rest for ever", "dead_band": None}
+    page = remedies_page(more, {})
+    assert "every one of 6 motions" in page and "as_built/gain/dead_band" not in page
+    assert "In the loop as built" not in remedies_page(record, {})
+
+
 def test_nothing_comes_from_elsewhere_and_the_pictures_are_in_it(text, tmp_path):
     assert "<script" not in text and "http" not in text and "url(" not in text
     pictures = re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,([^"]*)"', text)

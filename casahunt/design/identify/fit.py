@@ -41,7 +41,7 @@ Array = np.ndarray
 
 MOST_OF_A_STEP = 0.4
 """Relative change of a parameter in one step: a model that is half as large is another cycle."""
-NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
+ALL_BUT_NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
 """Unknown below which a parameter is not followed: it is next to none there; and one that must not be none, whose
 cycles are ever harder to find: it is a fiftieth of what was stated."""
 FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8

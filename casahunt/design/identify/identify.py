@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,10 @@ from ...results import Result
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
+from ...servo.simulation.trajectory import Trajectory
 from ...servo.units import unit_of
 from ..record.file import Record
-from ..record.measure import Measurement
+from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
 from .fit import NEAR_DAMPING, Array, Data, Point, Question, at, climb, expected, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
@@ -174,7 +176,7 @@ class Identification(Result):
 
 
 def identify(
-    records: Sequence[Record],
+    records: Sequence[Record | Trajectory | str | Path],
     servo: Servo,
     gains: float | Sequence[float],
     model: Model = "switch",
@@ -188,7 +190,8 @@ def identify(
     Parameters
     ----------
     records
-        one or several, each with three whole periods or more; positions about any mean.
+        one or several, files, samples or simulated motions, as of `measure`, each with three whole periods or more;
+        positions about any mean.
     servo
         its known parameters, and values of the others to start from.
     gains
@@ -228,7 +231,8 @@ def identify(
     each = each * len(records) if len(each) == 1 else each
     if not len(records) or len(each) != len(records):
         raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
-    data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(records, each, strict=True))
+    samples = [as_record(record) for record in records]
+    data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(samples, each, strict=True))
     options = of_kind("options", options or Options(), Options)
     scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
     return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales, lowest), advise=advise)

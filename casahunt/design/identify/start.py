@@ -22,7 +22,7 @@ from ...errors import InputError, NoOrbit
 from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, flatten
-from .fit import NEXT_TO_NOTHING, NOTHING, Array, Data, Question, cycle_at
+from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_at
 
 STATIC, COULOMB, VISCOUS, STRIBECK = (
     "friction.static", "friction.coulomb", "friction.viscous", "friction.stribeck_velocity"
@@ -58,7 +58,7 @@ def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
 
 def lowest_of(servo: Servo, free: tuple[str, ...]) -> Array:
     """How small the unknowns may be: next to none where the servo may do without, viscous friction for one."""
-    lowest = np.full(len(free), NOTHING)
+    lowest = np.full(len(free), ALL_BUT_NOTHING)
     for i, name in enumerate(free):
         try:
             servo.replace(**{name: 0.0})

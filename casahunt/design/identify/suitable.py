@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
-from ..record.measure import Measurement, measure
+from ..record.measure import Measurement, measured
 
 MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
@@ -21,7 +21,7 @@ CLIPPED_SHARE = 0.02
 
 def suitable(record: Record) -> Measurement:
     """What the record shows.  Raises InputError: friction cannot be identified from it."""
-    found = measure(record)
+    found = measured(record)
     if found.kind == "still":
         raise InputError(f"{record.name}: shows a servo at rest, and no hunting: {found.reason}")
     if not found.hunting:

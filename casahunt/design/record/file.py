@@ -125,47 +125,12 @@ def read_record(
     current_column: str | None = None,
     torque_constant: float | None = None,
 ) -> Record:
-    """Read a CSV file with times and positions, and convert them to s and rad.
+    """A CSV file with times and positions, in s and rad; what it takes is what `measure` takes of a file.
 
-    Commas, semicolons, tabs or blanks separate the columns; lines that begin with # are comments.  With a header,
-    the columns named time (or t) and position (or pos, theta, angle) are taken, in the units stated there; otherwise
-    the first two.  A preamble above the header is left out, and commas are decimal signs where they do not separate.
-
-    Parameters
-    ----------
-    path
-        the file.
-    time_unit, position_unit
-        units of the columns, a name or a number of s or rad; None: as the header states, or s and rad.
-    time_column, position_column
-        the columns, by their headers or their numbers from 1; None: as their names say.
-    skip
-        lines to leave out; None: none but a preamble.
-    torque_column, current_column
-        the torque of the motor, or its current instead, in the same way; None: they are not read.
-    torque_constant
-        N m in an ampere of the current, or in one of whatever unit the torque has.
-
-    Returns
-    -------
-    Record, in s, rad and N m.
-
-    Raises
-    ------
-    InputError : no such file, too large, not text, no samples, a missing column, an unknown unit, a cell that is no
-        finite number, a time that does not increase.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from casahunt import read_record
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = Path(folder, "record.csv")
-    ...     _ = path.write_text("time_ms,position_deg\\n0,0\\n10,1\\n20,2\\n")
-    ...     record = read_record(path)
-    >>> record.times.tolist(), record.position.round(4).tolist()  # s, rad
-    ([0.0, 0.01, 0.02], [0.0, 0.0175, 0.0349])
+    Commas, semicolons, tabs or blanks separate the columns; lines that begin with # are comments.  With a header, the
+    columns named time (or t) and position (or pos, theta, angle) are taken, in the units stated there; otherwise the
+    first two.  A preamble above the header is left out, and commas are decimal signs where they do not separate.
+    Raises InputError.
     """
     path = Path(path)
     name = f"record {str(path)!r}"

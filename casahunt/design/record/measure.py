@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ from ...errors import InputError
 from ...export import Columns
 from ...results import Result
 from ...servo.simulation.trajectory import Trajectory
-from .file import Record
+from .file import Record, read_record
 from .period import FEWEST_PERIODS, Grid, find_period, gridded, in_blocks, off_line, usual_distance
 from .period_marks import Marks, level_of, mark, means_between
 from .verdict import Kind, Periods, deviation, judge_record, lasting, settled
@@ -76,6 +77,7 @@ class Measurement(Result):
     amplitudes, periods : (k,) one by one.
     level : (m,) level at the samples [rad].
     phase, shape : (GRID + 1,) phase 0..1 from a crossing, and position - level there [rad].
+    record : the samples.
 
     Examples
     --------
@@ -120,6 +122,7 @@ class Measurement(Result):
     level: Array = field(repr=False)
     phase: Array = field(repr=False)
     shape: Array = field(repr=False)
+    record: Record = field(repr=False)
 
     @property
     def frequency(self) -> float:
@@ -154,58 +157,75 @@ class Measurement(Result):
         return {"start_s": self.starts, "period_s": self.periods, "amplitude_rad": self.amplitudes}
 
 
-def record_of(trajectory: Trajectory) -> Record:
-    """The position theta of a simulated motion as a record.
-
-    Parameters
-    ----------
-    trajectory
-        the motion.
-
-    Returns
-    -------
-    Record of `MOTION_SAMPLES` positions [rad], evenly spaced in time [s].
-
-    Examples
-    --------
-    >>> from casahunt import Servo, record_of, simulate
-    >>> record_of(simulate(Servo(), "switch", 0.04, time=20.0)).times.size
-    20001
-    """
-    t = np.linspace(0, float(trajectory.times[-1]), MOTION_SAMPLES)
-    return Record(t, trajectory.set_point + trajectory.sample(t)[0], "simulation")
-
-
-def measure(record: Record, *, start: float | None = None) -> Measurement:
+def measure(
+    what: Record | Trajectory | str | Path, *, start: float | None = None, time_unit: str | None = None,
+    position_unit: str | None = None, time_column: str | None = None, position_column: str | None = None,
+    skip: int | None = None, torque_column: str | None = None, current_column: str | None = None,
+    torque_constant: float | None = None,
+) -> Measurement:  # fmt: skip
     """Amplitude and frequency of a record.
 
     Parameters
     ----------
-    record
-        the samples.
+    what
+        a CSV file with times and positions, samples of them, or a simulated motion.
     start
         leave out what comes before this time [s], such as a transient.
+    time_unit, position_unit
+        of a file: units of the columns, a name or a number of s or rad; None: as the header states, or s and rad.
+    time_column, position_column
+        of a file: the columns, by their headers or their numbers from 1; None: as their names say.
+    skip
+        of a file: lines to leave out; None: none but a preamble.
+    torque_column, current_column
+        of a file: the torque of the motor, or its current instead, in the same way; None: they are not read.
+    torque_constant
+        of a file: N m in an ampere of the current, or in one of whatever unit the torque has.
 
     Returns
     -------
-    Measurement; without an oscillation its numbers are nan, and its `reason` says why.
+    Measurement, whose `record` holds the samples; without an oscillation its numbers are nan, its `reason` says why.
 
     Raises
     ------
-    InputError : too few samples, or fewer than `FEWEST_PERIODS` whole periods of an oscillation.
+    InputError : too few samples, or fewer than `FEWEST_PERIODS` whole periods of an oscillation; of a file: there is
+        none, it is too large, no text, without samples or a column, in an unknown unit, a cell is no finite number, or
+        a time does not increase.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from casahunt import Record, measure
+    >>> from casahunt import Record, Servo, measure, simulate
     >>> t = np.linspace(0.0, 10.0, 2001)
     >>> found = measure(Record(t, 0.3 * np.sin(2 * np.pi * t)))
     >>> found.kind, round(found.amplitude, 3), round(found.period, 4)
     ('hunting', 0.3, 1.0)
+    >>> found = measure(simulate(Servo(), "switch", 0.04, time=80.0), start=20.0)
+    >>> round(found.period, 2), found.record.times[0]
+    (10.28, 20.0)
     """
-    of_kind("record", record, Record, "such as Record(times, position); read_record(path) reads one from a file")
-    if start is not None:
-        record = record.after(number("start", start))
+    reading = {"time_unit": time_unit, "position_unit": position_unit, "time_column": time_column,
+               "position_column": position_column, "skip": skip, "torque_column": torque_column,
+               "current_column": current_column, "torque_constant": torque_constant}  # fmt: skip
+    record = as_record(what, **{option: asked for option, asked in reading.items() if asked is not None})
+    return measured(record if start is None else record.after(number("start", start)))
+
+
+def as_record(what: Any, **reading: Any) -> Record:
+    """Samples: those given, of a file (`read_record` takes `reading`), or of a simulated motion.  Raises InputError."""
+    if isinstance(what, str | Path):
+        return read_record(what, **reading)
+    if reading:
+        raise InputError(f"{next(iter(reading))}: must be left out where no file is read")
+    if isinstance(what, Trajectory):
+        t = np.linspace(0, float(what.times[-1]), MOTION_SAMPLES)
+        return Record(t, what.set_point + what.sample(t)[0], "simulation")
+    record: Record = of_kind("record", what, Record, "such as Record(times, position), a file or a motion")
+    return record
+
+
+def measured(record: Record) -> Measurement:
+    """What `measure` says of samples."""
     t, y = record.times, record.position
     if t.size < 4 * FEWEST_PERIODS:
         raise InputError(f"{record.name}: must hold at least {4 * FEWEST_PERIODS} samples, not {t.size}")
@@ -321,6 +341,7 @@ def _averages(
         level=origin + level,
         phase=phase,
         shape=shape,
+        record=record,
     )
 
 
@@ -352,4 +373,5 @@ def _nothing(record: Record, *, still: bool) -> Measurement:
         reason,
         nan, nan, nan, nan, nan, nan, float(np.mean(level)), drift, nan, quantum(record.position), nan, True,
         (0.0, 0.0), 0.0, none, none.astype(bool), none, none, level, none, none,
+        record,
     )  # fmt: skip

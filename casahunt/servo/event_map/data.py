@@ -114,12 +114,14 @@ class FixedPoints(Result):
         text = f"{found} of the event map between {self.low:.4g} and {self.high:.4g} rad: {len(self.points)} motions"
         if count == 0 and known:
             best = max(known, key=lambda p: p.excess)
-            text += f", the largest P(a)/a is {1 + best.excess:.8g} at a = {best.start:.8g} rad"
+            far = f"{1 + best.excess:.8g} times as far from the set point as before, from {best.start:.8g} rad"
+            text += f", a swing leads at most {far}"
         text += ", computed more closely until interpolation between neighbours agreed with the motion half-way"
         crossing = sum(jump.crosses for jump in self.jumps)
         if self.jumps:
             jumps = "1 jump" if len(self.jumps) == 1 else f"{len(self.jumps)} jumps"
-            text += f"; {jumps} of P (or pieces too steep to resolve), {crossing} of them across P = a"
+            text += f"; {jumps} in where it sticks next (or pieces too steep to resolve)"
+            text += f", {crossing} of them from nearer to farther" if crossing else ""
         swinging = len(self.points) - len(known)
         if swinging:
             text += f"; {swinging} motions that do not come to stick"

@@ -29,7 +29,7 @@ def anywhere_within(size: float, p: Mapping[str, float]) -> Corners:
     return (-size, p["static"]), (size, p["static"]), (size, -p["static"]), (-size, -p["static"])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Remedy:
     """A remedy.
 
@@ -71,6 +71,9 @@ class Remedy:
     scale: str = "one"
     needs: tuple[str, ...] = ("switch", "lugre")
     why_not: str = ""
+
+    def __repr__(self) -> str:
+        return f"<Remedy: {self.name}>"
 
     @property
     def starts_at_one(self) -> bool:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,9 +30,6 @@ SMALLER_GAINS = (0.5, 0.25, 0.125, 0.0625)
 """Parts of the gain at which a cycle is looked for where no motion settles on one."""
 MOST_UNSETTLED = 3
 """Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
-LOOSER_BY, LOOSEST_FOLD = 100.0, 1e-2
-"""A fold whose cycle is not known to a tolerance is asked for with a larger one, up to this: where the branch turns
-sharply or hardly at all, the value is known far better than the period."""
 FAR_UP = 1e3
 """A parameter that hunting does not end in is followed to so many times its value."""
 
@@ -168,7 +165,7 @@ def fold_in(
     cycle: SystemOrbit, vary: str, *, sense: int = 1, to: float | None = None, options: Options | None = None,
     max_points: int = 200,
 ) -> Fold[SystemOrbit]:  # fmt: skip
-    """Where the branch of a cycle turns back in a parameter: `largest` or `smallest`, as accurately as it can be had.
+    """Where the branch of a cycle turns back in a parameter: `largest` or `smallest`.
 
     Parameters
     ----------
@@ -179,8 +176,7 @@ def fold_in(
     to
         value beyond which no fold is sought.
     options, max_points
-        as of `casahunt.continuation.largest`; where the cycle at the fold is not known to the tolerance, as where the
-        branch turns sharply, one a hundred times as large is asked for, and again: the value is known far better.
+        as of `casahunt.continuation.largest`.
 
     Returns
     -------
@@ -197,15 +193,8 @@ def fold_in(
     >>> round(fold_in(cycle, "static", sense=-1).value, 6)  # N m: with less of it there is no hunting
     0.45736
     """
-    extremum, options = (largest if sense > 0 else smallest), options or Options(tol=max(cycle.error_estimate, 1e-8))
-    far = sense * math.inf if to is None else to
-    while True:
-        try:
-            return extremum(cycle, vary, to=far, options=options, max_points=max_points)
-        except NoOrbit as refusal:
-            if refusal.status is not Status.TOLERANCE_NOT_REACHED or options.tol * LOOSER_BY > LOOSEST_FOLD:
-                raise
-        options = replace(options, tol=LOOSER_BY * options.tol)
+    extremum, far = (largest if sense > 0 else smallest), sense * math.inf if to is None else to
+    return extremum(cycle, vary, to=far, options=options, max_points=max_points)
 
 
 @dataclass(frozen=True, eq=False)

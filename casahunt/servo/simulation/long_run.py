@@ -314,3 +314,14 @@ def _draws(image: Image, centre: float, radius: float) -> bool:
             if not (abs(P - centre) < part * radius and (abs(local) < 1 or part == 1)):
                 return False
     return True
+
+
+def next_stick(servo: Servo, gain: float, a: float, error: float) -> tuple[float, float] | None:
+    """(stick position, its error) a swing later; None where it is not known."""
+    try:
+        found = map_at(servo, gain, a)
+    except MarchFailure:
+        return None
+    position = abs(found.position)
+    spread = abs(found.slope) * error
+    return (position, spread) if position > 0 and spread < 0.1 * position else None

@@ -28,15 +28,15 @@ import numpy as np
 
 from ...motion import MarchFailure, march
 from ...results import Result
-from ..cycles import SCHEMES, motor_torque, system_of
+from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap
-from ..event_map.slopes import map_at
 from ..hunting import Model
 from ..servo import Servo
 from ..stick_band import parameters as band_parameters
-from .long_run import KNOWN, NUDGE, Ahead, AttractingCycle, attracting_cycle_near, escapes, nudged, settles
+from .long_run import KNOWN, NUDGE, Ahead, AttractingCycle, attracting_cycle_near, escapes, next_stick, nudged, settles
 from .small_swings import crept
 from .swings import ABOVE, limit_of, limit_of_sides
+from .waiting import STILL, breaks_away_after
 
 Array = np.ndarray
 
@@ -46,9 +46,8 @@ SETTLED = 1e-2
 """Relative distance from the cycle at which swings have settled."""
 REST = 1e-6
 """Positions within this part of Fs/kp of the set point are at rest, if the servo stays there."""
-STILL = 1e-3
-"""LuGre counts as stuck below this part of the Stribeck velocity, with `INSIDE` of static friction at most."""
 INSIDE = 0.95
+"""Part of static friction up to which LuGre may count as stuck."""
 BENT = 3.0
 """Creep of a stuck LuGre servo in units of Fs/sigma0."""
 SPAN = 20.0
@@ -78,6 +77,8 @@ class Verdict(Result):
     multiplier : the factor by which the distance from the limit changes each swing; nan where it was not computed.
     floor : what a position must differ by to be judged [rad].
     motions : motions of the event map computed beyond the motion judged.
+    rests_since : time from which on the position has not left the floor [s]; nan where it does.
+    waits : time after the end at which a servo that is stuck beside its set point breaks away [s]; nan elsewhere.
 
     Examples
     --------
@@ -101,6 +102,8 @@ class Verdict(Result):
     multiplier: float = math.nan
     floor: float = math.nan
     motions: int = 0
+    rests_since: float = math.nan
+    waits: float = math.nan
 
     @property
     def ratios(self) -> tuple[float, ...]:
@@ -203,7 +206,7 @@ def _switch(motion: ObservedMotion, seen: Verdict, sticks: Array, error: float) 
     first = ahead = settles(servo, "switch", gain, a + error)
     motions, swings = ahead.motions, 0
     while not ahead.holds and ahead.refuted_at > 0 and swings < CARRIED:
-        following = _next(servo, gain, a, error)
+        following = next_stick(servo, gain, a, error)
         if following is None:
             break
         (a, error), swings, motions = following, swings + 1, motions + 1
@@ -236,24 +239,13 @@ def _at_cycle(motion: ObservedMotion, seen: Verdict, cycle: AttractingCycle, sti
         return replace(
             known, kind="hunting",
             sentence=f"the last stick position is {distance:.1e} from that of a {what} of {cycle.amplitude:.8g} rad, "
-            f"and each {'swing' if cycle.swings == 1 else 'period'} leaves {cycle.multiplier:+.4g} times that distance",
+            f"which each {'swing' if cycle.swings == 1 else 'period'} multiplies by {cycle.multiplier:+.4g}",
         )  # fmt: skip
-    return replace(
-        known,
-        sentence=f"{count} stick positions in {end:.4g} s, the last one {distance:.1e} from that of a {what} of "
-        f"{cycle.amplitude:.6g} rad that draws it; try a longer time{_waits(motion)}",
-    )  # fmt: skip
-
-
-def _next(servo: Servo, gain: float, a: float, error: float) -> tuple[float, float] | None:
-    """(stick position, its error) a swing later; None where it is not known."""
-    try:
-        found = map_at(servo, gain, a)
-    except MarchFailure:
-        return None
-    position = abs(found.position)
-    spread = abs(found.slope) * error
-    return (position, spread) if position > 0 and spread < 0.1 * position else None
+    text = (
+        f"{count} stick positions in {end:.4g} s, the last one {distance:.1e} from that of a {what} of "
+        f"{cycle.amplitude:.6g} rad that draws it; try a longer time"
+    )
+    return _waiting(motion, replace(known, sentence=text))
 
 
 # LuGre and the stick band: the swings of the motion, and the map for rest ---------------------------------------
@@ -382,26 +374,26 @@ def _resting(motion: ObservedMotion, seen: Verdict, text: str, ahead: Ahead) -> 
     since = float(t[away[-1]]) if away.size else 0.0
     sentence = f"{text}{ahead.sentence}".rstrip("; ")
     if away.size and away[-1] == t.size - 1:
-        return replace(seen, kind="decaying", sentence=f"{sentence}{_waits(motion)}", limit=0.0)
+        return _waiting(motion, replace(seen, kind="decaying", sentence=sentence, limit=0.0))
     within = f"within {seen.floor:.2g} rad of the set point, too little to be judged, since {since:.4g} s"
     return replace(
-        seen, kind="at rest", sentence=f"{within}; {sentence}", limit=0.0, amplitude=math.nan, period=math.nan, swings=0
-    )
+        seen, kind="at rest", sentence=f"{within}; {sentence}", limit=0.0, rests_since=since,
+        amplitude=math.nan, period=math.nan, swings=0,
+    )  # fmt: skip
 
 
 def _open(motion: ObservedMotion, seen: Verdict, ahead: Ahead) -> Verdict:
     text = f"neither a cycle nor rest is certain after {motion.times[-1]:.4g} s"
     if motion.ended:
         text = f"it was followed only until {motion.ended}"
-    return replace(seen, sentence=f"{text} ({ahead.sentence}); try a longer time{_waits(motion)}")
+    return _waiting(motion, replace(seen, sentence=f"{text} ({ahead.sentence}); try a longer time"))
 
 
-def _waits(motion: ObservedMotion) -> str:
-    """The sentence of a servo that ends stuck beside its set point; "" elsewhere."""
+def _waiting(motion: ObservedMotion, seen: Verdict) -> Verdict:
+    """A verdict that says besides how long the servo stays where it ends stuck."""
     x = motion.states[:, -1]
-    ki, static = motion.servo.torque_gains(motion.gain)[2], motion.servo.friction.static
-    m = float(motor_torque(x, motion.servo.parameters(motion.gain)))
-    if abs(float(x[1])) > STILL * motion.servo.friction.stribeck_velocity or abs(m) > static or x[0] == 0:
-        return ""
-    wait = (m + np.sign(x[0]) * static) / (ki * float(x[0]))
-    return f"; it ends stuck at {float(x[0]):+.4g} rad, and the integral action breaks it away about {wait:.4g} s later"
+    wait = breaks_away_after(motion.servo, motion.gain, x)
+    if math.isnan(wait):
+        return seen
+    text = f"; it ends stuck at {x[0]:+.4g} rad, and the integral action breaks it away about {wait:.4g} s later"
+    return replace(seen, sentence=f"{seen.sentence}{text}", waits=wait)

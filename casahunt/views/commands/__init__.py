@@ -1,9 +1,10 @@
 """The commands, one module each: arguments, a call, text and JSON.
 
+progress.py    where a command is: a line that moves, or milestones in a log
 output.py      what is printed: 80 columns, words explained; CSV tables
 output_paths.py what a command may write
 arguments.py   the arguments that they share, read and checked
-console.py     what else they share: progress, files, how numbers are shown
+console.py     what else they share: files, how numbers are shown
 sampled.py     what simulate does with the loop as built
 loops/         what they do with a loop of parts
 orbit.py, diagram.py, fold.py, fold_curve.py, fold_map.py, loop.py, equilibria.py, map.py, basin.py, simulate.py,

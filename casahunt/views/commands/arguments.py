@@ -132,6 +132,7 @@ def add_command(
     )
     command.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     command.add_argument("--quiet", action="store_true", help="no progress on standard error")
+    command.add_argument("--details", action="store_true", help="the mathematics too, and every digit that is known")
     if model is not None:
         command.add_argument("--model", help=f"switch (default) or lugre{model}")
     if csv:

@@ -1,41 +1,30 @@
-"""What the commands share: progress, the folder and the files that they write, and how numbers are shown."""
+"""What the commands share: the folder and the files that they write, and how numbers are shown."""
 
 from __future__ import annotations
 
 import errno
 import gc
-import math
 import os
 import sys
-import threading
-import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from ...checks import known_decimals, to_absolute_error, to_error
-from ...errors import InputError
+from ...checks import to_error
+from ...errors import InputError, NoOrbit
 from ...files import alone_in, unmake
 from ...orbits import Orbit
 from ...servo.problem import HuntingOrbit
+from ..answers.answer import short
 from .output import meanings, wrapped
 from .output_paths import Signs, keep_others
-
-TELL_EVERY, REMIND_EVERY = 2.0, 10.0
-"""Seconds between two lines of progress, and after which a long step is named again."""
+from .progress import Progress, clear
 
 COLLECT_EVERY = 10_000
 """New objects after which rings among them are looked for: with Python's own 700 it takes a twentieth of a diagram."""
 
-MOST_DECIMALS = 4
-"""Of a sensitivity in per cent of the gain."""
-EVENT_WORDS = {
-    "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
-    "reversal": "reversals", "centre": "times the bristle slack",
-}  # fmt: skip
-"""How many of an event are told."""
 _COMPLAINTS: list[str] = []
 """The error messages of the command under way."""
 
@@ -71,63 +60,6 @@ def own_process() -> None:
         raise OSError(errno.EBADF, "standard output is closed")
 
 
-def progress(quiet: bool) -> IO[str] | None:
-    """Where progress goes."""
-    return None if quiet else sys.stderr
-
-
-def say(stream: IO[str] | None, text: str) -> None:
-    """Print a line of progress.
-
-    stream, text: where to, None: nowhere; and the line.
-    """
-    if stream is not None:
-        print(text, file=stream, flush=True)
-
-
-def teller(stream: IO[str] | None) -> Callable[[str], None]:
-    """Lines of progress of a computation that reports far too often: one every `TELL_EVERY` seconds is said."""
-    last = time.monotonic()
-
-    def tell(text: str) -> None:
-        nonlocal last
-        if time.monotonic() - last >= TELL_EVERY:
-            last = time.monotonic()
-            say(stream, text)
-
-    return tell
-
-
-@contextmanager
-def telling(stream: IO[str] | None) -> Iterator[Callable[[str], None]]:
-    """As `teller`; a step that takes longer than `REMIND_EVERY` seconds is named again and again, with its time."""
-    tell = teller(stream)
-    at, since = "", time.monotonic()
-    done = threading.Event()
-
-    def note(text: str) -> None:
-        nonlocal at, since
-        at, since = text, time.monotonic()
-        tell(text)
-
-    def remind() -> None:
-        while not done.wait(REMIND_EVERY):
-            text, long = at, time.monotonic() - since
-            if not text or long < REMIND_EVERY:
-                continue
-            try:
-                say(stream, f"{text} (for {long:.0f} s now)")
-            except (OSError, ValueError):  # nobody reads it any more; the computation is not to end for that
-                return
-
-    if stream is not None:
-        threading.Thread(target=remind, daemon=True).start()
-    try:
-        yield note
-    finally:
-        done.set()
-
-
 def of_this(left: str, what: str, others: bool) -> str:
     """How long something will still take (effort.left), named where others follow.
 
@@ -135,38 +67,6 @@ def of_this(left: str, what: str, others: bool) -> str:
     Returns ", about 12 s left" or ", about 12 s left of this branch".
     """
     return f"{left} of this {what}" if left and others else left
-
-
-def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
-    """A multiplier as the user reads it, to the digits that its error vouches for, 8 at most.
-
-    error: relative for those above 1 in size, absolute for smaller ones; floor: a bound where no more is known, else 0.
-    Returns text such as "0.5+0.1j".
-    """
-    if floor > 0:
-        return f"below 1e{math.ceil(math.log10(floor))}"
-    error = max(error, 1e-12) * max(1.0, abs(value))
-
-    def part(x: float) -> str:
-        return to_absolute_error(x, error, most=8)
-
-    if abs(value.imag) <= error:
-        return part(value.real)
-    return f"{part(value.real)}{'' if value.imag < 0 else '+'}{part(value.imag)}j"
-
-
-def counted(names: Sequence[str]) -> str:
-    """How many events there were, and of which."""
-    listed = ", ".join(f"{names.count(name)} {EVENT_WORDS.get(name, name)}" for name in dict.fromkeys(names))
-    return f"{len(names)}{f' ({listed})' if names else ''}"
-
-
-def sensitivity_text(value: float, tol: float) -> str:
-    """Per cent of the fold gain per per cent, to the tolerance, four decimals at most.
-
-    value, tol: the elasticity, and the tolerance: it is known to that much and better.
-    """
-    return f"{value:+.{known_decimals(tol, MOST_DECIMALS)}f}"
 
 
 class Outputs:
@@ -209,13 +109,15 @@ class Outputs:
             raise OSError(first.errno, said) if isinstance(first, OSError) else InputError(said)
 
 
-def complain(command: str, what: object) -> None:
+def complain(command: str, what: object, *, details: bool = False) -> None:
     """Print an error message, in one line.
 
-    command, what: who complains, such as "casahunt orbit", and of what.
+    command, what: who complains, such as "casahunt orbit", and of what; details: with its evidence, where it has some.
     """
-    print(f"{command}: {what}", file=sys.stderr)
-    _COMPLAINTS.append(str(what))
+    clear()
+    said = what.plain if isinstance(what, NoOrbit) and not details else str(what)
+    print(f"{command}: {said}", file=sys.stderr)
+    _COMPLAINTS.append(said)
 
 
 def explain_complaints(*, aloud: bool) -> None:
@@ -262,6 +164,18 @@ def folder(path: str, results: Signs) -> Iterator[Path]:
         yield out
 
 
+def orbit_line(stream: Progress | None, orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
+    """A computed point, for progress: in short, or where each is a line that stays as `progress_line`."""
+    if stream is not None and stream.every:
+        return progress_line(orbit, mu, vary)
+    value, amplitude, period = orbit.problem.value(vary), orbit.amplitude, orbit.period
+    return f"{_whose(orbit)}: {vary} {short(value)}, amplitude {short(amplitude)} rad, period {short(period)} s"
+
+
+def _whose(orbit: Orbit) -> str:
+    return orbit.model if isinstance(orbit, HuntingOrbit) else "loop"
+
+
 def progress_line(orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
     """A computed point as a line of progress: gain, amplitude, period, multiplier and iterations.
 
@@ -272,8 +186,8 @@ def progress_line(orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
     value = to_error(orbit.problem.value(vary), max(orbit.parameter_error, 1e-8))
     amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
     period = to_error(orbit.period, orbit.period_error, most=6)
-    whose = orbit.model if isinstance(orbit, HuntingOrbit) else "loop"
     return (
-        f"{whose:7s} {'K' if vary == 'gain' else vary} = {value}  amplitude = {amplitude} rad  period = {period} s  "
+        f"{_whose(orbit):7s} {'K' if vary == 'gain' else vary} = {value}  amplitude = {amplitude} rad  "
+        f"period = {period} s  "
         f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
     )

@@ -29,13 +29,15 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.parts.table import remedy_name
 from ...servo.sampled.check import AsBuilt
+from ..answers.answer import Answer
 from ..evidence.cure_page import TITLE, cure_page
 from ..evidence.record import made
 from . import identify as identification
 from .arguments import add_command, add_out, how_of, positive
-from .console import complain, folder, progress, say
+from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
+from .progress import progress, tell
 from .remedies import (
     DEMANDS,
     add_demands,
@@ -44,6 +46,7 @@ from .remedies import (
     built_lines,
     none_within,
     remedies_as_built,
+    remedy_details,
     remedy_lines,
 )
 
@@ -68,7 +71,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
     began, fit = time.perf_counter(), identification.fit_of(options)
-    how, stream = how_of(options), progress(options.quiet)
+    how, stream = how_of(options), progress(options)
     limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
     if options.out is not None:
@@ -78,11 +81,11 @@ def run(options: argparse.Namespace) -> int:
         complain("casahunt cure", f"the records were not fitted: {found.status.advice}")
         return 1
     gain = found.records[0].gain
-    say(stream, "computing the fold")
+    tell(stream, "computing the fold")
     fold = _fold(found, how)
     cures = remedies(
         found.servo, found.model, gain, only=names, options=how, uncertainty=found.uncertainty,
-        progress=lambda row: say(stream, as_it_is_found(row)), **limits,
+        progress=lambda row: tell(stream, as_it_is_found(row)), **limits,
     )  # fmt: skip
     built = remedies_as_built(options, cures, found.servo, gain)
     suspect = identification.suspected(options, found)
@@ -102,9 +105,11 @@ def run(options: argparse.Namespace) -> int:
             page = cure_page(whole, {"fit": png(fitted_records(found))})
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
             options.outputs.write(write_results, out, FILES, identification.texts_of(found) | own)
-    lines = (*identification.identified_lines(found, suspect), *_unbounded(found), *_fold_lines(fold),
-             *remedy_lines(cures, limits, of_a_set=True), *built_lines(built))  # fmt: skip
-    give(options, record, lines, table=tables_of([cures]), picture=("identify.fitted_records", found))
+    lines = [advice_of(cures, limits, of_a_set=True), *identification.identified_lines(found, suspect),
+             *_unbounded(found), *_fold_lines(fold),
+             *remedy_lines(cures, limits, of_a_set=True), *built_lines(built)]  # fmt: skip
+    answer = Answer(lines, [*identification.identified_details(found), *remedy_details(cures)])
+    give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
     return _judged(found, cures, built, limits)
 
 

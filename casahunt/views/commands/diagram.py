@@ -8,15 +8,15 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from ... import effort
-from ...continuation import FOLD
-from ...design.diagram import DiagramPoint, branch_of, diagram, starting_gain
+from ...continuation import FOLD, SpecialPoint
+from ...design.diagram import DiagramPoint, branch_of, diagram_points, starting_gain
 from ...design.diagram_files import SIGNS, DiagramTask, Left, Words, keep, saved_points
 from ...errors import NoOrbit
 from ...export import MAKER
@@ -28,6 +28,8 @@ from ...servo.hunting import Model
 from ...servo.lopsided import with_lopsided
 from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
+from ..answers.answer import short
+from ..answers.diagram import diagram_answer, loop_diagram_answer
 from .arguments import (
     add_command,
     add_models,
@@ -43,10 +45,11 @@ from .arguments import (
     servo_of,
     vary_of,
 )
-from .console import complain, folder, of_this, progress, progress_line, say
+from .console import complain, folder, of_this, orbit_line
 from .loops import shared
 from .output import drawing, give
 from .output_paths import keep_others
+from .progress import Progress, progress, say, tell
 
 if TYPE_CHECKING:
     from ...servo.parts import Loop
@@ -116,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
         # What an earlier run has left makes room when this one has its first point, and not before.
         taken_up = [model for model in models if there[model].points]
         stale = {name: sign for name, sign in results.items() if Path(name).stem not in taken_up}
-        found = _Branches(task, out, there, stale, progress(options.quiet))
+        found = _Branches(task, out, there, stale, progress(options), options.details)
         try:
             for model in models:
                 found.add(model)
@@ -137,7 +140,7 @@ def run(options: argparse.Namespace) -> int:
     }
     every = [one for branch in found.branches for one in (branch, *branch.lopsided)]
     said = {special.kind for branch in every for special in branch.special}
-    give(options, summary, _lines(found.branches, None if options.outputs.troubles else out), said=said)
+    give(options, summary, diagram_answer(found.branches, _written(options, out)), said=said)
     return 1 if found.failures else 0
 
 
@@ -146,10 +149,10 @@ def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options)
     left_out(options, "they go with the diagram of a servo", "natural", "resume")
     start = None if options.start is None else finite("from", options.start)
     to = None if options.to is None else finite("to", options.to)
-    began, stream = time.perf_counter(), progress(options.quiet)
+    began, stream = time.perf_counter(), progress(options)
     with folder(options.out, _results(options)) as out:
         branch = shared.branch_of(
-            loop, vary, start, to, how, lambda orbit: say(stream, progress_line(orbit, vary=vary))
+            loop, vary, start, to, how, lambda orbit: tell(stream, orbit_line(stream, orbit, vary=vary))
         )
         options.outputs.write(branch.to_csv, out / "loop.csv")
         options.outputs.write(branch.to_json, out / "loop.json")
@@ -161,27 +164,14 @@ def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options)
         "out": str(out), "continuation": "pseudo-arclength", "solver": how.solver, **shared.record_of(loop),
         "branches": [branch], "failures": failures, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
-    lines = [f"loop: {len(branch.orbits)} points along {vary}; {branch.ended}", shared.parts_line(loop)]
-    lines += [f"  {special.meaning}" for special in branch.special]
-    lines += [] if options.outputs.troubles else [f"written to {out}"]
-    give(options, summary, lines, said={special.kind for special in branch.special})
+    answer = loop_diagram_answer(branch, vary, shared.parts_line(loop), _written(options, out))
+    give(options, summary, answer, said={special.kind for special in branch.special})
     return 1 if failures else 0
 
 
-def _lines(branches: list[Branch], out: Path | None) -> Iterator[str]:
-    for branch in branches:
-        yield f"{branch.model}: {len(branch.orbits)} points; {branch.ended}"
-        for special in branch.special:
-            yield f"  {special.meaning}"
-        for pair in branch.lopsided:
-            yield (
-                f"  lopsided, one of a pair whose other is its mirror image: {len(pair.orbits)} points from gain "
-                f"{pair.orbits[0].gain:.8g}; {pair.ended}"
-            )
-            for special in pair.special:
-                yield f"    {special.meaning}"
-    if out and branches:
-        yield f"written to {out}"
+def _written(options: argparse.Namespace, out: Path) -> str:
+    """The folder that is written into; "" where something is missing in it."""
+    return "" if options.outputs.troubles else str(out)
 
 
 @dataclass
@@ -194,7 +184,8 @@ class _Branches:
     """By model: what an earlier run has left."""
     stale: dict[str, bytes]
     """Files that an earlier run may have left, and what stands in each."""
-    stream: IO[str] | None
+    stream: Progress | None
+    details: bool
     branches: list[Branch] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     moved: dict[Path, Path] = field(default_factory=dict)
@@ -217,9 +208,9 @@ class _Branches:
         except NoOrbit as error:
             start = self.instead(model)
             if start is None:
-                self.lacks(str(error))
+                self.lacks(error)
                 return
-            self.lacks(f"{error}; it is drawn from gain {start:g}")
+            self.lacks(NoOrbit(f"{error.plain}; it is drawn from gain {start:g}", evidence=error.evidence))
             branch = self.branch(model, start)
         self.branches.append(branch)
         if failure := _shortfall(branch, float(branch.gains[0]), self.task.natural):
@@ -229,10 +220,10 @@ class _Branches:
             if gap.kind == FOLD.kind and gap in branch.missed:  # what the diagram is there for
                 self.failures.append(gap.meaning)
 
-    def lacks(self, failure: str) -> None:
+    def lacks(self, failure: str | NoOrbit) -> None:
         """Say what is missing."""
-        self.failures.append(failure)
-        complain("casahunt diagram", failure)
+        self.failures.append(str(failure))
+        complain("casahunt diagram", failure, details=self.details)
 
     def begins(self, model: Model) -> float:
         """The gain that the branch of a model begins at: as asked for, as begun, or its own."""
@@ -299,7 +290,7 @@ def _one_branch(
     there: Left,
     make_room: Callable[[], None],
     out: Path,
-    stream: IO[str] | None,
+    stream: Progress | None,
     way: _DiagramProgress,
 ) -> Branch:
     """Compute a branch, from the points that are there on; what is found is on disk before more is computed."""
@@ -312,18 +303,18 @@ def _one_branch(
     if found and ended != INTERRUPTED:
         beside = replace(branch_of(task.servo, model, found, ended), lopsided=there.lopsided)
         return keep(task, model, found, ended, out, words, beside)
-    points = diagram(
+    points = diagram_points(
         task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
     )
-    lines: list[str] = []  # about points that are not on disk yet
+    lines: list[tuple[Callable[[Progress | None, str], None], str]] = []  # about points that are not on disk yet
 
     def written() -> None:
         said = [lines.pop(0) for _ in tuple(lines)]  # whatever becomes of it, this is done once
         with held():
             make_room()
             keep(task, model, found, INTERRUPTED, out, words)
-        for line in said:
-            say(stream, line)
+        for how, line in said:
+            how(stream, line)
         effort.heard()
 
     try:
@@ -331,8 +322,8 @@ def _one_branch(
             point = next(points)
             with held():
                 found.append(point)
-                lines += [f"{model:7s} {special.meaning}" for special in point.special]
-                lines.append(progress_line(point.orbit) + way.left(point))
+                lines += [(say, _met(model, special, stream)) for special in point.special if _worth(special, stream)]
+                lines.append((tell, orbit_line(stream, point.orbit) + way.left(point)))
             if not point.ahead:
                 written()
     except StopIteration as end:
@@ -348,11 +339,23 @@ def _one_branch(
     return keep(task, model, found, ended, out, words, beside)
 
 
-def _beside(branch: Branch, task: DiagramTask, stream: IO[str] | None) -> Branch:
+def _worth(special: SpecialPoint[HuntingOrbit], stream: Progress | None) -> bool:
+    """Whether a special point is a milestone: where hunting ends is one to everybody."""
+    return special.kind == FOLD.kind or stream is not None and stream.every
+
+
+def _met(model: Model, special: SpecialPoint[HuntingOrbit], stream: Progress | None) -> str:
+    """What is said of a special point."""
+    if stream is not None and stream.every:
+        return f"{model:7s} {special.meaning}"
+    return f"{model}: a branch of cycles turns back at gain {short(special.orbit.gain)} V/rad"
+
+
+def _beside(branch: Branch, task: DiagramTask, stream: Progress | None) -> Branch:
     """The branch with one cycle of each lopsided pair that branches off from it, followed too."""
 
     def shown(orbit: HuntingOrbit) -> None:
-        say(stream, f"{progress_line(orbit)}  lopsided")
+        tell(stream, f"{orbit_line(stream, orbit)}  lopsided")
         effort.heard()
 
     return with_lopsided(branch, options=task.options, progress=shown)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..explore.state import State, state_of_loop, state_of_servo
 from .arguments import add_command, count_of, loop_of, model_of, positive, servo_of
-from .console import progress, say
+from .progress import progress, say
 
 LAST_PORT = 65535
 
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
 
     port = None if options.port is None else count_of("port", options.port, 1, LAST_PORT)
     server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
-    stream = progress(options.quiet)
+    stream = progress(options)
     if options.json:
         print(json.dumps({"address": server.address}), flush=True)
     else:

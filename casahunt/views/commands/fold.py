@@ -8,20 +8,21 @@ hunting in any parameter;
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ...checks import error_text, to_error
-from ...continuation import Fold
-from ...design.sensitivity import Sensitivities, fold_sensitivities
+from ...checks import to_error
+from ...design.sensitivity import fold_sensitivities
 from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
+from ..answers.answer import short
+from ..answers.fold import fold_answer
 from ..stability import stability_of
 from .arguments import add_command, add_solver, add_vary, how_of, loop_of, model_of, servo_of, vary_of
-from .console import progress, progress_line, say, sensitivity_text
+from .console import orbit_line
 from .loops import shared
 from .output import give
+from .progress import progress, tell
 from .sampled import seen_by_encoder
 
 if TYPE_CHECKING:
@@ -44,13 +45,17 @@ def run(options: argparse.Namespace) -> int:
     fold = find_fold(servo_of(options), model, options=how)
     slopes, stable = fold_sensitivities(fold), stability_of(fold, how)
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "stable": stable, "solver": how.solver}
-    say(progress(options.quiet), progress_line(fold.orbit, mu="+1 (fold)"))
-    first = f"{model} servo: hunting is possible up to gain {to_error(fold.gain, fold.gain_error)} V/rad"
+    stream = progress(options)
+    tell(stream, orbit_line(stream, fold.orbit, mu="+1 (fold)"))
     below, built = seen_by_encoder(options, fold.orbit.amplitude)
     more = {**more, **built}
-    lines = _lines(fold, slopes, [first, *below], stable["sentence"], how)
+    value, again = (f"{to_error(gain, fold.gain_error)} V/rad" for gain in (fold.gain, fold.optimised_value))
+    answer = fold_answer(
+        f"{model} servo: hunting is possible up to gain {short(fold.gain, fold.gain_error)} V/rad", fold, slopes,
+        below=below, stable=stable, value=value, again=again, solver=how.solver, tol=how.tol,
+    )  # fmt: skip
     give(
-        options, fold.to_dict(table=False) | more, lines, table=tables_of([slopes]),
+        options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),
         picture=("fold.elasticities", [fold], [slopes]),
     )  # fmt: skip
     return 0
@@ -63,30 +68,18 @@ def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options)
     more = {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
     more |= {"elasticities": slopes.elasticities, "way": way, "solver": how.solver}
     more |= shared.record_of(loop.replace(**{vary: fold.value}))
-    say(progress(options.quiet), progress_line(orbit, mu="+1 (fold)", vary=vary))
-    value = shared.with_unit(to_error(fold.value, fold.value_error), vary)
-    first = f"loop: hunting is possible {way} to {vary} {value}", shared.parts_line(loop)
+    stream = progress(options)
+    tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))
+    value, again = (
+        shared.with_unit(to_error(each, fold.value_error), vary) for each in (fold.value, fold.optimised_value)
+    )
+    answer = fold_answer(
+        f"loop: hunting is possible {way} to {vary} {shared.with_unit(short(fold.value, fold.value_error), vary)}",
+        fold, slopes, below=[shared.parts_line(loop)], stable=None, value=value, again=again, solver=how.solver,
+        tol=how.tol,
+    )  # fmt: skip
     give(
-        options, fold.to_dict(table=False) | more, _lines(fold, slopes, first, "", how), table=tables_of([slopes]),
+        options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),
         picture=("fold.elasticities", [fold], [slopes]),
     )  # fmt: skip
     return 0
-
-
-def _lines(
-    fold: Fold[Any], slopes: Sensitivities, first: Sequence[str], stable: str, how: Options
-) -> Iterator[str]:
-    """The lines, the first ones given; stable: what is said of a stable cycle."""
-    vary = fold.parameter
-    yield from first
-    yield f"  estimated error  {error_text(fold.value_error)} (relative, of the {vary})"
-    yield f"  amplitude there  {to_error(fold.orbit.amplitude, fold.orbit.amplitude_error)} rad"
-    yield f"  period there     {to_error(fold.orbit.period, fold.orbit.period_error)} s"
-    if stable:
-        yield f"  a stable cycle   {stable}"
-    way = "turning point of the equations (Newton)" if how.solver == "newton" else "optimisation problem (IPOPT)"
-    yield f"  computed twice   as {way}: {shared.with_unit(to_error(fold.optimised_value, fold.value_error), vary)}"
-    yield f"  one per cent more of        changes that {vary} by"
-    for name, value in sorted(slopes.elasticities.items(), key=lambda item: -abs(item[1])):
-        yield f"    {name:26s} {sensitivity_text(value, how.tol):>9s} %"
-    yield f"  {fold.wall_s:.2f} s"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from ... import effort
 from ...checks import to_error
@@ -23,11 +23,12 @@ from ...results import tables_of
 from ...servo.hunting import Model
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
-from ...servo.units import with_unit
+from ..answers.fold_curve import fold_curve_answer
 from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
-from .console import complain, of_this, progress, say, sensitivity_text
+from .console import complain, of_this
 from .loops.fold_curve import of_loop
 from .output import give
+from .progress import Progress, progress, tell
 
 CURVE_POINTS = 2, 1000
 """Fewest and most points of a curve."""
@@ -66,11 +67,14 @@ def run(options: argparse.Namespace) -> int:
         desk.follow(model)
     curves, failures = desk.curves, desk.failures
     if not curves:
-        raise NoOrbit("; ".join(failures), Status.NOT_FOUND)
+        whole = [each for each in failures if isinstance(each, NoOrbit)]
+        evidence = "; ".join(each.evidence for each in whole if each.evidence)
+        raise NoOrbit("; ".join(each.plain for each in whole), Status.NOT_FOUND, evidence=evidence)
     for failure in failures:
-        complain("casahunt fold-curve", failure)
-    record = {"curves": curves, "failures": failures, "wall_s": time.perf_counter() - desk.began}
-    give(options, record, _lines(curves, desk.how.tol), picture=("fold_curve.fold_curves", curves))
+        complain("casahunt fold-curve", failure, details=options.details)
+    said = [str(each) for each in failures]
+    record = {"curves": curves, "failures": said, "wall_s": time.perf_counter() - desk.began}
+    give(options, record, fold_curve_answer(curves, desk.how.tol), picture=("fold_curve.fold_curves", curves))
     return 1 if failures else 0
 
 
@@ -87,9 +91,9 @@ class _Desk:
     save: Path | None
     before: FoldCurve | None
     """The curve of an interrupted run."""
-    stream: IO[str] | None
+    stream: Progress | None
     curves: list[FoldCurve] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)
+    failures: list[str | NoOrbit] = field(default_factory=list)
     there: list[FoldPoint] = field(default_factory=list)
     """The points of the curve under way, as they were found."""
     began: float = 0.0
@@ -106,7 +110,7 @@ class _Desk:
             )  # fmt: skip
             self.keep(curve)
         except NoOrbit as error:
-            self.failures.append(str(error))
+            self.failures.append(error)
         except KeyboardInterrupt:
             if (self.table or self.save) and (self.curves or self.there):
                 where = self.table or self.save
@@ -126,7 +130,7 @@ class _Desk:
             ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
             model, wall_s = point.orbit.model, time.perf_counter() - self.began
             self.keep(FoldCurve(model, self.servo, vary, ordered, (), INTERRUPTED, Status.NOT_CONVERGED, wall_s))
-        say(self.stream, _line(vary, point) + self.left(point))
+        tell(self.stream, _line(vary, point) + self.left(point))
 
     def left(self, point: FoldPoint) -> str:
         """How long the rest of the curve will still take; nothing where it has turned back, to nobody knows where."""
@@ -170,31 +174,9 @@ def _desk_of(options: argparse.Namespace) -> _Desk:
     if options.resume and not save:
         raise InputError("resume: must be given together with --save, the file to go on from")
     before = saved_curve(save, servo, models[0], _settings(asked, how)) if save and options.resume else None
-    desk = _Desk(models, servo, asked, how, table, save, before, progress(options.quiet))
+    desk = _Desk(models, servo, asked, how, table, save, before, progress(options))
     desk.there += as_found(before.points, start) if before else []
     return desk
-
-
-def _lines(curves: Sequence[FoldCurve], tol: float) -> Iterator[str]:
-    for curve in curves:
-        yield from _curve(curve, tol)
-
-
-def _curve(curve: FoldCurve, tol: float) -> Iterator[str]:
-    yield f"{curve.model} servo: {len(curve.points)} points; {curve.ended}"
-    yield f"  {curve.vary:>26s} {'gain V/rad':>11s} {'amplitude rad':>13s} {'period s':>9s} {'%':>8s}"
-    for point in curve.points:
-        gain, amplitude, period = (
-            to_error(value, point.error_estimate, most=most)
-            for value, most in ((point.gain, 9), (point.orbit.amplitude, 7), (point.orbit.period, 7))
-        )
-        slope = sensitivity_text(point.elasticity, tol)
-        yield f"  {point.value:26.9g} {gain:>11s} {amplitude:>13s} {period:>9s} {slope:>8s}"
-    yield f"  {with_unit(curve.vary)}; gain: up to which the servo can hunt; amplitude and period there;"
-    yield f"  %: change of that gain for one per cent more of {curve.vary}"
-    for point in curve.cusps:
-        yield f"  cusp at {curve.vary} = {point.value:.9g}"
-    yield f"  {curve.wall_s:.2f} s"
 
 
 def _line(vary: str, point: FoldPoint) -> str:

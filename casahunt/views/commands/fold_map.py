@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
-from typing import IO, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from ... import effort
-from ...checks import to_error
-from ...design.fold_map import SIDES, FoldMap, fold_map
+from ...design.fold_map import SIDES, fold_map
 from ...errors import InputError, NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
+from ..answers.fold_map import fold_map_answer
 from .arguments import add_command, count_of, finite, how_of, model_of, servo_of
-from .console import progress, progress_line, say, teller
+from .console import orbit_line
 from .output import give
+from .progress import Progress, progress, tell, teller
 
 MAP_SIDE = 25
 """Values of each parameter: 625 folds make smooth contours, and take some seconds."""
@@ -45,27 +46,27 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     points = count_of("points", options.points, *SIDES)
     names, axes = _axes(options, points)
-    out = progress(options.quiet)
-    say(out, "computing the fold of the servo itself")
+    out = progress(options)
+    tell(out, "computing the fold of the servo itself")
     fold = find_fold(servo, model, options=how)
-    say(out, progress_line(fold.orbit, mu="+1 (fold)"))
+    tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
-    give(options, found, _lines(found), table=tables_of([found]), picture=("fold_map.fold_map", found))
+    give(options, found, fold_map_answer(found), table=tables_of([found]), picture=("fold_map.fold_map", found))
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
     return 0 if found.status.ok else 1
 
 
-def _reporter(stream: IO[str] | None, total: int) -> Callable[[int], None]:
+def _reporter(stream: Progress | None, total: int) -> Callable[[int], None]:
     """Takes the number of folds computed, of a total, and says now and then how long the others will take."""
-    tell = teller(stream)
+    told = teller(stream)
     first: list[tuple[int, float]] = []  # what came before the first report is not what follows it
 
     def report(count: int) -> None:
         if not first:
             first.append((count, time.monotonic()))
         before, since = first[0]
-        tell(f"{count} of {total} folds computed{effort.left(count - before, total - before, since)}")
+        told(f"{count} of {total} folds computed{effort.left(count - before, total - before, since)}")
 
     return report
 
@@ -80,27 +81,3 @@ def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tu
         names.append(name)
         axes.append(np.linspace(low, high, points))
     return (names[0], names[1]), (axes[0], axes[1])
-
-
-def _lines(found: FoldMap) -> Iterator[str]:
-    yield str(found)
-    q, r = found.values
-    for (i, j), text in _extremes(found):
-        value = to_error(float(found.gains[i, j]), found.tolerance, most=8)
-        yield f"  {text}  {value} V/rad at {found.names[0]} = {q[i]:.6g}, {found.names[1]} = {r[j]:.6g}"
-    missing = [sentence for sentence in found.failures.values()]
-    for sentence in dict.fromkeys(missing):
-        yield f"  {missing.count(sentence)} without a gain: {sentence}"
-    if (found.gains == 0).any():
-        yield f"  {int((found.gains == 0).sum())} of the servos hunt at no gain"
-    yield f"  relative error of every gain below {found.tolerance:g}; {found.wall_s:.1f} s"
-
-
-def _extremes(found: FoldMap) -> list[tuple[tuple[int, int], str]]:
-    """Places of the smallest and the largest fold gain."""
-    gains = np.where(found.gains > 0, found.gains, np.nan)
-    if not np.isfinite(gains).any():
-        return []
-    shape = gains.shape
-    low, high = (np.unravel_index(int(pick(gains)), shape) for pick in (np.nanargmin, np.nanargmax))
-    return [((int(low[0]), int(low[1])), "smallest"), ((int(high[0]), int(high[1])), "largest ")]

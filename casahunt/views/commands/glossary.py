@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from ...checks import choice_of
-from ..glossary import GLOSSARY, sentence
+from ..glossary import CHAPTERS, GLOSSARY, sentence
 from .output import show
 
 
@@ -30,5 +30,13 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps({word: GLOSSARY[word] for word in words}))
         return 0
-    show((sentence(word) for word in words), said=GLOSSARY)
+    if asked:
+        lines = [sentence(word) for word in words]
+    else:
+        lines = [line for heading, part in CHAPTERS.items() for line in (heading, *map(_below, part))]
+    show(lines, said=GLOSSARY)
     return 0
+
+
+def _below(word: str) -> str:
+    return f"  {sentence(word)}"

@@ -26,6 +26,7 @@ from ...results import tables_of
 from ...servo.find_orbit import find_orbit
 from ...servo.servo import flatten
 from ...servo.units import unit_of
+from ..answers.answer import Answer
 from .arguments import (
     add_command,
     add_gain,
@@ -39,9 +40,10 @@ from .arguments import (
     reading_of,
     servo_of,
 )
-from .console import complain, folder, progress, say
+from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
+from .progress import progress, tell
 
 SIGN = "# casahunt identify"
 FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
@@ -79,7 +81,7 @@ def fit_of(options: argparse.Namespace) -> Callable[[], Identification]:
 
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
-        say(progress(options.quiet), f"fitting {len(free)} parameters to {many}")
+        tell(progress(options), f"fitting {len(free)} parameters to {many}")
         return identify(records, servo, gains, model, free=free, options=how)
 
     return fit
@@ -101,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
     give(
         options,
         {**found.to_dict(table=False), "suspect": suspect or None, "wall_s": time.perf_counter() - began},
-        identified_lines(found, suspect),
+        Answer(identified_lines(found, suspect), identified_details(found)),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
     if not found.status.ok:
@@ -165,10 +167,7 @@ def identified_lines(found: Identification, suspect: str) -> Iterator[str]:
         texts = [to_absolute_error(each, width, most=6) if math.isfinite(each) else "" for each in (value, low, high)]
         yield ROW.format(name, *texts, unit_of(name)).rstrip()
     verdict = "the model explains the record" if judgement.explained else "the model does NOT explain the record"
-    left = f"{judgement.systematic:.2g} of the amplitude left"
-    yield f"  {verdict}: misfit {judgement.misfit:.3g} (1 of noise alone), {left}"
-    if judgement.factor > 1:
-        yield f"  intervals widened by {math.sqrt(judgement.factor):.3g}: the residuals scatter more than noise does"
+    yield f"  {verdict}: what it leaves beside noise is {judgement.systematic:.2g} of the amplitude"
     if not found.status.ok:
         yield "  the fit has NOT CONVERGED: values are those where it stopped, without intervals"
     for d, noise, torque, orbit in zip(data, found.noises, found.torque_noises, found.orbits, strict=True):
@@ -181,10 +180,20 @@ def identified_lines(found: Identification, suspect: str) -> Iterator[str]:
     for powers in found.untold:
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:
-        gain, gained = found.further
-        yield f"  a further record at gain {gain:.3g} V/rad would tell most, {gained / math.log(2):.1f} bits"
+        yield f"  a further record at gain {found.further[0]:.3g} V/rad would tell most"
     if suspect:
         yield f"  {suspect}"
+
+
+def identified_details(found: Identification) -> Iterator[str]:
+    """What the fit has left, and what another record would tell."""
+    judgement = found.judgement
+    yield f"  misfit {judgement.misfit:.3g} (1 of noise alone)"
+    if judgement.factor > 1:
+        yield f"  intervals widened by {math.sqrt(judgement.factor):.3g}: the residuals scatter more than noise does"
+    if found.further is not None:
+        gain, gained = found.further
+        yield f"  a record at gain {gain:.3g} V/rad: {gained / math.log(2):.1f} bits"
 
 
 def _combination(powers: Mapping[str, float]) -> str:

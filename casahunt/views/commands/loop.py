@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...results import tables_of
-from ...servo.linear_loop import LinearLoop, linear_loop, lowest_stable_gain, routh_hurwitz_gain
+from ...servo.linear_loop import linear_loop, lowest_stable_gain, routh_hurwitz_gain
+from ..answers.loop import loop_answer
 from .arguments import add_command, add_gain, positive, servo_of
 from .output import give
 
@@ -32,41 +31,6 @@ def run(options: argparse.Namespace) -> int:
         "lowest_stable_gain_without_viscous_friction": frictionless,
         "loops": loops,
     }
-    lines = _lines(loops, viscous, frictionless)
-    give(options, record, lines, table=tables_of(loops), picture=("loop.bode", servo, loops))
+    answer = loop_answer(loops, viscous, frictionless)
+    give(options, record, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
     return 0
-
-
-def _lines(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Iterator[str]:
-    yield "linear loop, dry friction left out"
-    yield f"  with viscous friction     {_stable_from(viscous)}"
-    yield f"  without any friction      {_stable_from(frictionless)}"
-    for loop in loops:
-        yield f"gain {loop.gain:.10g} V/rad: {'stable' if loop.stable else 'unstable'}"
-        yield f"  poles            {', '.join(_pole(pole) for pole in loop.poles)} 1/s"
-        for c in loop.gain_crossovers:
-            yield f"  phase margin     {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1"
-        yield f"  gain margin      {_gain_margin(loop)}"
-    yield "A stable linear loop does not say that the servo does not hunt: dry friction is not in it."
-
-
-def _stable_from(gain: float) -> str:
-    if gain == 0:
-        return "stable for every gain K > 0 (Routh-Hurwitz)"
-    if not math.isfinite(gain):
-        return "stable for no gain"
-    return f"stable for every gain K > {gain:.10g} V/rad (Routh-Hurwitz)"
-
-
-def _pole(pole: complex) -> str:
-    return f"{pole.real:.8g}{pole.imag:+.8g}j" if pole.imag else f"{pole.real:.8g}"
-
-
-def _gain_margin(loop: LinearLoop) -> str:
-    becomes = "unstable" if loop.stable else "stable"
-    limits = [
-        f"{becomes} where K is multiplied by {factor:.8g}"
-        for factor in (loop.lowest_factor, loop.highest_factor)
-        if 0 < factor < math.inf
-    ]
-    return "; ".join(limits) or f"none: {'stable' if loop.stable else 'unstable'} at every gain"

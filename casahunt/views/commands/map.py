@@ -5,18 +5,18 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from ... import effort
-from ...checks import to_absolute_error, to_error
 from ...errors import NoOrbit, Status
 from ...results import tables_of
-from ...servo.event_map.fixed_points import MAP_POINTS, FixedPoints, default_range, fixed_points
+from ...servo.event_map.fixed_points import MAP_POINTS, default_range, fixed_points
 from ...servo.servo import Servo
+from ..answers.map import map_answer
 from .arguments import add_command, count_of, gain_of, positive, servo_of
-from .console import progress, teller
 from .output import give
+from .progress import progress, teller
 
 MOTIONS = 2, 1000
 """Fewest and most motions of the first grid."""
@@ -47,28 +47,15 @@ def run(options: argparse.Namespace) -> int:
     seen = fixed_points(servo, gain, low, high, points=points, report=report)
     if not seen.points:
         raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
-    give(options, seen, _lines(seen), table=tables_of([seen]), picture=("event_map.cobweb", seen))
+    give(options, seen, map_answer(seen), table=tables_of([seen]), picture=("event_map.cobweb", seen))
     return 0
-
-
-def _lines(seen: FixedPoints) -> Iterator[str]:
-    yield f"event map of the Switch servo at gain {seen.gain:.10g} V/rad"
-    yield f"  {seen.sentence()}"
-    for f in seen.fixed:
-        mu = to_absolute_error(f.multiplier, max(1.0, abs(f.multiplier)) * max(f.error, f.period_error), most=8)
-        kind = "stable" if f.stable else "unstable"
-        yield f"  fixed point  a = {to_error(f.amplitude, f.error)} rad: {kind} cycle of this amplitude,"
-        yield f"               period = {to_error(f.period, f.period_error)} s, half multiplier P' = {mu}"
-    for j in seen.jumps:
-        across = ", across P = a" if j.crosses else ""
-        yield f"  jump         a = {j.start:.6g} rad, P from {j.below:.4g} to {j.above:.4g} rad{across}"
 
 
 def _reporter(
     servo: Servo, gain: float, low: float | None, high: float | None, points: int, options: argparse.Namespace
 ) -> Callable[[int, float], None]:
     """Who says where a map is: in its first grid, then between its neighbours, from the smallest position up."""
-    tell = teller(progress(options.quiet))
+    tell = teller(progress(options))
     began = since = time.monotonic()
 
     def report(motions: int, a: float) -> None:

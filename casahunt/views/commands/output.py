@@ -13,20 +13,22 @@ from typing import Any
 
 from ...export import Columns, plain, write_csv
 from ...results import Result
+from ..answers.answer import HARD_SPACE, Answer
 from ..glossary import sentence, words_in
+from .progress import clear
 
 LINE_WIDTH = 80
 """Columns of everything that is printed for a person."""
 _DEEPEST = 30
 """Columns that the second line of a long one is indented by at most."""
 _LABEL = re.compile(r" *\S.*?\S {2,}(?=\S)")
-HARD_SPACE = "\N{NO-BREAK SPACE}"
-"""Where a long line must not be broken; printed as a space."""
 _TOGETHER = re.compile(
     r"(?<=\d) (?=(?:rad|N|V|1/s|s|%|Hz|degrees)(?:[ ,;)/]|$))|(?<=\d N) (?=m(?:[ ,;)/]|$))"
     r"|(?<=\S) (?=[=<>]=? \S)|(?<= [=<>]) |(?<=[<>]=) "
 )
 """Spaces between a number and its unit, and around a sign of comparison: no line ends there."""
+DETAILS = "details"
+"""The heading of what --details adds."""
 MEANINGS = "what the words mean (more: casahunt glossary)"
 
 
@@ -72,7 +74,7 @@ def show(lines: Iterable[str], said: Collection[str] = ()) -> None:
 def give(
     options: argparse.Namespace,
     found: Result | Mapping[str, Any],
-    lines: Iterable[str],
+    answer: Answer,
     *,
     table: Columns | None = None,
     picture: tuple[Any, ...] = (),
@@ -80,17 +82,20 @@ def give(
 ) -> None:
     """Hand out what a command has found: --csv, --plot, and on standard output its JSON object or its lines.
 
-    found: the result, or results and numbers by name; table: None: there is none; picture: "module.function" of
+    found: the result, or results and numbers by name; answer: what is said of it; table: None: there is none;
+    picture: "module.function" of
     views/pictures and its arguments; said: as of `show`.
     """
     if options.csv and table is not None:
         options.outputs.write(write_csv, table, options.csv)
     if options.plot and picture:
         options.outputs.draw(lambda: _draw(options.plot, *picture))
+    clear()
     if options.json:
         print(json.dumps(plain(found)))
     else:
-        show(lines, said)
+        below = tuple(answer.details) if options.details else ()
+        show((*answer.plain, *((DETAILS, *below) if below else ())), said)
 
 
 def drawing(name: str) -> Callable[..., Any]:

@@ -25,15 +25,16 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import error_text, known_decimals, moderate, to_absolute_error, to_error
+from ...checks import known_decimals, moderate, to_absolute_error, to_error
 from ...design.identify.identify import Identification, identify
 from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
-from ...design.record.measure import Measurement, measure
+from ...design.record.measure import Measurement, measured
 from ...errors import NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
+from ..answers.answer import HARD_SPACE, Answer, exactly
 from .arguments import (
     add_command,
     add_reading,
@@ -45,8 +46,9 @@ from .arguments import (
     reading_of,
     servo_of,
 )
-from .console import complain, progress, say
-from .output import HARD_SPACE, give
+from .console import complain
+from .output import give
+from .progress import progress, tell
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
@@ -77,15 +79,15 @@ def run(options: argparse.Namespace) -> int:
     set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
     how, servo, reading = how_of(options), servo_of(options), reading_of(options)
     began = time.perf_counter()
-    stream = progress(options.quiet)
+    stream = progress(options)
     with suppress(OSError):
         size = Path(options.file).stat().st_size
         if size >= LARGE:
-            say(stream, f"reading {size / 1e6:.0f} MB")
+            tell(stream, f"reading {size / 1e6:.0f} MB")
     record = later_part(read_record(options.file, **reading), options)
     if record.times.size >= MANY:
-        say(stream, f"{record.times.size} samples read, looking for the period")
-    found = measure(record)
+        tell(stream, f"{record.times.size} samples read, looking for the period")
+    found = measured(record)
     orbit, failure = None, None
     if gain is not None:
         try:
@@ -98,9 +100,12 @@ def run(options: argparse.Namespace) -> int:
     give(
         options,
         _record(options.file, record, found, orbit, failure, set_point, wall_s) | {"suspect": suspect or None},
-        [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
+        Answer(
+            [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
+            _details(orbit),
+        ),
         table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
-        picture=("simulation.folded_record", record, found, orbit) if found.periods.size else (),
+        picture=("simulation.folded_record", found, orbit) if found.periods.size else (),
     )
     if not found.hunting:
         complain("casahunt record", f"{record.name} shows no limit cycle: {found.reason}")
@@ -113,7 +118,7 @@ def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -
     """What to suspect where the frequency is not the predicted one."""
 
     def fit() -> Identification:
-        say(stream, "far from the predicted frequency: looking for a friction that explains the record")
+        tell(stream, "far from the predicted frequency: looking for a friction that explains the record")
         return identify([record], orbit.servo, orbit.gain, orbit.model, advise=False)
 
     return suspicion(orbit, m.period, m.amplitude, m.quantum, float(np.median(np.diff(record.times))), fit)
@@ -152,8 +157,13 @@ def _lines(
         for sentence in _remarks(m):
             yield f"  {sentence}"
     if orbit:
-        source = f"{orbit.model} model at gain {orbit.gain:.10g} V/rad"
-        yield f"  predicted by the {source}, error estimate {error_text(orbit.error_estimate)}"
+        yield f"  predicted by the {orbit.model} model at gain {orbit.gain:.10g} V/rad"
+
+
+def _details(orbit: HuntingOrbit | None) -> Iterator[str]:
+    """What is known of the prediction besides."""
+    if orbit:
+        yield from exactly(orbit)
 
 
 def _beside(m: Measurement, orbit: HuntingOrbit | None) -> Iterator[str]:

@@ -27,12 +27,14 @@ from ...results import tables_of
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
+from ..answers.answer import Answer
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
 from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
-from .console import complain, folder, progress, say
+from .console import complain, folder
 from .output import give
 from .output_paths import write_results
+from .progress import progress, tell
 from .sampled import checked_lines
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
@@ -90,7 +92,7 @@ def add_demands(command: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where no remedy is within the limits."""
-    model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options.quiet)
+    model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options)
     loop = loop_of(options)
     if loop is not None:
         left_out(options, "of a loop of parts it is not known", "uncertainty")
@@ -103,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
         return remedies(
             loop or servo, None if loop else model, None if loop else gain, only=names, options=how,
             uncertainty=uncertainty, margin=margin,
-            progress=lambda row: say(stream, as_it_is_found(row)), **limits,
+            progress=lambda row: tell(stream, as_it_is_found(row)), **limits,
         )  # fmt: skip
 
     if options.out is None:
@@ -113,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
         with folder(options.out, FILES) as out:
             found = computed()
             built = {} if loop is not None else remedies_as_built(options, found, servo, gain)
-            say(stream, "drawing")
+            tell(stream, "drawing")
             given = flatten(servo) if loop is None else loop.parameters
             record = _record(found, options, limits, given, uncertain=uncertainty is not None)
             record |= {"as_built": plain(built)} if built else {}
@@ -122,9 +124,10 @@ def run(options: argparse.Namespace) -> int:
             page = remedies_page(record, pictures_remedies.page_images(found))
             texts = dict(zip(FILES, (page, json.dumps(record, indent=1) + "\n"), strict=True))
             options.outputs.write(write_results, out, FILES, texts)
-    lines = (*remedy_lines(found, limits, of_a_set=uncertainty is not None), *built_lines(built))
+    lines = [*remedy_lines(found, limits, of_a_set=uncertainty is not None), *built_lines(built)]
     result = found.to_dict() | {"as_built": built} if built else found
-    give(options, result, lines, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
+    answer = Answer(lines, remedy_details(found))
+    give(options, result, answer, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
         complain("casahunt remedies", none_within(limits))
         return 1
@@ -240,6 +243,13 @@ def remedy_lines(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> I
         yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size; settling likewise"
 
 
+def remedy_details(found: Cures) -> Iterator[str]:
+    """The sizes in all digits that are known."""
+    for row in found.remedies:
+        if math.isfinite(row.size):
+            yield f"  {row.name:17s}  {_exact(row)}"
+
+
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     def short(x: float, unknown: str = "unknown") -> str:
         return f"{x:.{PRICE_DIGITS}g}" if math.isfinite(x) else unknown if math.isnan(x) else "any"
@@ -269,7 +279,7 @@ def _why_not(row: Cure) -> str:
     """Why a remedy is none."""
     if not math.isfinite(row.size):
         return ("not found: " if row.kind == "not found" else "") + row.why
-    return f"no remedy: its cycle ends at {_exact(row)}, but the motion beyond {_after(row)}"
+    return f"no remedy: its cycle ends at {_with(row.size, row.unit)}, but the motion beyond {_after(row)}"
 
 
 def _not_kept(row: Cure) -> str:

@@ -13,19 +13,18 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
 from ...servo.sampled.border import below_border
 from ...servo.servo import Servo
+from ..answers.sampled import sampled_answer
 from .arguments import Parser, drive_of, gain_of, left_out, model_of
 from .output import give
 
 if TYPE_CHECKING:
-    from ...servo.sampled.cause import Cause
     from ...servo.sampled.check import AsBuilt
-    from ...servo.sampled.motion import SampledMotion
 
 
 def add_drive(command: Parser) -> None:
@@ -58,52 +57,8 @@ def of_drive(
     cause = cause_of(found)
     record = {**found.to_dict(table=False), "cause": cause}
     table = found._columns() if options.csv else None
-    give(options, record, _lines(found, cause), table=table, picture=("simulation.sampled_motion", found))
+    give(options, record, sampled_answer(found, cause), table=table, picture=("simulation.sampled_motion", found))
     return 0
-
-
-def _lines(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
-    drive, verdict, q = found.drive, found.verdict, found.drive.count
-    name = f"{found.model} servo as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
-    yield f"{name}, {found.duration:.10g} s: {verdict.kind}"
-    yield f"  because          {verdict.sentence}"
-    yield f"  drive            {'; '.join(_drive(drive))}"
-    if verdict.kind == "hunting":
-        low, high = found.readings
-        counts = f", {verdict.amplitude / q:.3g} counts; the reading moves over {high - low}" if q else ""
-        yield f"  amplitude        {verdict.amplitude:.6g} rad{counts}"
-        of = "mean of two swings" if not verdict.pattern else f"of {verdict.pattern} swings"
-        yield f"  period           {verdict.period:.6g} s ({of}), frequency {1 / verdict.period:.4g} Hz"
-    if cause is not None:
-        yield f"  cause            {cause.kind}: {cause.sentence}"
-        yield f"  ends it          {_cure(cause, q)}"
-    x, v, _ = found.states[:, -1]
-    yield f"  at the end       position {found.set_point + x:.10g} rad, velocity {v:.6g} rad/s"
-    yield f"  largest torque   {found.peak_torque:.4g} N m, by {found.peak_torque / found.servo.motor_gain:.4g} V"
-    yield f"  computed         {found.times.size - 1} samples, {found.stops.size} stops, {found.wall_s:.2f} s"
-
-
-def _cure(cause: Cause, count: float) -> str:
-    if math.isnan(cause.dead_band):
-        return "no dead band of the integrator that was tried"
-    counts = f", {cause.dead_band / count:.4g} counts" if count else ""
-    return f"a dead band of the integrator of {cause.dead_band:.4g} rad{counts}"
-
-
-def _drive(drive: Drive) -> Iterator[str]:
-    yield f"{drive.sample_time:g} s"
-    if drive.delay:
-        yield f"delay {drive.delay:g} s"
-    if drive.encoder:
-        yield f"{drive.encoder:g} counts of {drive.count:.4g} rad"
-    if drive.quantise_torque:
-        yield f"torque by {drive.quantise_torque:g} N m"
-    yield f"derivative by {drive.derivative}"
-    yield f"integral by {drive.integration}"
-    if drive.dead_band:
-        yield f"dead band {drive.dead_band:g} rad"
-    if drive.leak:
-        yield f"leak {drive.leak:g} 1/s"
 
 
 def seen_by_encoder(options: argparse.Namespace, amplitude: float) -> tuple[list[str], dict[str, str | None]]:

@@ -19,19 +19,19 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from ... import effort
-from ...checks import error_text, moderate, to_absolute_error, to_error
+from ...checks import error_text, moderate
 from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
+from ..answers.simulate import simulation_answer
 from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
-from .console import complain, counted
+from .console import complain
 from .loops.simulate import of_loop
 from .output import give
 from .sampled import add_drive, of_drive
@@ -90,8 +90,8 @@ def run(options: argparse.Namespace) -> int:
     wall_s = time.perf_counter() - began
     advice = None if found.status.ok else _advice(found)
     record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
-    lines, picture = _lines(found, other, wall_s), ("simulation.motion", found)
-    give(options, record, lines, table=found.table(_times(found, step)) if options.csv else None, picture=picture)
+    answer, picture = simulation_answer(found, other, wall_s), ("simulation.motion", found)
+    give(options, record, answer, table=found.table(_times(found, step)) if options.csv else None, picture=picture)
     if advice:
         complain("casahunt simulate", advice)
     cut = bool(found.ended) and kind != "growing"
@@ -106,58 +106,6 @@ def _other_end(found: Trajectory) -> OtherEnd | None:
         return other_end(found)
     except effort.GivenUp as error:
         return OtherEnd(None, str(error))
-
-
-def _lines(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterator[str]:
-    x, verdict, errors = found.end, found.verdict, found.state_errors
-    partly = ", but not from every start" if other is not None and other.hunts else ""
-    name = f"{found.model} servo{' with stick band' if found.regularised else ''} at gain {found.gain:.10g} V/rad"
-    yield f"{name}, set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s: {verdict.kind}{partly}"
-    yield f"  because          {verdict.sentence}"
-    if other is not None:
-        yield f"  other starts     {_elsewhere(other, found.duration)}"
-    if verdict.judged:
-        swings = ", ".join(to_absolute_error(a, verdict.floor, most=6) for a in verdict.judged)
-        since = to_absolute_error(verdict.since, found.time_error, most=6)
-        yield f"  judged from      {swings} rad since {since} s; floor {verdict.floor:.1e} rad"
-    if math.isfinite(verdict.amplitude):
-        count = verdict.swings
-        of = "the cycle's: no period agrees yet"
-        if count:
-            of = f"mean of the last {count} periods" if count > 1 else "of the last period"
-        yield f"  amplitude        {to_absolute_error(verdict.amplitude, errors[0], most=10)} rad ({of})"
-    if math.isfinite(verdict.period):
-        yield f"  period           {to_absolute_error(verdict.period, 2 * found.time_error, most=10)} s"
-    end = (found.set_point + x[0], errors[0]), (x[1], errors[1])
-    position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
-    yield f"  at the end       position {position} rad, velocity {velocity} rad/s"
-    yield f"  largest torque   {found.peak_torque:.4g} N m, by {found.peak_voltage:.4g} V"
-    yield f"  events           {counted([event.name for event in found.events])}"
-    yield (
-        f"  error estimate   {error_text(found.time_error)} s of event times, {error_text(found.end_error)} of the "
-        "final state"
-    )
-    yield f"  status           {found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s"
-
-
-def _elsewhere(other: OtherEnd, duration: float) -> str:
-    """What a motion from another start could come to; `duration` is that of the one that rests [s]."""
-    orbit = other.orbit
-    if orbit is None:
-        return "at this gain there is no hunting cycle to end in" if other.none else (
-            "whether there is a hunting cycle at this gain is not known (casahunt orbit says what was tried)"
-        )  # fmt: skip
-    amplitude, period = (
-        to_error(value, error, most=7)
-        for value, error in ((orbit.amplitude, orbit.amplitude_error), (orbit.period, orbit.period_error))
-    )
-    size = f"{'stable' if orbit.stable else 'symmetric'} cycle of amplitude {amplitude} rad and period {period} s"
-    if not other.hunts:
-        return f"there is a {size}, but no motion was found that stays beside it"
-    left_out = {"time": duration, "integral": 0.0, "velocity": 0.0}
-    words = [f"--{key} {value:.12g}" for key, value in other.start.items() if left_out.get(key) != value]
-    ends = f"in a {size}" if orbit.stable else f"swinging unevenly beside a {size}, which is not stable"
-    return f"let go at rest with {' '.join(words)} it hunts: it ends {ends}"
 
 
 def _size(key: str, text: Any) -> float:

@@ -33,7 +33,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ...checks import choice_of, to_error
+from ...checks import choice_of
 from ...design.remedies.cures import Cures
 from ...design.remedies.remedies import remedies
 from ...design.tune.demands import COSTS, NUMBERS, Demands
@@ -45,13 +45,16 @@ from ...export import columns_from
 from ...results import tables_of
 from ...servo.parts.table import remedy_name
 from ...servo.units import GAIN_UNIT, unit_of
+from ..answers.answer import Answer
+from ..answers.tune import known_to, loop_name, tuning_answer
 from ..evidence.page import TITLE, evidence_page
 from ..evidence.record import before_tasks, evidence_record, made
 from .arguments import add_command, add_out, finite, how_of, model_of, positive, servo_of
-from .console import complain, folder, progress, say, telling
+from .console import complain, folder
 from .output import give
 from .output_paths import write_results
-from .remedies import remedy_lines
+from .progress import progress, tell, telling
+from .remedies import remedy_details, remedy_lines
 from .sampled import as_record, checked, checked_lines
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
@@ -95,13 +98,13 @@ def run(options: argparse.Namespace) -> int:
     bounds = bounds_of(options.bounds)
     remedy = _remedy(options)
 
-    stream = progress(options.quiet)
+    stream = progress(options)
 
     def tuned() -> Tuning:
-        with telling(stream) as tell:
+        with telling(stream) as note:
             return tune(
                 servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,
-                options=how, report=tell,
+                options=how, report=note,
             )  # fmt: skip
 
     if options.out is None:
@@ -120,7 +123,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         with folder(options.out, FILES) as out:
             tuning = tuned()
-            say(stream, "simulating the tasks with the gain used now, and drawing")
+            tell(stream, "simulating the tasks with the gain used now, and drawing")
             before = before_tasks(tuning, now)
             built = checked(options, tuning.servo, tuning.gain)
             record = evidence_record(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
@@ -130,9 +133,10 @@ def run(options: argparse.Namespace) -> int:
             images = pictures_tune.evidence_images(tuning, before)
             texts = evidence_page(record, images), json.dumps(record, indent=1) + "\n"
             options.outputs.write(write_results, out, FILES, dict(zip(FILES, texts, strict=True)))
-    lines = _lines(record, how.tol, None if options.outputs.troubles else options.out, checked_lines(built, "motions"))
+    where = None if options.out is None or options.outputs.troubles else f"{options.out}/{', '.join(FILES)}"
+    answer = tuning_answer(record, how.tol, where, checked_lines(built, "motions"))
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
-    give(options, record, lines, table=table)
+    give(options, record, answer, table=table)
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
@@ -168,21 +172,17 @@ def _remedy(options: argparse.Namespace) -> str | None:
 def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: float | None) -> int:
     """The size of a remedy where no gain will do; returns the exit code."""
 
-    def lines() -> Iterator[str]:
-        yield f"no gain was found that will do: {refusal}"
-        yield "so the controller stays, with a remedy; the margins asked of the linear loop are not asked of it"
-        limits = {} if most is None else {"max_torque": most}
-        yield from remedy_lines(found, limits, of_a_set=options.uncertainty is not None)
-
-    give(options, {"refused": refusal} | found.to_dict(), lines(), table=tables_of([found]))
+    limits = {} if most is None else {"max_torque": most}
+    plain = [
+        f"no gain was found that will do: {refusal}",
+        "so the controller stays, with a remedy; the margins asked of the linear loop are not asked of it",
+        *remedy_lines(found, limits, of_a_set=options.uncertainty is not None),
+    ]
+    answer = Answer(plain, remedy_details(found))
+    give(options, {"refused": refusal} | found.to_dict(), answer, table=tables_of([found]))
     if not found.best:
         complain("casahunt tune", "nor does this remedy; casahunt remedies looks at others")
     return 0 if found.best else 1
-
-
-def _peak(task: dict[str, Any]) -> str:
-    """What a task asks of the motor."""
-    return f"at most {task['peak_torque']:.3g} N m, {task['peak_voltage']:.3g} V"
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -200,102 +200,9 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _known_to(record: dict[str, Any], tol: float) -> float:
-    """The relative error of the worst fold gain: what is estimated, and what two computations differ by."""
-    check = record["verification"]
-    return max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1)) if check["fold_gain"] else tol
-
-
-def _lines(record: dict[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Iterator[str]:
-    """The answer as text, with the lines of the check as built.
-
-    tol: the error of what is computed to the tolerance and has no estimate of its own.
-    """
-    check, error = record["verification"], _known_to(record, tol)
-    yield from _answer(record, error, tol)
-    yield f"checked apart from the optimisation: {check['result']}"
-    yield from _folds(check, error, tol)
-    for name, loop in check["loops"].items():
-        if name == "nominal" or loop != check["loops"]["nominal"]:
-            yield _loop(name, loop, check["loop_corners"])
-    for task in check["tasks"]:
-        yield f"  simulated        {task['friction']} friction, {task['start']}: {task['verdict']}, {_peak(task)}"
-    for task in (record["before"] or {"tasks": []})["tasks"]:
-        now = f"gain {record['before']['gain']:.6g}"
-        yield f"  before           {now}, {task['start']}: {task['verdict']}, {_peak(task)}"
-    for sentence in check["against"]:
-        yield f"  against it       {sentence}"
-    for sentence in check["unverified"]:
-        yield f"  not verified     {sentence}"
-    yield from as_built
-    yield "not proved by this"
-    for sentence in record["proves_not"]:
-        yield f"  {sentence}"
-    yield f"  {record['wall_s']:.2f} s"
-    if out is not None:
-        yield f"  evidence         {out}/{', '.join(FILES)}"
-
-
-def _answer(record: dict[str, Any], error: float, tol: float) -> Iterator[str]:
-    """Gain, times, cost, and the largest gain that still hunts; `error` is that of the latter."""
-    fold = record["fold"]
-    known_to = error if "hunting margin" in record["binding"] and not record["free"] else tol
-    yield f"{record['model']} servo: recommended gain {to_error(record['gain'], known_to)} V/rad"
-    if record["free"]:
-        times = {name: f"{name} {to_error(record[name], tol)}" for name in NUMBERS if name in record}
-        said = ", ".join(f"{text} {unit_of(name)}".rstrip() for name, text in times.items())
-        yield f"  controller {'gains' if 'kp' in record else 'times'} {said}"
-    only, form = record["cost_gain_only"], "gains" if "kp" in record else "times"
-    yield (
-        f"  cost             {record['cost']}: {to_error(record['cost_value'], known_to)} {record['cost_unit']}"
-        + (f" ({to_error(only, tol)} with the {form} as given)" if only is not None else "")
-    )
-    if record["fold_gain"]:
-        where = _values(record["worst"]["corner"])
-        largest = to_error(record["fold_gain"], error)
-        yield f"  hunting          possible up to gain {largest} V/rad" + (f" at {where}" if where else "")
-        if where and fold["nominal"] is not None:
-            yield f"                   up to {to_error(fold['nominal'], fold['error'])} V/rad at the nominal friction"
-    else:
-        yield "  hunting          possible at no gain"
-    yield f"  limited by       {', '.join(record['binding']) or 'nothing'}"
-    if record["before"] is not None:
-        now, after = record["before"], record["verification"]["tasks"]
-        yield (
-            f"  in place of      {now['gain']:.6g} V/rad: {now['times']:.3g} times that gain; {after[0]['start']} "
-            f"takes {_peak(after[0])}, before {_peak(now['tasks'][0])}"
-        )
-
-
-def _folds(check: dict[str, Any], error: float, tol: float) -> Iterator[str]:
-    """What a second look has found of hunting: the fold, the event map, the folds of the set."""
-    if check["fold_gain"] is not None:
-        again = to_error(check["fold_gain"], error)
-        # K/K_fold - 1 has the error of K_fold.
-        part = 1 + 1 / check["margin"] if check["margin"] else 1.0
-        above = to_error(100 * check["margin"], abs(part) * error, most=6)
-        yield f"  fold once more   {again} V/rad; the gain is {above} % above it"
-        yield f"  a stable cycle   {check['stable']['sentence']}"
-    yield f"  event map        {check['scan']}"
-    if check["set"]:
-        number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
-        yield f"  folds of the set {number} corners and samples, the largest {to_error(largest, tol)} V/rad"
-
-
-def _loop(name: str, loop: dict[str, Any], corners: dict[str, dict[str, float]]) -> str:
-    at = _values(corners.get(name, {}))
-    what = _loop_name(name, corners)
-    where = f"{what} ({at})" if at else what
-    return f"  linear loop      {where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}"
-
-
-def _loop_name(name: str, corners: dict[str, dict[str, float]]) -> str:
-    return {"worst": "worst friction"}.get(name, f"least {name}" if name in corners else name)
-
-
 def _rows(record: dict[str, Any], tol: float) -> Iterator[list[Any]]:
     """The answer and what was checked, a quantity a row; errors in the unit of their number, NaN where unknown."""
-    check, fold, error = record["verification"], record["fold"], _known_to(record, tol)
+    check, fold, error = record["verification"], record["fold"], known_to(record, tol)
     yield ["gain", GAIN_UNIT, record["gain"], tol * record["gain"]]
     for name in NUMBERS:
         if name in record:
@@ -308,7 +215,7 @@ def _rows(record: dict[str, Any], tol: float) -> Iterator[list[Any]]:
         yield [f"worst {name}", unit_of(name), value, 0.0]
     yield ["margin_above_fold", "", _number(check["margin"]), math.nan]
     for key, loop in check["loops"].items():
-        name = _loop_name(key, check["loop_corners"])
+        name = loop_name(key, check["loop_corners"])
         yield [f"phase margin, {name}", "deg", loop["phase_margin"], math.nan]
         yield [f"gain may fall to, {name}", "", _number(loop["lowest_factor"]), math.nan]
         yield [f"gain may rise to, {name}", "", _number(loop["highest_factor"]), math.nan]
@@ -316,15 +223,3 @@ def _rows(record: dict[str, Any], tol: float) -> Iterator[list[Any]]:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
-
-
-def _values(corner: dict[str, float]) -> str:
-    return ", ".join(f"{name} = {value:.6g}" for name, value in corner.items())
-
-
-def _factors(loop: dict[str, Any]) -> str:
-    low, high = loop["lowest_factor"], loop["highest_factor"]
-    if not loop["stable"]:
-        return "unstable"
-    falls = f"gain may fall to {low:.5g} times" if low else "gain may fall without limit"
-    return falls + (f", rise to {high:.5g} times" if high is not None else ", rise without limit")

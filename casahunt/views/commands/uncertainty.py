@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from typing import Any
 
 import numpy as np
 
 from ... import effort, interrupts
-from ...checks import to_error
 from ...design.uncertainty.samples import Samples, draw, sample
 from ...design.uncertainty.set import Uncertainty, load_uncertainty
 from ...design.uncertainty.summary import Summary, summary
@@ -22,10 +21,11 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
-from ...servo.units import unit_of
+from ..answers.uncertainty import uncertainty_answer
 from .arguments import add_command, count_of, how_of, model_of, servo_of
-from .console import progress, progress_line, say, teller
-from .output import HARD_SPACE, give
+from .console import orbit_line
+from .output import give
+from .progress import progress, say, tell, teller
 
 DEFAULT_SAMPLES = 200
 """The 5 and 95 % quantiles are then known to a fiftieth of the distribution: sqrt(0.05 0.95 / 200) = 0.015."""
@@ -59,18 +59,18 @@ def run(options: argparse.Namespace) -> int:
     servo = servo_of(options)
     uncertainty = load_uncertainty(options.uncertainty, servo)
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
-    out = progress(options.quiet)
+    out = progress(options)
 
-    say(out, "computing the fold of the servo itself")
+    tell(out, "computing the fold of the servo itself")
     fold = find_fold(servo, model, options=how)
-    say(out, progress_line(fold.orbit, mu="+1 (fold)"))
-    say(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
-    tell, since = teller(out), time.monotonic()
+    tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
+    tell(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
+    told, since = teller(out), time.monotonic()
     samples = _solved(
         servo, model, uncertainty, n, seed, jobs, how, fold,
-        lambda i: tell(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
+        lambda i: told(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
     )  # fmt: skip
-    say(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
+    tell(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
     worst = worst_corner(
         servo,
         model,
@@ -78,13 +78,14 @@ def run(options: argparse.Namespace) -> int:
         options=how,
         fold=fold,
         starts=_worst_inside(samples, uncertainty.box(servo)),
-        report=lambda i: tell(f"searching the worst corner: fold {i}"),
+        report=lambda i: told(f"searching the worst corner: fold {i}"),
     )
     seen = summary(fold, uncertainty, samples, worst)
     wall_s = time.perf_counter() - began
     give(
-        options, _record(fold, samples, worst, seen, wall_s), _lines(fold, samples, worst, seen, how.tol, wall_s),
-        table=tables_of([samples]), picture=("uncertainty.histogram", fold, samples, worst, seen),
+        options, _record(fold, samples, worst, seen, wall_s),
+        uncertainty_answer(fold, samples, worst, seen, how.tol, wall_s), table=tables_of([samples]),
+        picture=("uncertainty.histogram", fold, samples, worst, seen),
     )  # fmt: skip
     for i, sentence in samples.failures:
         say(out, f"sample {i + 1} was not computed: {sentence}")
@@ -116,26 +117,6 @@ def _record(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary
         "status": status.name.lower(),
         "wall_s": wall_s,
     }
-
-
-def _lines(
-    fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
-) -> Iterator[str]:
-    error = fold.gain_error
-    gain = to_error(fold.gain, error)
-    yield f"{fold.orbit.model} servo: hunting is possible up to gain {gain} V/rad; with the uncertainty"
-    low, high = (to_error(value, error, most=6) for value in seen.linear)
-    spread = to_error(seen.std, tol, most=3)
-    yield f"  linearised       {low} to {high} V/rad ({seen.range_name}; standard deviation {spread})"
-    if seen.quantiles:
-        shown = ", ".join(f"{key}{HARD_SPACE}{to_error(value, tol, most=6)}" for key, value in seen.quantiles.items())
-        yield f"  {f'{len(samples.gains)} samples':15}  {shown}"
-    largest = to_error(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
-    yield f"  worst corner     {largest} V/rad ({worst.evaluations} folds computed), at"
-    for name, value in worst.corner.items():
-        yield f"    {name:26s} {value:.8g} {unit_of(name)}"
-    yield f"  {seen.misleading}"
-    yield f"  {wall_s:.1f} s"
 
 
 def _solved(

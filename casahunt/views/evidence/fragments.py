@@ -139,6 +139,23 @@ def made_line(p: Fragments) -> str:
     return f"<p class=dim>{p.text('made/date')}, casahunt {p.text('made/casahunt')}, {file}{with_changes}</p>"
 
 
+def built_section(p: Fragments, checks: Mapping[str, str]) -> list[str]:
+    """What answers do in the loop as built: keys of the checks in the record by names of answers."""
+    rows = [[words(name), *_built(p, at)] for name, at in checks.items()]
+    said = "<p>The drive of the servo file, sampled, with Switch friction, from a few starts and set points.</p>"
+    head = ["", "what motions do", "dead band that ends it"]
+    return ["<h2>In the loop as built</h2>", said, table(head, rows)] if rows else []
+
+
+def _built(p: Fragments, at: str) -> list[str]:
+    seen = value_at(p.record, at)
+    if isinstance(seen, str):
+        return [p.text(at), ""]
+    ends = "good" if seen["kind"] in ("at rest", "decaying") else "bad"
+    band = "" if seen["dead_band"] is None else p.with_unit(f"{at}/dead_band", "rad", ".4g")
+    return [f"<span class={ends}>{p.text(f'{at}/sentence')}</span>", band]
+
+
 def document(title: str, parts: Sequence[str]) -> str:
     """The whole page of its parts, with the words of the trade explained at its end."""
     parts = [*parts, *meanings(" ".join(parts))]

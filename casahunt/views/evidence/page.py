@@ -8,12 +8,13 @@ sentences with numbers in them are entries of the object themselves.
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...checks import known_decimals
 from ...servo.units import GAIN_UNIT, unit_of
-from .fragments import Fragments, document, figure, made_line, table, value_at, words
+from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
 DEFAULT_TOL = 1e-6
@@ -68,6 +69,7 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         figures.get("diagram", ""),
         *([*_elasticities(p), figures.get("sensitivities", "")] if record["elasticities"] else []),
         *_verification(p),
+        *built_section(p, {"the tuned servo": "as_built"} if "as_built" in record else {}),
         *_tasks(p),
         figures.get("responses", ""),
         *_limits(p),
@@ -136,8 +138,6 @@ def _demands(p: _Page) -> list[str]:
         "<h2>What was asked for</h2>",
         table([], [
             ["margin above the fold", p.n("margin", ".4g", 100.0) + " %"],
-            ["phase margin, at least", p.n("demands/phase_margin", "g") + " degrees"],
-            ["gain margin, up and down", "factor " + p.n("demands/gain_margin", "g")],
             *([["largest torque, at most", p.with_unit("demands/max_torque", "N m", "g")]]
               if p.record["demands"].get("max_torque") is not None else []),
             ["delay, sample time", f"{p.n('demands/delay', 'g')} s, {p.n('demands/sample_time', 'g')} s"],
@@ -173,12 +173,7 @@ def _elasticities(p: _Page) -> list[str]:
 
 
 def _verification(p: _Page) -> list[str]:
-    record, check = p.record, p.record["verification"]
-    loops = [
-        _loop_row(p, name, loop)
-        for name, loop in check["loops"].items()
-        if name == "nominal" or record["worst"]["corner"] or name in check["loop_corners"]
-    ]
+    check = p.record["verification"]
     return [
         "<h2>Verified apart from the optimisation</h2>",
         table([], [
@@ -194,14 +189,29 @@ def _verification(p: _Page) -> list[str]:
             ["linear loop", p.verdict("verification/loops_kept", "margins kept", "margins not kept"),
              f"{p.n('verification/loops_checked', 'g')} servos"],
         ]),
-        table(["linear loop", "phase margin", "gain may fall to", "gain may rise to"], loops),
+        table(["linear loop, without dry friction", "phase margin", "stable down to", "stable up to"],
+              [_asked_margins(p), *_loop_rows(p)]),
     ]  # fmt: skip
 
 
-def _loop_row(p: _Page, name: str, loop: Mapping[str, Any]) -> list[str]:
-    at, free = f"verification/loops/{name}", "without limit"
+def _asked_margins(p: _Page) -> list[str]:
+    factor = p.n("demands/gain_margin", "g")
+    return ["asked for", f"at least {p.n('demands/phase_margin', 'g')} degrees", *[f"by a factor of {factor}"] * 2]
+
+
+def _loop_rows(p: _Page) -> list[list[str]]:
+    """A row for each set of margins: the servos that have the same ones share it."""
+    check, alike = p.record["verification"], dict[str, list[str]]()
+    for name, loop in check["loops"].items():
+        if name == "nominal" or p.record["worst"]["corner"] or name in check["loop_corners"]:
+            alike.setdefault(json.dumps(loop, sort_keys=True), []).append(name)
+    return [_loop_row(p, names, check["loops"][names[0]]) for names in alike.values()]
+
+
+def _loop_row(p: _Page, names: Sequence[str], loop: Mapping[str, Any]) -> list[str]:
+    at, free = f"verification/loops/{names[0]}", "any gain"
     return [
-        _loop_name(p, name, p.record["verification"]["loop_corners"]),
+        "; ".join(_loop_names(p, names)),
         p.n(f"{at}/phase_margin", ".5g") + " degrees",
         free if not loop["lowest_factor"] else p.n(f"{at}/lowest_factor", ".5g") + " times",
         free if loop["highest_factor"] is None else p.n(f"{at}/highest_factor", ".5g") + " times",
@@ -247,14 +257,21 @@ def _result(check: Mapping[str, Any]) -> str:
     return f'<span class="{colour}">{said}</span>'
 
 
-def _loop_name(p: _Page, name: str, corners: Mapping[str, Any]) -> str:
-    if name not in corners:
-        return {"worst": "worst friction"}.get(name, name)
-    at = ", ".join(
-        f"{words(key)} {p.with_unit(f'verification/loop_corners/{name}/{key}', unit_of(key), '.6g')}"
-        for key in corners[name]
-    )
-    return f"least {name}" + (f" of the set: {at}" if at else "")
+def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:
+    """What servos are called that have the same margins; the extreme ones of the set by what is extreme, and where."""
+    corners = p.record["verification"]["loop_corners"]
+    said = [{"worst": "worst friction"}.get(name, name) for name in names if name not in corners]
+    alike = dict[str, list[str]]()
+    for name in names:
+        if name in corners:
+            alike.setdefault(json.dumps(corners[name], sort_keys=True), []).append(name)
+    for same in alike.values():
+        at = ", ".join(
+            f"{words(key)} {p.with_unit(f'verification/loop_corners/{same[0]}/{key}', unit_of(key), '.6g')}"
+            for key in corners[same[0]]
+        )
+        said.append(f"least {', '.join(same)}" + (f" of the set: {at}" if at else ""))
+    return said
 
 
 def _task_row(p: _Page, key: str, gain: str) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...servo.parts.table import unit_of
 from ...servo.units import GAIN_UNIT
-from .fragments import Fragments, document, figure, made_line, table, words
+from .fragments import Fragments, built_section, document, figure, made_line, table, words
 
 TITLE = "<title>casahunt remedies</title>"
 HEAD = ("remedy", "ends hunting", "choose", "error at rest", "torque", "voltage", "settles in", "larger sizes")
@@ -45,6 +45,7 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
            f"{' of the worst servo of the set' if record['uncertain'] else ''}; torque, voltage and settling are those "
            f"of a step of {p.n('task_step', 'g')} rad from rest with that size.</p>"] if ending else []),
         *_worst(p, ending),
+        *built_section(p, {name: f"as_built/{name}" for name in record.get("as_built", {})}),
         figures.get("sizes", ""),
         *_not_ending(p),
         "<h2>Where the servo may rest</h2>",
@@ -115,7 +116,7 @@ def _not_ending(p: Fragments) -> list[str]:
 
 def _margins(p: Fragments) -> list[str]:
     """Margins of the linear loops."""
-    free, rows = "without limit", []
+    free, rows = "any gain", []
     for i, row in enumerate(p.record["remedies"]):
         at = f"remedies/{i}"
         if row["phase_margin"] is None:
@@ -133,7 +134,7 @@ def _margins(p: Fragments) -> list[str]:
         "<h2>Linear loop without dry friction</h2>",
         "<p>With the size to choose. Remedies that are not here make the loop nonlinear, or have no size that ends "
         "hunting.</p>",
-        table(["remedy", "phase margin", "gain may fall to", "gain may rise to"], rows),
+        table(["remedy", "phase margin", "stable down to", "stable up to"], rows),
     ]
 
 

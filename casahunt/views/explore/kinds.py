@@ -40,7 +40,7 @@ CYCLE_POINTS = 8
 BELOW_THE_FOLD, BELOW_THE_GAIN = 20.0, 2.0
 """A diagram begins so many times below the fold gain, or below a gain that is smaller still; that of a loop at a power
 of the latter which is at least so many times below its gain."""
-DRAWN, DIAGRAM_STEP, MOST_DIAGRAM_POINTS = Options(tol=1e-4, provisional=True), 0.3, 120
+DRAWN_CYCLES, DIAGRAM_STEP, MOST_DIAGRAM_POINTS = Options(tol=1e-4, provisional=True), 0.3, 120
 """Of the cycles of a diagram, whose errors nobody reads."""
 LOWER_GAINS = (1.0, 0.25, 0.0625)
 """Parts of that gain at which a cycle of a loop is looked for in turn."""
@@ -145,8 +145,8 @@ class ServoAnswers:
         assert servo is not None
         start = self._start()
         if ("diagram", start) not in self.memory:
-            first = find_orbit(servo, model, start, options=Options(tol=DRAWN.tol))
-            steps = walk(first, low=start, high=start * HIGHEST, options=DRAWN, largest_step=DIAGRAM_STEP)
+            first = find_orbit(servo, model, start, options=Options(tol=DRAWN_CYCLES.tol))
+            steps = walk(first, low=start, high=start * HIGHEST, options=DRAWN_CYCLES, largest_step=DIAGRAM_STEP)
             fold = self.memory["fold"].orbit if "fold" in self.memory else None
             self.memory["diagram", start] = branches_shown([first, *steps], fold)
         return {**self.memory["diagram", start], "present": gain}
@@ -292,7 +292,7 @@ class LoopAnswers(ServoAnswers):
         foot = self._foot()
         low = foot.problem.value(GAIN)
         if ("diagram", low) not in self.memory:
-            branch = follow(foot, GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN, monitors=(),
+            branch = follow(foot, GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN_CYCLES, monitors=(),
                             largest_step=DIAGRAM_STEP, max_points=MOST_DIAGRAM_POINTS)  # fmt: skip
             fold = self.memory.get(("fold", low))
             self.memory["diagram", low] = branches_shown(branch.orbits, None if fold is None else fold.orbit)

@@ -22,7 +22,7 @@ LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
 DOWNLOAD = re.compile(r"\{download\}`([^<`]*?)\s*<([^>]*)>`")
 PART = re.compile(r"^# %%\n((?:#.*\n)*)", re.MULTILINE)
 HERE_DOCUMENT = re.compile(r"cat > (\S+) <<'(\w+)'\n(.*?)^\2\n", re.DOTALL | re.MULTILINE)
-DRAWN = re.compile(r"--plot (\S+\.png)")
+PICTURE_OF = re.compile(r"--plot (\S+\.png)")
 FROM_CHECKOUT = re.compile(r"^(?:from|import) problems\b", re.MULTILINE)
 RUN = '!"{sys.executable}" -m casahunt'
 """The command line of the interpreter that runs the notebook, whatever the shell would find."""
@@ -75,7 +75,7 @@ def _command_cells(block: str) -> Iterator[Cell]:
         lines = []
         for command in (line.partition("  #")[0].rstrip() for line in commands):
             lines += [command.replace("casahunt", RUN, 1)] if command.startswith("casahunt ") else []
-        drawn = DRAWN.findall("\n".join(lines))
+        drawn = PICTURE_OF.findall("\n".join(lines))
         lines += ["from IPython.display import Image", f'Image("{drawn[-1]}")'] if drawn else []
         if lines:
             yield code_cell("\n".join(lines))

@@ -81,8 +81,8 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any =
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram, pictures
-    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> from casahunt import Servo, diagram, pictures
+    >>> branch = diagram(Servo(), "switch", start=0.6)
     >>> above, below = pictures.diagram([branch])
     >>> above.get_ylabel(), below.get_ylabel()
     ('amplitude max |x₁| [rad]', 'period [s]')
@@ -133,8 +133,8 @@ def multipliers(branches: Sequence[AnyBranch], *, ax: Axes | None = None) -> Axe
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram, pictures
-    >>> branch = collect(Servo(), "switch", diagram(Servo(), "switch", start=0.6))
+    >>> from casahunt import Servo, diagram, pictures
+    >>> branch = diagram(Servo(), "switch", start=0.6)
     >>> pictures.multipliers([branch]).get_ylabel()
     'leading half multiplier μ [–]'
     """

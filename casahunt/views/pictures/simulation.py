@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...design.record.file import Record
 from ...design.record.measure import Measurement
 from ...servo.hunting import MODELS
 from ...servo.problem import HuntingOrbit
 from ...servo.simulation.trajectory import Trajectory
 from .orbits import rolled
-from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, Array, Line2D, align, legend, panels
+from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Array, Line2D, align, legend, panels
 
 if TYPE_CHECKING:
     from ...servo.parts import LoopMotion
@@ -28,6 +27,9 @@ DRAWN_SAMPLES, SHORT_STICK = 20_000, 10
 """Samples of a motion that are drawn; samples of a stick that is shown, more than."""
 MOST_DOTS = 20_000
 """Samples of a record that are drawn."""
+MOST_OF_THE_TIME, SPIKE, ROOM = 0.95, 4.0, 2.0
+"""Where the torque exceeds what it is for the first part of the time by the second factor, as at a step, the picture
+goes up to the third times that, and the peak is written down: beside it nothing else could be read."""
 SHADE = "0.9"
 """Colour behind a stick."""
 LEVEL_COLOUR = "#b03020"
@@ -122,6 +124,13 @@ def loop_motion(step: LoopMotion, set_point: float, title: str, *, ax: Any = Non
     return _three(ax, step.times, curves, sticks, title, LOOKS[MODELS[0]].colour, set_point, ())
 
 
+def _most_of_the_time(t: Array, sizes: Array) -> float:
+    """What sizes along a motion stay below for `MOST_OF_THE_TIME`."""
+    order = np.argsort(sizes)
+    until = np.cumsum(np.gradient(t)[order])
+    return float(sizes[order][np.searchsorted(until, MOST_OF_THE_TIME * until[-1])])
+
+
 def _three(
     given: Any, t: Array, curves: Sequence[Array], sticks: Sequence[tuple[float, float]], title: str, colour: str,
     set_point: float, levels: Sequence[float],
@@ -140,6 +149,12 @@ def _three(
     three[0].axhline(set_point, **dashed)
     for level in levels:
         three[2].axhline(level, **dashed)
+    usual = max(_most_of_the_time(t, np.abs(curves[2])), *levels, 0.0)
+    if 0 < SPIKE * usual < float(np.max(np.abs(curves[2]))):
+        three[2].set_ylim(-ROOM * usual, ROOM * usual)
+        peak = curves[2][np.argmax(np.abs(curves[2]))]
+        said = f"off the scale: {peak:.3g} N m at the most"
+        three[2].text(0.99, 0.93, said, transform=three[2].transAxes, ha="right", va="top", fontsize=SMALL)
     three[2].set_xlabel("time [s]")
     align(figure, three)
     handles = [Line2D([], [], label="set point; static friction ±F$_s$" if levels else "set point", **dashed)]
@@ -150,13 +165,13 @@ def _three(
     return three
 
 
-def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit | None, *, ax: Any = None) -> Array:
+def folded_record(measurement: Measurement, orbit: HuntingOrbit | None = None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
     Parameters
     ----------
-    record, measurement
-        samples with whole periods, and what `measure` makes of them.
+    measurement
+        of a record with whole periods.
     orbit
         the prediction, or None.
     ax
@@ -172,14 +187,14 @@ def folded_record(record: Record, measurement: Measurement, orbit: HuntingOrbit 
 
     Examples
     --------
-    >>> from casahunt import Servo, find_orbit, measure, record_of, simulate, pictures
-    >>> record = record_of(simulate(Servo(), "switch", 0.04, time=60.0))
-    >>> axes = pictures.folded_record(record, measure(record), find_orbit(Servo(), "switch", 0.04))
+    >>> from casahunt import Servo, find_orbit, measure, simulate, pictures
+    >>> found = measure(simulate(Servo(), "switch", 0.04, time=60.0))
+    >>> axes = pictures.folded_record(found, find_orbit(Servo(), "switch", 0.04))
     >>> axes[0].get_ylabel()
     'position [rad]'
     """
     figure, both = panels(ax, 2, height_ratios=(1, 1.6))
-    above, below = both
+    (above, below), record = both, measurement.record
     every = max(1, record.times.size // MOST_DOTS)
     t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
     gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap

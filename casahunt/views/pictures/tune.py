@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...design.diagram import collect, diagram
+from ...design.diagram import diagram
 from ...design.sensitivity import fold_sensitivities
 from ...design.tune.tasks import SimulatedTask
 from ...design.tune.tuning import Tuning
@@ -47,9 +47,9 @@ def operating_point(tuning: Tuning, branch: Branch, *, ax: Any = None) -> Array:
 
     Examples
     --------
-    >>> from casahunt import Servo, collect, diagram, tune, pictures
+    >>> from casahunt import Servo, diagram, tune, pictures
     >>> tuning = tune(Servo(), "switch")
-    >>> branch = collect(tuning.worst, "switch", diagram(tuning.worst, "switch", start=0.6))
+    >>> branch = diagram(tuning.worst, "switch", start=0.6)
     >>> axes = pictures.operating_point(tuning, branch)
     >>> axes.shape
     (2,)
@@ -140,8 +140,8 @@ def evidence_images(
     fold = tuning.verification.fold
     if fold is not None:
         try:
-            points = diagram(tuning.worst, tuning.model, start=START * fold.gain, options=options)
-            images["diagram"] = png(operating_point(tuning, collect(tuning.worst, tuning.model, points)))
+            branch = diagram(tuning.worst, tuning.model, start=START * fold.gain, options=options)
+            images["diagram"] = png(operating_point(tuning, branch))
         except NoOrbit:
             pass  # a servo without a cycle at that gain: the page says its fold in numbers
         images["sensitivities"] = png(elasticities([fold], [fold_sensitivities(fold)]))

@@ -8,10 +8,10 @@ bounds what still settles.
 
 import matplotlib.pyplot as plt
 
-from casahunt import Servo, collect, diagram
+from casahunt import Servo, diagram
 
 servo = Servo()
-branch = collect(servo, "switch", diagram(servo, "switch", start=0.1))
+branch = diagram(servo, "switch", start=0.1)
 print(branch)
 for point in branch.special:
     print(point.meaning)

@@ -13,7 +13,7 @@ from casahunt import NoOrbit, Options, Record, Servo, Status, cli, find_orbit, i
 from casahunt.design.identify import identify as rooms
 from casahunt.design.identify import intervals
 from casahunt.design.identify import noise as likeliest_noise
-from casahunt.design.identify.fit import NEXT_TO_NOTHING, NOTHING, Data, Question, at, climb, expected
+from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Question, at, climb, expected
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
 from casahunt.design.identify.likelihood import Noise
 from casahunt.design.identify.start import lowest_of, scales_of, starts
@@ -97,9 +97,9 @@ def test_an_interval_ends_where_a_parameter_is_next_to_nothing():
 def test_what_may_be_nothing_is_followed_to_nothing(record):
     """Viscous friction held at none is a place on its profile, and the others are where its derivatives lead."""
     asked = question(record, Servo(), GAIN)
-    assert asked.lowest[2] == NOTHING and asked.lowest[3] == NEXT_TO_NOTHING
+    assert asked.lowest[2] == ALL_BUT_NOTHING and asked.lowest[3] == NEXT_TO_NOTHING
     best, noises = rooms._best(asked)
-    z = np.where(np.arange(best.z.size) == 2, NOTHING, best.z)
+    z = np.where(np.arange(best.z.size) == 2, ALL_BUT_NOTHING, best.z)
     point = climb(asked, at(asked, z, noises, best, stretched=True), noises, stretched=True, held=2)
     assert asked.values(point.z)["friction.viscous"] < 1e-4 and expected(point, 2) < LITTLE_TO_GAIN
 

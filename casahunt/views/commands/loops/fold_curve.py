@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ....checks import to_error
-from ....continuation import Fold, SpecialCurve, SpecialOrbit, special_curve
-from ....errors import InputError, NoOrbit
-from ....orbits import Options, SystemOrbit
-from ....servo.parts.verbs import LOOSER_BY, LOOSEST_FOLD
+from ....continuation import SpecialOrbit, special_curve
+from ....errors import InputError
+from ....orbits import Options
+from ...answers.fold_curve import loop_curve_answer
 from ..arguments import finite
-from ..console import complain, progress, progress_line, say, sensitivity_text
+from ..console import complain, orbit_line
 from ..output import give
+from ..progress import progress, tell
 from .shared import border_of, named, parts_line, record_of
 
 if TYPE_CHECKING:
@@ -35,14 +33,14 @@ def of_loop(options: argparse.Namespace, loop: Loop, points: int, how: Options) 
     check_present(loop, vary)
     if vary == ends_in:
         raise InputError(f"fold-in = {ends_in}: must be another parameter than that of --vary")
-    began, stream = time.perf_counter(), progress(options.quiet)
+    began, stream = time.perf_counter(), progress(options)
     fold, way = border_of(loop, ends_in, how)
 
     def found(point: SpecialOrbit) -> None:
         orbit = point.orbit
-        say(stream, f"{progress_line(orbit, '+1 (fold)', ends_in)}  {vary} = {orbit.problem.value(vary):.8g}")
+        tell(stream, f"{orbit_line(stream, orbit, '+1 (fold)', ends_in)}  {vary} = {orbit.problem.value(vary):.8g}")
 
-    curve = _curve(fold, vary, end, how, points, found)
+    curve = special_curve(fold, fold.parameter, vary, to=end, options=how, points=points, progress=found)
     failures = [] if curve.complete else [curve.ended]
     for failure in failures:
         complain("casahunt fold-curve", failure)
@@ -50,39 +48,6 @@ def of_loop(options: argparse.Namespace, loop: Loop, points: int, how: Options) 
         "curves": [curve.to_dict()], "way": way, "failures": failures, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
     picture = ("fold_curve.loop_border", curve, way)
-    give(options, record, _lines(loop, curve, way, how.tol), table=curve._columns(), picture=picture)
+    answer = loop_curve_answer(curve, way, parts_line(loop), (named(curve.vary), named(curve.other)), how.tol)
+    give(options, record, answer, table=curve._columns(), picture=picture)
     return 1 if failures else 0
-
-
-def _curve(
-    fold: Fold[SystemOrbit], vary: str, end: float, how: Options, points: int, found: Callable[[SpecialOrbit], None]
-) -> SpecialCurve:
-    """The curve of a fold; where cycles on it are not known to the tolerance, one a hundred times as large is asked
-    for, and again.  Raises NoOrbit: it is not even begun."""
-    while True:
-        last = how.tol * LOOSER_BY > LOOSEST_FOLD
-        try:
-            curve = special_curve(fold, fold.parameter, vary, to=end, options=how, points=points, progress=found)
-            if curve.complete or last:
-                return curve
-        except NoOrbit:
-            if last:
-                raise
-        how = replace(how, tol=LOOSER_BY * how.tol)
-
-
-def _lines(loop: Loop, curve: SpecialCurve, way: str, tol: float) -> Iterator[str]:
-    yield f"loop: {len(curve.orbits)} points; {curve.ended}"
-    yield parts_line(loop)
-    yield f"  {curve.other:>26s} {curve.vary:>16s} {'amplitude rad':>13s} {'period s':>9s} {'%':>8s}"
-    for orbit, error, slope, (x, q) in zip(curve.orbits, curve.errors, curve.slopes, curve.values, strict=True):
-        value, amplitude, period = (
-            to_error(number, max(error, orbit.error_estimate), most=most)
-            for number, most in ((x, 9), (orbit.amplitude, 7), (orbit.period, 7))
-        )
-        yield f"  {q:26.9g} {value:>16s} {amplitude:>13s} {period:>9s} {sensitivity_text(slope * q / x, tol):>8s}"
-    yield f"  {named(curve.other)}; {named(curve.vary)}: {way} to which the loop can hunt;"
-    yield f"  amplitude and period there; %: change of it for one per cent more of {curve.other}"
-    for q in curve.values[curve.turns, 1]:
-        yield f"  cusp at {curve.other} = {q:.9g}"
-    yield f"  {curve.wall_s:.2f} s"

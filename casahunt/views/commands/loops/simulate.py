@@ -13,17 +13,18 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....checks import error_text, to_absolute_error, to_error
+from ....checks import error_text, to_error
 from ....design.remedies.price import RESTS_WITHIN
 from ....errors import ComesToRest, NoOrbit, Status
 from ....orbits import Options, SystemOrbit, find_cycle
 from ....servo.servo import assigned
-from ..console import complain, counted
+from ...answers.loops import loop_motion_answer
+from ..console import complain
 from ..output import give
 from .shared import parts_line, record_of, title
 
@@ -57,7 +58,8 @@ def of_loop(options: argparse.Namespace, loop: Loop, length: float, numbers: Map
         "status": status, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
     picture = ("simulation.loop_motion", found, numbers["set_point"], f"{title(loop)}: {verdict}")
-    give(options, record, _lines(loop, found, record), table=_table(found), picture=picture)
+    answer = loop_motion_answer(title(loop), parts_line(loop), found, record, cycle)
+    give(options, record, answer, table=_table(found), picture=picture)
     if not status.ok:
         said = f"known to {error_text(motion.error)} of the sizes of the states and of the time"
         complain("casahunt simulate", f"the motion is {said}; ask for a larger tolerance or a shorter time")
@@ -93,24 +95,6 @@ def _goes_on_to(loop: Loop, found: LoopMotion, tol: float) -> tuple[str, str, Sy
 def _voltage(loop: Loop, torque: float) -> float | None:
     """That of a torque [V], where the motor has a gain."""
     return torque / loop.value("motor_gain") if "motor_gain" in loop.parameters else None
-
-
-def _lines(loop: Loop, found: LoopMotion, record: Mapping[str, Any]) -> Iterator[str]:
-    motion = found.motion
-    name = f"{title(loop)}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s"
-    yield f"{name}: {record['verdict']}"
-    yield f"  because          {record['reason']}"
-    yield parts_line(loop)
-    end = (
-        f"{state} {to_absolute_error(value, motion.error * motion.sizes[state], most=10)}"
-        for state, value in motion.end.items()
-    )
-    yield f"  at the end       {', '.join(end)}"
-    voltage = "" if record["peak_voltage"] is None else f", by {record['peak_voltage']:.4g} V"
-    yield f"  largest torque   {record['peak_torque']:.4g} N m{voltage}"
-    yield f"  events           {counted([event.event for event in motion.events])}"
-    yield f"  error estimate   {error_text(motion.error)} (relative, of states and times of events)"
-    yield f"  status           {record['status'].name.lower()}, {record['wall_s']:.2f} s"
 
 
 def _table(found: LoopMotion) -> dict[str, Any]:

@@ -1,0 +1,82 @@
+"""The form of an answer: plain lines, details, and how numbers stand in both.
+
+A plain number has `PLAIN_DIGITS` digits at most: friction is known to per cents, and a gain in ten digits would promise
+what no servo keeps.  The details have all that the estimated error vouches for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from ...checks import error_text, to_absolute_error, to_error
+from ...orbits import Orbit
+
+PLAIN_DIGITS = 4
+"""Digits of a number in a plain line."""
+HARD_SPACE = "\N{NO-BREAK SPACE}"
+"""Where a long line must not be broken; printed as a space."""
+MULTIPLIER_DIGITS = 8
+"""Digits of a multiplier, at most."""
+LEFT_BY_ROUNDING = 1e-12
+"""Relative error of a multiplier that is left by rounding alone."""
+
+
+class Answer(NamedTuple):
+    """What a command says: plain lines, and the mathematics; either is put into words where it is asked for."""
+
+    plain: Iterable[str]
+    details: Iterable[str] = ()
+
+
+def item(label: str, text: str) -> str:
+    """A line with its label."""
+    return f"  {label:15s}  {text}"
+
+
+def short(x: float, error: float = 0.0) -> str:
+    """A number of a plain line; error: relative, of what is known less."""
+    return f"{float(to_error(x, error, most=PLAIN_DIGITS)):.10g}"
+
+
+def within(x: float, error: float) -> str:
+    """A number of a plain line by its absolute error: "0" where that is as large."""
+    return short(x, error / abs(x)) if abs(x) > error else "0"
+
+
+def angle(x: float, error: float = 0.0) -> str:
+    """An angle [rad] of a plain line, in degrees too."""
+    return f"{short(x, error)} rad ({short(math.degrees(x), error)} degrees)"
+
+
+def rhythm(period: float, error: float = 0.0) -> str:
+    """A period [s] of a plain line, with its frequency."""
+    return f"{short(period, error)} s ({short(1 / period, error)} Hz)"
+
+
+def exactly(orbit: Orbit) -> list[str]:
+    """Amplitude and period of an orbit in all the digits that are known."""
+    return [
+        item("amplitude", f"{to_error(orbit.amplitude, orbit.amplitude_error)} rad"),
+        item("period", f"{to_error(orbit.period, orbit.period_error)} s"),
+        item("error estimate", f"{error_text(orbit.error_estimate)} (relative, of period and amplitude)"),
+    ]
+
+
+def complex_text(value: complex, error: float, floor: float = 0.0) -> str:
+    """A multiplier as the user reads it, to the digits that its error vouches for, `MULTIPLIER_DIGITS` at most.
+
+    error: relative for those above 1 in size, absolute for smaller ones; floor: a bound where no more is known, else 0.
+    Returns text such as "0.5+0.1j".
+    """
+    if floor > 0:
+        return f"below 1e{math.ceil(math.log10(floor))}"
+    error = max(error, LEFT_BY_ROUNDING) * max(1.0, abs(value))
+
+    def part(x: float) -> str:
+        return to_absolute_error(x, error, most=MULTIPLIER_DIGITS)
+
+    if abs(value.imag) <= error:
+        return part(value.real)
+    return f"{part(value.real)}{'' if value.imag < 0 else '+'}{part(value.imag)}j"

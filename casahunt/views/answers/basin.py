@@ -1,0 +1,74 @@
+"""What `casahunt basin` says of the border between coming to rest and hunting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ...checks import error_text, to_error
+from ...servo.basin import Basin, Trial
+from .answer import Answer, angle, complex_text, item
+
+ENDS = {"settles": "it came to rest", "hunts": "it hunted on", "grows": "it swung ever farther away"}
+"""What a motion did, by its outcome."""
+POSITIONS_SHOWN = 6
+"""Positions of a motion that are shown, at most."""
+
+
+def basin_answer(found: Basin, tol: float) -> Answer:
+    """What is said of a border.
+
+    tol: to which the positions of the two motions are known.
+    """
+    cycle = found.unstable
+    title, border = f"{cycle.model} servo at gain {cycle.gain:.10g} V/rad", angle(found.border, found.error_estimate)
+    if found.confirmed:
+        head = f"{title}: where it sticks within {border} of the set point it comes to rest, a little farther away it "
+        head += "does not"
+        means = item("what to do", "bring it to rest within that distance, or end its hunting: casahunt remedies")
+    else:
+        head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
+        means = item("what it means", "nearer and farther the servo may come to rest or hunt")
+    plain = [head, means, item("farther away", _outer(found)), item("tried", _tried(found))]
+    return Answer(plain, _details(found, tol))
+
+
+def _outer(found: Basin) -> str:
+    """What waits beyond the border."""
+    if found.outer is None:
+        return "no hunting cycle was found"
+    size = f"a hunting cycle of amplitude {angle(found.outer.amplitude, found.outer.amplitude_error)}"
+    return size if found.outer.stable else f"{size}, which motions leave again, unevenly"
+
+
+def _tried(found: Basin) -> str:
+    return f"from just inside {_end(found.inside)}, from just outside {_end(found.outside)}"
+
+
+def _end(trial: Trial) -> str:
+    return ENDS.get(trial.outcome, "its end was not certain")
+
+
+def _details(found: Basin, tol: float) -> Iterator[str]:
+    if found.unstable.model != "switch":
+        yield item("border", "x1 at m = 0.9 Fs before breakaway")
+    yield item("border", f"{to_error(found.border, found.error_estimate)} rad")
+    amplitude = to_error(found.unstable.amplitude, found.error_estimate)
+    yield item("unstable cycle", f"amplitude max |x1| = {amplitude} rad")
+    yield item("estimated error", f"{error_text(found.error_estimate)} (relative, of its amplitude and period)")
+    yield _outer_in_full(found)
+    for name, trial in (("inside", found.inside), ("outside", found.outside)):
+        a = [to_error(position, tol, most=4) for position in trial.positions]
+        path = ", ".join(a if len(a) <= POSITIONS_SHOWN else [*a[: POSITIONS_SHOWN - 2], "...", a[-1]])
+        yield item(f"from {name}", f"{trial.outcome} after {len(a) - 1} swings: {path} rad")
+
+
+def _outer_in_full(found: Basin) -> str:
+    """The line of the cycle beyond the border."""
+    if found.outer is None:
+        return item("stable cycle", found.why_no_outer)
+    amplitude = f"amplitude max |x1| = {to_error(found.outer.amplitude, found.outer.amplitude_error)} rad"
+    if found.outer.stable:
+        return item("stable cycle", amplitude)
+    m = found.outer.multipliers
+    mu = complex_text(m.leading, m.error, m.leading_floor)
+    return item("symmetric cycle", f"{amplitude}, not stable (half multiplier {mu}): swings next to it leave it")

@@ -1,0 +1,61 @@
+"""What `casahunt diagram` says of branches of cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from ...continuation import FOLD, SYMMETRY_BREAKING
+from ...continuation import Branch as AnyBranch
+from ...servo.branch import Branch
+from .answer import Answer, item, short
+
+if TYPE_CHECKING:
+    from ...orbits import SystemOrbit
+
+
+def diagram_answer(branches: Sequence[Branch], out: str) -> Answer:
+    """What is said of the branches of a servo; out: where they are written, "" where they are not."""
+    written = [f"written to {out}"] if out and branches else []
+    return Answer([*(line for branch in branches for line in _plain(branch)), *written], _details(branches))
+
+
+def _plain(branch: Branch) -> Iterator[str]:
+    folds = [special.orbit for special in branch.special if special.kind == FOLD.kind]
+    gains = branch.gains
+    if folds:
+        last = max(folds, key=lambda orbit: orbit.gain)
+        yield f"{branch.model}: the servo can hunt up to gain {short(last.gain)} V/rad, and not above it"
+        yield item("there", f"amplitude {short(last.amplitude)} rad, period {short(last.period)} s")
+    else:
+        yield f"{branch.model}: the servo can hunt; where that ends was not met ({branch.ended})"
+    first = branch.orbits[0]
+    size = f"amplitude {short(first.amplitude)} rad, period {short(first.period)} s"
+    yield item(f"at {short(first.gain)} V/rad", size)
+    broken = [short(special.orbit.gain) for special in branch.special if special.kind == SYMMETRY_BREAKING.kind]
+    if broken:
+        yield item("uneven swings", f"begin or end at gain {', '.join(broken)} V/rad")
+    yield item("computed", f"{len(branch.orbits)} cycles from gain {short(gains.min())} to {short(gains.max())} V/rad")
+
+
+def _details(branches: Sequence[Branch]) -> Iterator[str]:
+    for branch in branches:
+        yield f"{branch.model}: {len(branch.orbits)} points; {branch.ended}"
+        for special in branch.special:
+            yield f"  {special.meaning}"
+        for pair in branch.lopsided:
+            yield (
+                f"  lopsided, one of a pair whose other is its mirror image: {len(pair.orbits)} points from gain "
+                f"{pair.orbits[0].gain:.8g}; {pair.ended}"
+            )
+            for special in pair.special:
+                yield f"    {special.meaning}"
+
+
+def loop_diagram_answer(branch: AnyBranch[SystemOrbit], vary: str, parts: str, out: str) -> Answer:
+    """What is said of the branch of a loop of parts in a parameter; parts: a line; out: as of `diagram_answer`."""
+    folds = [special for special in branch.special if special.kind == FOLD.kind]
+    plain = [f"loop: {len(branch.orbits)} cycles along {vary}; {branch.ended}", parts]
+    for special in folds:
+        plain.append(item("hunting ends at", f"{vary} = {short(special.orbit.problem.value(vary))}"))
+    return Answer([*plain, *([f"written to {out}"] if out else [])], [f"  {s.meaning}" for s in branch.special])

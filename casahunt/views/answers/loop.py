@@ -1,0 +1,62 @@
+"""What `casahunt loop` says of the linear loop without dry friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from ...servo.linear_loop import LinearLoop
+from .answer import Answer, item, short
+
+NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry friction is not in it."
+
+
+def loop_answer(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Answer:
+    """What is said of linear loops.
+
+    viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad].
+    """
+    plain = [
+        "linear loop, dry friction left out",
+        f"  with viscous friction     {_stable_from(viscous)}",
+        f"  without any friction      {_stable_from(frictionless)}",
+    ]
+    for loop in loops:
+        plain.append(f"gain {loop.gain:.10g} V/rad: {'stable' if loop.stable else 'unstable'}")
+        for c in loop.gain_crossovers:
+            plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
+        plain.append(item("gain margin", _gain_margin(loop)))
+    return Answer([*plain, NOT_SAID], _details(loops, viscous, frictionless))
+
+
+def _stable_from(gain: float) -> str:
+    if gain == 0:
+        return "stable at every gain"
+    if not math.isfinite(gain):
+        return "stable at no gain"
+    return f"stable at every gain above {short(gain)} V/rad"
+
+
+def _gain_margin(loop: LinearLoop) -> str:
+    becomes = "unstable" if loop.stable else "stable"
+    limits = [
+        f"{becomes} where the gain is multiplied by {short(factor)}"
+        for factor in (loop.lowest_factor, loop.highest_factor)
+        if 0 < factor < math.inf
+    ]
+    return "; ".join(limits) or f"none: {'stable' if loop.stable else 'unstable'} at every gain"
+
+
+def _details(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Iterator[str]:
+    yield f"  Routh-Hurwitz    K > {viscous:.10g} V/rad with viscous friction, K > {frictionless:.10g} without any"
+    for loop in loops:
+        yield f"  gain {loop.gain:.10g} V/rad"
+        yield f"    poles          {', '.join(_pole(pole) for pole in loop.poles)} 1/s"
+        for c in loop.gain_crossovers:
+            yield f"    phase margin   {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1"
+        factors = (f"{factor:.8g}" for factor in (loop.lowest_factor, loop.highest_factor) if 0 < factor < math.inf)
+        yield f"    gain margin    {', '.join(factors) or 'none'}"
+
+
+def _pole(pole: complex) -> str:
+    return f"{pole.real:.8g}{pole.imag:+.8g}j" if pole.imag else f"{pole.real:.8g}"

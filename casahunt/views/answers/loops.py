@@ -1,0 +1,48 @@
+"""What `casahunt simulate` says of a loop of parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from ...checks import error_text, to_absolute_error
+from ...orbits import SystemOrbit
+from .answer import Answer, angle, item, rhythm, short
+from .simulate import HEADS, counted
+
+if TYPE_CHECKING:
+    from ...servo.parts import LoopMotion
+
+
+def loop_motion_answer(
+    title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], cycle: SystemOrbit | None
+) -> Answer:
+    """What is said of a motion.
+
+    title: which loop; parts: a line; record: its JSON object; cycle: that it goes on to.
+    """
+    verdict, motion = record["verdict"], found.motion
+    plain = [f"{title}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s: {HEADS[verdict]}"]
+    if cycle is not None:
+        plain += [item("amplitude", angle(cycle.amplitude, cycle.amplitude_error))]
+        plain += [item("period", rhythm(cycle.period, cycle.period_error))]
+    else:
+        plain.append(item("because", record["reason"]))
+    voltage = "" if record["peak_voltage"] is None else f", by {record['peak_voltage']:.4g} V"
+    end = (f"{state} {short(value)}" for state, value in motion.end.items())
+    plain += [parts, item("at the end", ", ".join(end))]
+    plain.append(item("largest torque", f"{record['peak_torque']:.4g} N m{voltage}"))
+    return Answer(plain, _details(found, record))
+
+
+def _details(found: LoopMotion, record: Mapping[str, Any]) -> Iterator[str]:
+    motion = found.motion
+    yield item("because", record["reason"])
+    end = (
+        f"{state} {to_absolute_error(value, motion.error * motion.sizes[state], most=10)}"
+        for state, value in motion.end.items()
+    )
+    yield item("at the end", ", ".join(end))
+    yield item("events", counted([event.event for event in motion.events]))
+    yield item("error estimate", f"{error_text(motion.error)} (relative, of states and times of events)")
+    yield item("status", f"{record['status'].name.lower()}, {record['wall_s']:.2f} s")

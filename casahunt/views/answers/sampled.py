@@ -1,0 +1,77 @@
+"""What commands say of the loop as built: a sampled controller, an encoder, and what causes its hunting."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from .answer import Answer, angle, item, short
+from .simulate import HEADS
+
+if TYPE_CHECKING:
+    from ...servo.drive import Drive
+    from ...servo.sampled.cause import Cause
+    from ...servo.sampled.motion import SampledMotion
+
+
+def sampled_answer(found: SampledMotion, cause: Cause | None) -> Answer:
+    """What is said of a sampled motion; cause: why it hunts."""
+    return Answer(_plain(found, cause), _details(found))
+
+
+def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
+    verdict, q = found.verdict, found.drive.count
+    name = f"{found.model} servo as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
+    yield f"{name}, {found.duration:.10g} s: {HEADS[verdict.kind]}"
+    yield item("because", verdict.sentence)
+    yield item("drive", "; ".join(_drive(found.drive)))
+    if verdict.kind == "hunting":
+        low, high = found.readings
+        counts = f", {verdict.amplitude / q:.3g} counts; the reading moves over {high - low}" if q else ""
+        yield item("amplitude", f"{angle(verdict.amplitude)}{counts}")
+        of = "mean of two swings" if not verdict.pattern else f"of {verdict.pattern} swings"
+        yield item("period", f"{short(verdict.period)} s ({of}), frequency {short(1 / verdict.period)} Hz")
+    if cause is not None:
+        yield item("cause", f"{cause.kind}: {cause.sentence}")
+        yield item("what ends it", _cure(cause, q))
+    x, v, _ = found.states[:, -1]
+    yield item("at the end", f"{short(x)} rad from the set point, velocity {short(v)} rad/s")
+    yield item("largest torque", f"{short(found.peak_torque)} N m, by {_volts(found)} V")
+
+
+def _volts(found: SampledMotion) -> str:
+    return short(found.peak_torque / found.servo.motor_gain)
+
+
+def _cure(cause: Cause, count: float) -> str:
+    if math.isnan(cause.dead_band):
+        return "no dead band of the integrator that was tried"
+    counts = f", {cause.dead_band / count:.4g} counts" if count else ""
+    return f"a dead band of the integrator of {cause.dead_band:.4g} rad{counts}"
+
+
+def _drive(drive: Drive) -> Iterator[str]:
+    yield f"{drive.sample_time:g} s"
+    if drive.delay:
+        yield f"delay {drive.delay:g} s"
+    if drive.encoder:
+        yield f"{drive.encoder:g} counts of {drive.count:.4g} rad"
+    if drive.quantise_torque:
+        yield f"torque by {drive.quantise_torque:g} N m"
+    yield f"derivative by {drive.derivative}"
+    yield f"integral by {drive.integration}"
+    if drive.dead_band:
+        yield f"dead band {drive.dead_band:g} rad"
+    if drive.leak:
+        yield f"leak {drive.leak:g} 1/s"
+
+
+def _details(found: SampledMotion) -> Iterator[str]:
+    verdict = found.verdict
+    if verdict.kind == "hunting":
+        yield item("amplitude", f"{verdict.amplitude:.6g} rad")
+        yield item("period", f"{verdict.period:.6g} s")
+    x, v, _ = found.states[:, -1]
+    yield item("at the end", f"position {found.set_point + x:.10g} rad, velocity {v:.6g} rad/s")
+    yield item("computed", f"{found.times.size - 1} samples, {found.stops.size} stops, {found.wall_s:.2f} s")

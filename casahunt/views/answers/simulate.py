@@ -1,0 +1,133 @@
+"""What `casahunt simulate` says of a motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from ...checks import error_text, to_absolute_error, to_error
+from ...servo.other_end import OtherEnd
+from ...servo.simulation.trajectory import Trajectory
+from .answer import Answer, angle, item, rhythm, short, within
+
+HEADS = {
+    "hunting": "hunting",
+    "at rest": "at rest",
+    "decaying": "on its way to rest",
+    "growing": "leaves the set point for good",
+    "undecided": "not certain where it ends",
+}
+"""What is said first, by verdict."""
+EVENT_WORDS = {
+    "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
+    "reversal": "reversals", "centre": "times the bristle slack",
+}  # fmt: skip
+"""How many of an event are told."""
+
+
+def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Answer:
+    """What is said of a motion; other: the cycle that one which rests has not come to."""
+    return Answer(_plain(found, other), _details(found, other, wall_s))
+
+
+def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
+    verdict = found.verdict
+    partly = ", but not from every start" if other is not None and other.hunts else ""
+    name = f"{found.model} servo{' with stick band' if found.regularised else ''} at gain {found.gain:.10g} V/rad"
+    where = f"set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s"
+    waits = "" if verdict.kind != "decaying" or math.isnan(verdict.waits) else "stuck for now, "
+    yield f"{name}, {where}: {waits}{HEADS[verdict.kind]}{partly}"
+    yield item("because", _because(found))
+    if math.isfinite(verdict.amplitude):
+        yield item("amplitude", angle(verdict.amplitude))
+    if math.isfinite(verdict.period):
+        yield item("period", rhythm(verdict.period))
+    if other is not None:
+        yield item("other starts", elsewhere(other, found.duration))
+    x = found.end
+    yield item("at the end", f"{_near(found)} the set point, velocity {within(x[1], found.state_errors[1])} rad/s")
+    yield item("largest torque", f"{short(found.peak_torque)} N m, by {short(found.peak_voltage)} V")
+
+
+def _near(found: Trajectory) -> str:
+    """Where it is at the end."""
+    x = float(found.end[0])
+    if abs(x) <= max(found.verdict.floor, float(found.state_errors[0])):
+        return "at"
+    return f"{within(abs(x), found.state_errors[0])} rad {'beyond' if x > 0 else 'short of'}"
+
+
+def _because(found: Trajectory) -> str:
+    """What supports the verdict, in plain words."""
+    verdict = found.verdict
+    stuck = "" if math.isnan(verdict.waits) else (
+        f"it is stuck {_near(found)} the set point, and the growing integral breaks it away again about "
+        f"{short(verdict.waits)} s later"
+    )  # fmt: skip
+    if verdict.kind == "hunting":
+        return f"its swings have settled at {short(verdict.limit)} rad, the amplitude of a cycle that draws them"
+    if verdict.kind == "decaying":
+        return f"each swing is smaller than the one before{'; ' if stuck else ', down to rest'}{stuck}"
+    if verdict.kind == "at rest" and not math.isnan(verdict.rests_since):
+        floor = f"{short(verdict.floor)} rad, what the motion is known to"
+        return f"it has not left the set point by more than {floor}, since {short(verdict.rests_since)} s"
+    if verdict.kind != "undecided" or not math.isfinite(float(found.state_errors[0])):
+        return verdict.sentence  # of simple words
+    known = f"it is on its way to a cycle of {short(verdict.limit)} rad" if verdict.limit > 0 else (
+        f"it was followed only until {found.ended}" if found.ended else "it has shown neither hunting nor rest yet"
+    )  # fmt: skip
+    return f"{known}{'; ' if stuck else ''}{stuck}; try a longer time"
+
+
+def elsewhere(other: OtherEnd, duration: float) -> str:
+    """What a motion from another start could come to; `duration` is that of the one that rests [s]."""
+    orbit = other.orbit
+    if orbit is None:
+        return "at this gain there is no hunting cycle to end in" if other.none else (
+            "whether there is a hunting cycle at this gain is not known (casahunt orbit says what was tried)"
+        )  # fmt: skip
+    size = f"of amplitude {short(orbit.amplitude, orbit.amplitude_error)} rad and period {short(orbit.period)} s"
+    if not other.hunts:
+        return f"there is a cycle {size}, but no motion was found that stays beside it"
+    left_out = {"time": duration, "integral": 0.0, "velocity": 0.0}
+    words = [f"--{key} {value:.12g}" for key, value in other.start.items() if left_out.get(key) != value]
+    ends = f"in a stable cycle {size}" if orbit.stable else f"swinging unevenly beside a cycle {size}"
+    return f"let go at rest with {' '.join(words)} it hunts: it ends {ends}"
+
+
+def _details(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterator[str]:
+    verdict, errors, x = found.verdict, found.state_errors, found.end
+    yield item("because", verdict.sentence)
+    if verdict.judged:
+        swings = ", ".join(to_absolute_error(a, verdict.floor, most=6) for a in verdict.judged)
+        since = to_absolute_error(verdict.since, found.time_error, most=6)
+        yield item("judged from", f"{swings} rad since {since} s; floor {verdict.floor:.1e} rad")
+    if other is not None and other.orbit is not None:
+        orbit = other.orbit
+        amplitude, period = (
+            to_error(value, error, most=7)
+            for value, error in ((orbit.amplitude, orbit.amplitude_error), (orbit.period, orbit.period_error))
+        )
+        kind = "stable" if orbit.stable else "symmetric"
+        yield item("other cycle", f"{kind}, of amplitude {amplitude} rad and period {period} s")
+    if math.isfinite(verdict.amplitude):
+        count = verdict.swings
+        of = "the cycle's: no period agrees yet"
+        if count:
+            of = f"mean of the last {count} periods" if count > 1 else "of the last period"
+        yield item("amplitude", f"{to_absolute_error(verdict.amplitude, errors[0], most=10)} rad ({of})")
+    if math.isfinite(verdict.period):
+        yield item("period", f"{to_absolute_error(verdict.period, 2 * found.time_error, most=10)} s")
+    end = (found.set_point + x[0], errors[0]), (x[1], errors[1])
+    position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
+    yield item("at the end", f"position {position} rad, velocity {velocity} rad/s")
+    yield item("events", counted([event.name for event in found.events]))
+    times = f"{error_text(found.time_error)} s of event times"
+    yield item("error estimate", f"{times}, {error_text(found.end_error)} of the final state")
+    yield item("status", f"{found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
+
+
+def counted(names: Sequence[str]) -> str:
+    """How many events there were, and of which."""
+    listed = ", ".join(f"{names.count(name)} {EVENT_WORDS.get(name, name)}" for name in dict.fromkeys(names))
+    return f"{len(names)}{f' ({listed})' if names else ''}"

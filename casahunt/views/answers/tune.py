@@ -1,0 +1,171 @@
+"""What `casahunt tune` says of the gain that it recommends.
+
+record: the JSON object of the tuning (commands/tune.py has its keys).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ...checks import to_error
+from ...design.tune.demands import NUMBERS
+from ...servo.units import unit_of
+from .answer import Answer, item, short
+
+STABLE_BELOW, STABLE_ABOVE = "at any lower gain", "at any higher one"
+NO_LICENCE = "with dry friction lower gains may hunt all the same"
+DOES = {
+    "at rest": "comes to rest", "decaying": "is on its way to rest, each swing smaller than the one before,",
+    "hunting": "hunts", "growing": "leaves the set point for good", "undecided": "ends nobody knows where",
+}  # fmt: skip
+"""What a motion does, by its verdict."""
+PROVES_NOT = (
+    "that nothing else moves it: flexibility, noise, backlash, saturation and friction outside of what was given are "
+    "not in the model; checks by simulation are samples"
+)
+
+
+def tuning_answer(record: Mapping[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Answer:
+    """What is said of a tuning.
+
+    tol: the error of what is computed to the tolerance and has no estimate of its own; out: where the evidence is;
+    as_built: lines of the check in the loop as built.
+    """
+    return Answer(_plain(record, tol, out, as_built), _details(record, tol))
+
+
+def known_to(record: Mapping[str, Any], tol: float) -> float:
+    """The relative error of the worst fold gain: what is estimated, and what two computations differ by."""
+    check = record["verification"]
+    return max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1)) if check["fold_gain"] else tol
+
+
+def loop_name(name: str, corners: Mapping[str, Mapping[str, float]]) -> str:
+    """What a linear loop of the checks is called."""
+    return {"worst": "worst friction"}.get(name, f"least {name}" if name in corners else name)
+
+
+def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Iterator[str]:
+    check = record["verification"]
+    yield f"{record['model']} servo: recommended gain {short(record['gain'], tol)} V/rad"
+    if record["free"]:
+        said = ", ".join(f"{n} {short(record[n], tol)} {unit_of(n)}".rstrip() for n in NUMBERS if n in record)
+        yield item(f"controller {'gains' if 'kp' in record else 'times'}", said)
+    if record["cost"] != "gain" or record["free"]:
+        only, form = record["cost_gain_only"], "gains" if "kp" in record else "times"
+        beside = "" if only is None else f" ({short(only, tol)} with the {form} as given)"
+        yield item("cost", f"{record['cost']}: {short(record['cost_value'], tol)} {record['cost_unit']}{beside}")
+    yield item("hunting", _hunting(record))
+    if record["before"] is not None:
+        now, after = record["before"], check["tasks"]
+        yield item(
+            "in place of",
+            f"{now['gain']:.6g} V/rad: {now['times']:.3g} times that gain; {after[0]['start']} takes "
+            f"{_peak(after[0])}, before {_peak(now['tasks'][0])}",
+        )
+    yield item("limited by", ", ".join(record["binding"]) or "nothing")
+    yield item("checked", f"{check['result']}, apart from the search for it")
+    yield item("linear loop", _loops(check))
+    yield item("simulated", _tasks(check["tasks"]))
+    if record["before"] is not None:
+        yield item("before", f"at gain {record['before']['gain']:.6g} it {_tasks(record['before']['tasks'])}")
+    for sentence in check["against"]:
+        yield item("against it", sentence)
+    for sentence in check["unverified"]:
+        yield item("not verified", sentence)
+    yield from as_built
+    yield item("not proved", PROVES_NOT)
+    if out is not None:
+        yield item("evidence", out)
+
+
+def _hunting(record: Mapping[str, Any]) -> str:
+    """Up to which gain it hunts, with which values."""
+    if not record["fold_gain"]:
+        return "possible at no gain"
+    where, fold, margin = record["worst"]["corner"], record["fold"], record["verification"]["margin"]
+    said = f"possible up to gain {short(record['fold_gain'], known_to(record, 0.0))} V/rad"
+    if where:
+        said += f" with the worst values that are allowed ({_values(where)})"
+        said += "" if fold["nominal"] is None else f", up to {short(fold['nominal'])} V/rad with those given"
+    return said if margin is None else f"{said}; the gain is {short(100 * margin)} % above that"
+
+
+def _loops(check: Mapping[str, Any]) -> str:
+    """The least margins of the linear loops."""
+    loops = list(check["loops"].values())
+    if not all(loop["stable"] for loop in loops):
+        return "not stable"
+    lows, highs = ([loop[key] for loop in loops if loop[key]] for key in ("lowest_factor", "highest_factor"))
+    low = f"down to {short(max(lows))} times the gain" if lows else STABLE_BELOW
+    high = f"up to {short(min(highs))} times" if highs else STABLE_ABOVE
+    least = short(min(loop["phase_margin"] for loop in loops))
+    return f"phase margin {least} degrees; without dry friction it is stable {low} and {high}, {NO_LICENCE}"
+
+
+def _tasks(tasks: Sequence[Mapping[str, Any]]) -> str:
+    """How many motions do what, and what they ask of the motor."""
+    torque, voltage = (max(task[key] for task in tasks) for key in ("peak_torque", "peak_voltage"))
+    seen = [task["verdict"] for task in tasks]
+    said = ", ".join(f"{DOES[kind]} in {seen.count(kind)}" for kind in DOES if kind in seen)
+    return f"{said} of {len(tasks)} motions; at most {torque:.3g} N m, {voltage:.3g} V"
+
+
+def _peak(task: Mapping[str, Any]) -> str:
+    """What a task asks of the motor."""
+    return f"at most {task['peak_torque']:.3g} N m, {task['peak_voltage']:.3g} V"
+
+
+def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
+    check, error, fold = record["verification"], known_to(record, tol), record["fold"]
+    to = error if "hunting margin" in record["binding"] and not record["free"] else tol
+    yield item("gain", f"{to_error(record['gain'], to)} V/rad")
+    yield item("cost", f"{record['cost']}: {to_error(record['cost_value'], to)} {record['cost_unit']}")
+    if record["fold_gain"]:
+        yield item("hunting", f"possible up to gain {to_error(record['fold_gain'], error)} V/rad")
+        if fold["nominal"] is not None:
+            yield item("nominal", f"up to {to_error(fold['nominal'], fold['error'])} V/rad")
+    if check["fold_gain"] is not None:
+        again = to_error(check["fold_gain"], error)
+        # K/K_fold - 1 has the error of K_fold.
+        part = 1 + 1 / check["margin"] if check["margin"] else 1.0
+        above = to_error(100 * check["margin"], abs(part) * error, most=6)
+        yield item("fold once more", f"{again} V/rad; the gain is {above} % above it")
+        yield item("a stable cycle", check["stable"]["sentence"])
+    yield item("event map", check["scan"])
+    if check["set"]:
+        number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
+        yield item("folds of the set", f"{number} corners and samples, the largest {to_error(largest, tol)} V/rad")
+    for name, loop in check["loops"].items():
+        if name == "nominal" or loop != check["loops"]["nominal"]:
+            yield _loop(name, loop, check["loop_corners"])
+    for task in check["tasks"]:
+        said = f"{task['friction']} friction, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak(task)}"
+        yield item("simulated", said)
+    for task in (record["before"] or {"tasks": []})["tasks"]:
+        now = f"gain {record['before']['gain']:.6g}"
+        yield item("before", f"{now}, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak(task)}")
+    yield "not proved by this"
+    for sentence in record["proves_not"]:
+        yield f"  {sentence}"
+    yield f"  {record['wall_s']:.2f} s"
+
+
+def _loop(name: str, loop: Mapping[str, Any], corners: Mapping[str, Mapping[str, float]]) -> str:
+    at = _values(corners.get(name, {}))
+    what = loop_name(name, corners)
+    where = f"{what} ({at})" if at else what
+    return item("linear loop", f"{where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
+
+
+def _values(corner: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in corner.items())
+
+
+def _factors(loop: Mapping[str, Any]) -> str:
+    low, high = loop["lowest_factor"], loop["highest_factor"]
+    if not loop["stable"]:
+        return "unstable"
+    falls = f"stable down to {low:.5g} times the gain" if low else f"stable {STABLE_BELOW}"
+    return falls + (f" and up to {high:.5g} times" if high is not None else f" and {STABLE_ABOVE}")

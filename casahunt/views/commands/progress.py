@@ -1,0 +1,166 @@
+"""Where a command is, on standard error: one line that moves on a terminal; elsewhere, as in a log, milestones.
+
+    say    a milestone: a line that stays, wherever it is read
+    tell   where the command is: on a terminal the moving line takes it; in a log it stands after `LOG_FROM` seconds,
+           and again each time as long as that has gone by once more: an hour has nine of them; with --details each
+
+What is printed besides clears the moving line first (`clear`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import IO
+
+TELL_EVERY, REMIND_EVERY = 2.0, 10.0
+"""Seconds between two reports of a computation that reports far too often, and after which a long step is named
+again."""
+LOG_FROM = 10.0
+"""Seconds after which a log hears where a command is for the first time."""
+MOVE_EVERY = 0.1
+"""Seconds between two states of the moving line: nobody reads faster."""
+NO_MOVES = ("", "dumb")
+"""What TERM says of a terminal on which nothing moves."""
+
+
+class Progress:
+    """Where progress goes.
+
+    Attributes
+    ----------
+    every : whether each state is a line that stays.
+    moves : whether there is a terminal, with a line that moves.
+    """
+
+    def __init__(self, stream: IO[str], *, every: bool = False) -> None:
+        self.every = every
+        self._stream = stream
+        self.moves = not every and stream.isatty() and os.environ.get("TERM", "") not in NO_MOVES
+        self._began = self._moved = time.monotonic()
+        self._next = LOG_FROM
+        self._width = 0
+        self._lock = threading.RLock()
+
+    def say(self, text: str) -> None:
+        """A milestone."""
+        with self._lock:
+            self.clear()
+            print(text, file=self._stream, flush=True)
+
+    def tell(self, text: str) -> None:
+        """Where the command is."""
+        if self.moves:
+            return self._move(text)
+        gone = time.monotonic() - self._began
+        if self.every or gone >= self._next:
+            self._next = max(2 * self._next, gone)
+            self.say(text)
+
+    def clear(self) -> None:
+        """Take the moving line away."""
+        with self._lock:
+            if self._width:
+                self._stream.write("\r" + " " * self._width + "\r")
+                self._stream.flush()
+                self._width = 0
+
+    def _move(self, text: str) -> None:
+        with self._lock:
+            now = time.monotonic()
+            if self._width and now - self._moved < MOVE_EVERY:
+                return
+            self._moved = now
+            line = text[: shutil.get_terminal_size().columns - 1]
+            self._stream.write("\r" + line.ljust(self._width))
+            self._stream.flush()
+            self._width = len(line)
+
+
+_AT: list[Progress] = []
+"""The progress of the command under way."""
+
+
+def progress(options: argparse.Namespace) -> Progress | None:
+    """Where the progress of a command goes; None: nowhere."""
+    if options.quiet:
+        return None
+    if not _AT:
+        _AT.append(Progress(sys.stderr, every=getattr(options, "details", False)))
+    return _AT[0]
+
+
+def clear() -> None:
+    """Take the moving line away, for what is printed now."""
+    for each in _AT:
+        try:
+            each.clear()
+        except (OSError, ValueError):  # nobody reads it any more
+            return
+
+
+def over() -> None:
+    """A command has come to its end."""
+    clear()
+    _AT.clear()
+
+
+def say(stream: Progress | None, text: str) -> None:
+    """A milestone; stream: None: nowhere."""
+    if stream is not None:
+        stream.say(text)
+
+
+def tell(stream: Progress | None, text: str) -> None:
+    """Where the command is; stream: None: nowhere."""
+    if stream is not None:
+        stream.tell(text)
+
+
+def teller(stream: Progress | None) -> Callable[[str], None]:
+    """Reports of a computation that makes far too many: one every `TELL_EVERY` seconds is told, more on a terminal."""
+    last = time.monotonic()
+
+    def told(text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= (MOVE_EVERY if stream is not None and stream.moves else TELL_EVERY):
+            last = time.monotonic()
+            tell(stream, text)
+
+    return told
+
+
+@contextmanager
+def telling(stream: Progress | None) -> Iterator[Callable[[str], None]]:
+    """As `teller`; a step that takes longer than `REMIND_EVERY` seconds is named again and again, with its time."""
+    told = teller(stream)
+    at, since = "", time.monotonic()
+    done = threading.Event()
+
+    def note(text: str) -> None:
+        nonlocal at, since
+        at, since = text, time.monotonic()
+        told(text)
+
+    def remind() -> None:
+        while not done.wait(REMIND_EVERY):
+            text, long = at, time.monotonic() - since
+            if not text or long < REMIND_EVERY:
+                continue
+            try:
+                tell(stream, f"{text} (for {long:.0f} s now)")
+            except (OSError, ValueError):  # nobody reads it any more; the computation is not to end for that
+                return
+
+    if stream is not None:
+        threading.Thread(target=remind, daemon=True).start()
+    try:
+        yield note
+    finally:
+        done.set()
