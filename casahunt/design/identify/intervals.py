@@ -121,20 +121,20 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     farthest, wanted = _farthest(question, best, j, sign), math.sqrt(rise)
     if farthest == 0 or wanted > 2 * first * farthest:
         return sign * math.inf  # next to nothing already, or the others make up for all of it
-    point, below, above, wall, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
+    point, below, above, stride, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
     for _ in range(MOST_REFITS):
-        by = _next(below, above, wanted, min((below.reach + wall) / 2, farthest)) - below.reach
+        by = min(_next(below, above, wanted, farthest) - below.reach, stride)
         by = _shortened(point, j, sign, by)
         reach = below.reach + by
         trial = _refit(question, best, point, sign * by, noises, j)
         if trial is not None and trial.deviance < best.deviance - BELOW_BEST:
             raise BetterFound(trial)
         if trial is None or expected(trial, j) > UNSURE_PART * max(rise, trial.deviance - best.deviance):
-            wall, unsure = reach, unsure + (trial is not None)
+            stride, unsure = by / 2, unsure + (trial is not None)
             if unsure > MOST_UNSURE:
                 break
-            if wall - below.reach < END_NEAR * wall and trial is None and above is None:
-                return sign * wall  # the model has no cycle beyond
+            if by < END_NEAR * reach and trial is None and above is None:
+                return sign * reach  # the model has no cycle beyond
             continue
         root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
         seen = _Seen(reach, root, -float(_way(trial, j, sign) @ trial.gradient) / root)
@@ -144,7 +144,7 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
         if root > wanted:
             above = seen
         else:
-            below, point = seen, trial
+            below, point, stride = seen, trial, 2 * stride
             if reach >= farthest:
                 return sign * math.inf
         if above is not None and above.reach - below.reach < END_CLOSE * above.reach:
