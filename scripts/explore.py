@@ -103,13 +103,20 @@ class Page:
         return self._reading
 
     def workers(self) -> list[int]:
-        """Process ids of the workers."""
+        """Process ids of the workers, that of the page and the one that waits for the next page."""
         tasks = Path(f"/proc/{self.process.pid}/task").glob("*/children")
-        return sorted({int(pid) for children in tasks for pid in children.read_text().split()})
+        children = sorted({int(pid) for task in tasks for pid in task.read_text().split()})
+        return [pid for pid in children if b"spawn_main" in _command(pid)]
 
     def memory(self) -> tuple[float, float]:
         """Megabytes resident of the server, and of the largest of its workers."""
         return resident(self.process.pid), max((resident(pid) for pid in self.workers()), default=0.0)
+
+
+def _command(pid: int) -> bytes:
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
 
 
 def resident(pid: int) -> float:

@@ -136,7 +136,7 @@ def test_a_gain_below_the_cycles_is_replaced(capsys, tmp_path):
     (tmp_path / "my.toml").write_text(ANOTHER)
     command = ["diagram", tmp_path / "my.toml", "--model", "switch", "--natural", "--from", 0.0321, "--out", tmp_path]
     code, out, err = run(capsys, *command, "--quiet")
-    assert code == 1 and out.startswith("switch: ") and "fold at gain = 4.05296" in out
+    assert code == 1 and out.startswith("switch: ") and "hunt up to gain 4.053 V/rad" in out
     assert "no stable hunting cycle of the switch servo at gain 0.0321: it has such cycles from" in err
     assert "it is drawn from gain 0.458" in err
     assert float(rows_of(tmp_path / "switch.csv")[0]["gain"]) == 0.458 and is_picture(tmp_path / "diagram.png")

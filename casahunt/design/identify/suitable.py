@@ -18,10 +18,15 @@ MOST_DRIFT = 0.1
 CLIPPED_SHARE = 0.02
 """Share of the samples that may lie exactly at the largest or smallest position, where others scatter."""
 
+MOVED_STEPS = 50.0
+"""Range of a position that moves, in units of its usual step from sample to sample: noise reaches ten."""
+
 
 def suitable(record: Record) -> Measurement:
     """What the record shows.  Raises InputError: friction cannot be identified from it."""
     found = measured(record)
+    if found.kind == "still" and _moves(record):
+        raise InputError(f"{record.name}: shows no whole period: {found.reason}; record three periods or more")
     if found.kind == "still":
         raise InputError(f"{record.name}: shows a servo at rest, and no hunting: {found.reason}")
     if not found.hunting:
@@ -42,19 +47,26 @@ def suitable(record: Record) -> Measurement:
     return found
 
 
+def _moves(record: Record) -> bool:
+    """Whether the position moves by far more than from sample to sample, whose difference is noise or a count."""
+    steps = np.abs(np.diff(record.position))
+    smallest = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    return float(np.ptp(record.position)) > MOVED_STEPS * smallest > 0
+
+
 def _clipped(record: Record, found: Measurement, end: float) -> bool:
     """Whether positions are cut off at an end.
 
-    Of noisy positions none equals another, and those of an encoder that rest go from count to count on their way there:
-    who comes to a limit at full speed is cut off.
+    Of noisy positions none equals another.  Those of an encoder that rest do: of these nobody can tell, and what is cut
+    off is not explained by the model.
     """
     y = record.position
-    there = y == end
-    if np.mean(there) < CLIPPED_SHARE:
+    if np.mean(y == end) < CLIPPED_SHARE:
         return False
-    if found.quantum == 0:
-        return bool(np.unique(y[~there]).size > 0.9 * np.count_nonzero(~there))
-    return False
+    if found.quantum:
+        return False
+    inside = (y != y.max()) & (y != y.min())
+    return bool(np.unique(y[inside]).size > 0.9 * np.count_nonzero(inside))
 
 
 def of_few_steps(amplitude: float, quantum: float) -> str:
