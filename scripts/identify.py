@@ -94,8 +94,7 @@ def same(a: Identification, b: Identification) -> bool:
     for name, (low, high) in a.intervals.items():
         if math.isnan(low):
             return False
-        width = math.log(min(high, 1e3 * a.values[name]) / max(low, 1e-3 * a.values[name]))
-        if abs(math.log(a.values[name] / b.values[name])) > SAME * max(width, 1e-6):
+        if abs(a.values[name] - b.values[name]) > SAME * (high - low):
             return False
     return True
 
@@ -138,7 +137,7 @@ def line(row: dict[str, Any]) -> str:
     said = []
     for p in row["parameters"].values():
         mark = "?" if not row["settled"][0] else " " if p["low"] <= p["true"] <= p["high"] else "!"
-        said.append(f"{math.log(p['value'] / p['true']):+.3f}{mark}")
+        said.append(f"{math.log(max(p['value'] / p['true'], 1e-3)):+.3f}{mark}")
     return (
         f"{row['number']:4d} {row['samples']:6d} samples, {row['counts_of_amplitude']:6.1f} counts: {' '.join(said)} "
         f"misfit {row['misfit']:.2f} {'same' if row['same'] else 'OTHER'} "

@@ -137,7 +137,7 @@ def _moves(orbit: Orbit, names: tuple[str, ...]) -> _Moves:
     fixed = t.system.border(parameter=1.0)
     w, nodes, durations, ways = [], [], [], []
     for name in names:
-        unit = orbit.problem.unit(name)
+        unit = orbit.problem.unit(name) or 1.0  # of a parameter that is zero
         way = orbit.problem.direction(name) * unit
         du, _ = t.linearise(u, replace(setting, dp=way)).tangent(fixed)
         w.append(t.intervals_of(du).reshape(t.intervals, t.degree + 1, t.n) * setting.scale / unit)

@@ -36,6 +36,16 @@ def test_a_block_on_a_belt_moves_as_its_neighbours_do():
         assert found.period_derivatives[i] == pytest.approx((near[0].period - near[1].period) / (2 * h), rel=1e-6)
 
 
+def test_a_parameter_that_is_zero_moves_it_too():
+    """Viscous friction from none on: a difference to one side, whose error is of first order."""
+    none = Servo().replace(**{"friction.viscous": 0.0})
+    orbit = find_orbit(none, "switch", 0.1, options=FINE)
+    other = refined(orbit, FINE, at={"friction.viscous": 1e-6})
+    found = state_sensitivity(orbit, [1.0, 3.0], ["friction.viscous"])
+    assert found.period_derivatives[0] == pytest.approx((other.period - orbit.period) / 1e-6, rel=1e-3)
+    assert np.isfinite(found.derivatives).all()
+
+
 def test_half_a_cycle_is_continued_by_its_image():
     orbit = find_orbit(Servo(), "switch", 0.1, options=Options(tol=1e-9))
     t, states = orbit.sample(16)

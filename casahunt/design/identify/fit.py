@@ -1,7 +1,7 @@
 """The computed cycle laid over records: least squares, or the likelihood of counts, by Levenberg and Marquardt.
 
     y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (z_1 ... z_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
-    q_j = s_j z_j,      z_j >= 0
+    q_j = s_j z_j,      z_j >= l_j
 
 So parameters are linear in their unknowns, down to where the one is next to nothing: friction enters a cycle linearly,
 and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  tau, b,
@@ -41,8 +41,9 @@ Array = np.ndarray
 
 MOST_OF_A_STEP = 0.4
 """Relative change of a parameter in one step: a model that is half as large is another cycle."""
-NEXT_TO_NOTHING = 0.1
-"""Unknown below which a parameter is not followed: it is a fiftieth of what was stated, and moves next to nothing."""
+ALL_BUT_NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
+"""Unknown below which a parameter is not followed: it is next to none there; and one that must not be none, whose
+cycles are ever harder to find: it is a fiftieth of what was stated."""
 FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8
 NEAR_DAMPING = 1e-8
 """Of the first step from where the linear model says that the optimum is: information spans so many decades."""
@@ -50,7 +51,7 @@ RESTORATIONS = 6
 """Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
 square, and the next ones come back to it."""
-ACROSS, RESTORED = 30.0, 0.5
+ACROSS_VALLEY, RESTORED_PART = 30.0, 0.5
 """Factor of the damping of these steps, so that they go across the valley, and not along it once more; and that by
 which the excess of the deviance falls in each."""
 MOST_FIT_STEPS = 120
@@ -96,7 +97,10 @@ class Data:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is fitted: records, the servo with its known parameters, the friction model, k free ones, their scales."""
+    """What is fitted: records, the servo with its known parameters, the friction model, k free ones, their scales.
+
+    And how small the unknown of each of these may be.
+    """
 
     records: tuple[Data, ...]
     servo: Servo
@@ -104,6 +108,7 @@ class Question:
     free: tuple[str, ...]
     options: Options
     scales: Array
+    lowest: Array
 
     def numbers(self, z: Array) -> Array:
         """(k,) the free parameters of the unknowns."""
@@ -111,7 +116,7 @@ class Question:
 
     def unknowns(self, q: Array) -> Array:
         """(k,) the unknowns of free parameters."""
-        return np.asarray(np.maximum(q / self.scales, NEXT_TO_NOTHING))
+        return np.asarray(np.maximum(q / self.scales, self.lowest))
 
     def sizes(self, z: Array) -> Array:
         """(k,) a parameter, or its scale where that is larger: what a change of it is measured by."""
@@ -134,18 +139,23 @@ class Question:
 class Point:
     """The model at z, k of which are parameters: cycles and positions for each record; the deviance and its slopes.
 
-    torques: of the motor, None where a record has none [N m].
+    lowest (k,): how small the unknowns of these may be; torques: of the motor, None where a record has none [N m].
     gradient and curvature are those of -deviance/2 and deviance/2.
     """
 
     z: Array
-    k: int
+    lowest: Array
     orbits: tuple[HuntingOrbit, ...]
     positions: tuple[Array, ...]
     deviance: float
     gradient: Array
     curvature: Array
     torques: tuple[Array | None, ...]
+
+    @property
+    def k(self) -> int:
+        """How many parameters there are."""
+        return self.lowest.size
 
 
 def at(
@@ -186,7 +196,7 @@ def at(
         torques.append(laid.torque)
     if not np.isfinite(deviance):
         return None
-    return Point(z, k, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
+    return Point(z, question.lowest, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
 
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
@@ -269,10 +279,10 @@ def climb(
         trial = at(question, _stepped(point, mu, held), noises, point, stretched=stretched)
         last = math.inf
         for _ in range(RESTORATIONS):
-            if trial is None or not 0 < trial.deviance - point.deviance < RESTORED * last:
+            if trial is None or not 0 < trial.deviance - point.deviance < RESTORED_PART * last:
                 break
             last, most = trial.deviance - point.deviance, most - 1
-            trial = at(question, _stepped(trial, ACROSS * mu, held), noises, trial, stretched=stretched)
+            trial = at(question, _stepped(trial, ACROSS_VALLEY * mu, held), noises, trial, stretched=stretched)
         if trial is not None and trial.deviance <= point.deviance:
             point, mu, vain = trial, mu if vain else max(mu * LESS, LEAST_DAMPING), False
         else:
@@ -310,7 +320,7 @@ def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> A
     if held is not None:
         dz[held], moving[held] = by, False
     lowest = np.full(point.z.size, -np.inf)
-    lowest[: point.k] = NEXT_TO_NOTHING - point.z[: point.k]
+    lowest[: point.k] = point.lowest - point.z[: point.k]
     while moving.any():
         given = point.gradient - point.curvature[:, ~moving] @ dz[~moving]
         dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], given[moving], mu)
@@ -325,7 +335,7 @@ def _stepped(point: Point, mu: float, held: int | None) -> Array:
     """The unknowns behind a damped step, which is cut where a parameter would change by much."""
     dz = step(point, mu, held)
     z = point.z + dz / too_long(point, dz)
-    z[: point.k] = np.maximum(z[: point.k], NEXT_TO_NOTHING)
+    z[: point.k] = np.maximum(z[: point.k], point.lowest)
     return z
 
 

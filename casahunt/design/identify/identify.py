@@ -33,7 +33,7 @@ from .intervals import BetterFound, Interval, Unsettled, marginal_information, p
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import Noise
 from .noise import with_noise
-from .start import COULOMB, STATIC, STRIBECK, VISCOUS, scales_of, starts
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of, starts
 from .suitable import of_few_steps, suitable
 from .torque import residual
 
@@ -53,6 +53,8 @@ ONE_POINT, RIVAL = 1.0, 30.0
 """Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
 GROSS = 0.1
 """Systematic rest, relative to the amplitude, of a fit that is none."""
+MOST_LEFT = 0.3
+"""Of what a fit leaves, relative to the amplitude: more is no noise, however likely, since a period was measured."""
 CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
 and differently on every mesh."""
@@ -232,8 +234,8 @@ def identify(
     samples = [as_record(record) for record in records]
     data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(samples, each, strict=True))
     options = of_kind("options", options or Options(), Options)
-    scales = scales_of(data[0], servo, free)
-    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales), advise=advise)
+    scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
+    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales, lowest), advise=advise)
 
 
 def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
@@ -273,8 +275,9 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
     for _ in range(MOST_BETTER + 1):
         question, best = sharpened(question, best, noises)
         judgement = judged(question, best, noises)
-        if not judgement.explained and judgement.systematic > GROSS:
-            raise _no_fit(question, judgement.systematic)
+        left = [np.std(d.position - x) / d.amplitude for d, x in zip(question.records, best.positions, strict=True)]
+        if max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS:
+            raise _no_fit(question, max(*left, judgement.systematic))
         try:
             ends = _ends(question, best, noises, judgement.factor)
             break

@@ -38,11 +38,11 @@ MOST_REFITS = 12
 END_NEAR, END_CLOSE = 0.1, 0.03
 """Relative distance from the end of an interval, at which its slope is as good as a refit; and between two refits on
 both sides of a jump of the deviance."""
-HALVINGS = 10
+STEP_HALVINGS = 10
 """Of a step that is too long."""
-SHORT = 1e-6
+SHORT_WAY = 1e-6
 """Of an unknown: so far no other one comes to its end."""
-INSIDE = 0.15
+BETWEEN_REFITS = 0.15
 """Part of what is between two refits that the next one keeps from either."""
 LITTLE_RISE = 0.1
 """Of the deviance per sample: up to there the model is linear in all unknowns."""
@@ -121,20 +121,20 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     farthest, wanted = _farthest(question, best, j, sign), math.sqrt(rise)
     if farthest == 0 or wanted > 2 * first * farthest:
         return sign * math.inf  # next to nothing already, or the others make up for all of it
-    point, below, above, wall, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
+    point, below, above, stride, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
     for _ in range(MOST_REFITS):
-        by = _next(below, above, wanted, min((below.reach + wall) / 2, farthest)) - below.reach
+        by = min(_next(below, above, wanted, farthest) - below.reach, stride)
         by = _shortened(point, j, sign, by)
         reach = below.reach + by
         trial = _refit(question, best, point, sign * by, noises, j)
         if trial is not None and trial.deviance < best.deviance - BELOW_BEST:
             raise BetterFound(trial)
         if trial is None or expected(trial, j) > UNSURE_PART * max(rise, trial.deviance - best.deviance):
-            wall, unsure = reach, unsure + (trial is not None)
+            stride, unsure = by / 2, unsure + (trial is not None)
             if unsure > MOST_UNSURE:
                 break
-            if wall - below.reach < END_NEAR * wall and trial is None and above is None:
-                return sign * wall  # the model has no cycle beyond
+            if by < END_NEAR * reach and trial is None and above is None:
+                return sign * reach  # the model has no cycle beyond
             continue
         root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
         seen = _Seen(reach, root, -float(_way(trial, j, sign) @ trial.gradient) / root)
@@ -144,7 +144,7 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
         if root > wanted:
             above = seen
         else:
-            below, point = seen, trial
+            below, point, stride = seen, trial, 2 * stride
             if reach >= farthest:
                 return sign * math.inf
         if above is not None and above.reach - below.reach < END_CLOSE * above.reach:
@@ -157,7 +157,7 @@ def _shortened(point: Point, j: int, sign: int, by: float) -> float:
     short, long = 0.0, by
     if too_long(point, step(point, LEAST_DAMPING, j, sign * by)) == 1:
         return by
-    for _ in range(HALVINGS):
+    for _ in range(STEP_HALVINGS):
         middle = (short + long) / 2
         if too_long(point, step(point, LEAST_DAMPING, j, sign * middle)) > 1:
             long = middle
@@ -168,7 +168,7 @@ def _shortened(point: Point, j: int, sign: int, by: float) -> float:
 
 def _way(point: Point, j: int, sign: int) -> Array:
     """How all unknowns go along a profile."""
-    return (step(point, LEAST_DAMPING, j, sign * SHORT) - step(point, LEAST_DAMPING, j)) / SHORT
+    return (step(point, LEAST_DAMPING, j, sign * SHORT_WAY) - step(point, LEAST_DAMPING, j)) / SHORT_WAY
 
 
 def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequence[Noise], j: int) -> Point | None:
@@ -185,7 +185,7 @@ def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequ
         )  # fmt: skip
 
     z = near.z + step(near, LEAST_DAMPING, j, by)
-    z[: near.k] = np.maximum(z[: near.k], NEXT_TO_NOTHING)
+    z[: near.k] = np.maximum(z[: near.k], near.lowest)
     trial = at(question, z, noises, near)
     samples = sum(data.times.size for data in question.records)
     if trial is not None and trial.deviance - best.deviance > LITTLE_RISE * samples:
@@ -199,7 +199,7 @@ def _next(below: _Seen, above: _Seen | None, wanted: float, most: float) -> floa
     if above is None:
         ahead = below.reach + (wanted - below.root) / below.slope if below.slope > 0 else math.inf
         return min(ahead, below.reach * LONGEST_STRIDE or math.inf, most)
-    width, s = above.reach - below.reach, np.linspace(INSIDE, 1 - INSIDE, 101)
+    width, s = above.reach - below.reach, np.linspace(BETWEEN_REFITS, 1 - BETWEEN_REFITS, 101)
     left = (1 + 2 * s) * below.root + s * width * below.slope
     right = (3 - 2 * s) * above.root - (1 - s) * width * above.slope
     cubic = (1 - s) ** 2 * left + s**2 * right
@@ -211,5 +211,5 @@ def marginal_information(question: Question, point: Point) -> Array:
     H, k = point.curvature, len(question.free)
     rest = H[k:, k:]
     J = H[:k, :k] - H[:k, k:] @ np.linalg.lstsq(rest, H[k:, :k], rcond=1e-13)[0]
-    by_logarithm = point.z[:k]
+    by_logarithm = np.maximum(point.z[:k], NEXT_TO_NOTHING)
     return np.asarray(J * by_logarithm[:, None] * by_logarithm)

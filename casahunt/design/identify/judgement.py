@@ -23,7 +23,7 @@ import numpy as np
 
 from ...servo.problem import HuntingOrbit
 from ..record.verdict import chi_square
-from .fit import Array, Data, Point, Question, at
+from .fit import Array, Point, Question, at
 from .intervals import NORMAL_95, marginal_information
 from .likelihood import Noise
 from .torque import residual
@@ -36,14 +36,14 @@ NEGLIGIBLE = 0.003
 """Systematic residual, relative to the amplitude, of a model that is good enough: records without noise show less."""
 UNSURE = 0.01
 """The same below which the intervals are widened."""
-TRUSTED = 3e-5
+LASTING_ERROR = 3e-5
 """Error, relative to the amplitude, that lasts: of a transient's end, of rounded rests, of samples between which a
 simulation was interpolated.  However many samples there are, none is told to more."""
 UNTOLD = 0.25
 """Standard deviation of a combination of logarithms from which on the record does not tell it."""
 IN_IT = 0.3
 """Part of a combination from which on a parameter is named."""
-UP, DOWN, GAINS_ABOVE, GAINS_BELOW = 1.4, 0.5, 12, 1
+GAIN_UP, GAIN_DOWN, GAINS_ABOVE, GAINS_BELOW = 1.4, 0.5, 12, 1
 """Factors between the gains at which a further record is thought of; upwards as long as the servo hunts."""
 LEAST_GAINED = 0.5
 """ln det below which a further record is not worth its name."""
@@ -74,13 +74,12 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     parts: list[float] = []
     stretches: list[float] = []
     left, size = 0.0, 0.0
-    doubt, trusted = 0.0, max(TRUSTED, question.options.tol)
-    for data, orbit, noise, y, x, whole in _channels(question, point, noises):
+    doubt, trusted = 0.0, max(LASTING_ERROR, question.options.tol)
+    for (periods, part), noise, y, x, whole in _channels(question, point, noises):
         score = noise.slopes(y, x).score
         offset = float(y[0] % noise.quantum) if noise.quantum else 0.0
         information = noise.information(x, offset)
         doubt += float(np.sum(information)) * (trusted * whole) ** 2
-        periods, part = _parts(data, orbit)
         for by, into in ((part, parts), (periods * PARTS_OF_PERIOD + part, stretches)):
             sums, sizes = np.bincount(by, score), np.bincount(by, information)
             told = sizes > 1e-3 * sizes.mean()
@@ -101,15 +100,15 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
 
 def _channels(
     question: Question, point: Point, noises: Sequence[Noise]
-) -> Iterator[tuple[Data, HuntingOrbit, Noise, Array, Array, float]]:
-    """Record, cycle, noise, measured and computed, amplitude: of positions, and of torques where there are any."""
-    for data, orbit, noise, x, m in zip(
-        question.records, point.orbits, noises, point.positions, point.torques, strict=True
-    ):
-        yield data, orbit, noise, data.position, x, data.amplitude
+) -> Iterator[tuple[tuple[Array, Array], Noise, Array, Array, float]]:
+    """What was measured, positions and torques: parts of the period, noise, measured and computed, amplitude."""
+    laid = zip(question.records, noises, point.orbits, point.positions, point.torques, strict=True)
+    for i, (data, noise, orbit, x, m) in enumerate(laid):
+        parts = _parts(data.times / data.period - point.z[question.own(i).start], orbit)
+        yield parts, noise, data.position, x, data.amplitude
         if data.torque is not None and m is not None:
             r, sigma = residual(data.torque, m)
-            yield data, orbit, Noise(sigma, 0.0), m + r, m, float(np.ptp(m)) / 2
+            yield parts, Noise(sigma, 0.0), m + r, m, float(np.ptp(m)) / 2
 
 
 def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
@@ -119,11 +118,10 @@ def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
     return total / freedom, 1 - chi_square(freedom, min(total, 1e4 * freedom))
 
 
-def _parts(data: Data, orbit: HuntingOrbit) -> tuple[Array, Array]:
-    """(m,) which period each sample belongs to, from 0 on, and which part of it."""
+def _parts(phase: Array, orbit: HuntingOrbit) -> tuple[Array, Array]:
+    """(m,) which period each phase belongs to, from 0 on, and which part of it."""
     times, states = orbit.sample()
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states[0])))])
-    phase = data.times / data.period
     done = np.interp(phase % 1 * times[-1], times, (times / times[-1] + way / way[-1]) / 2)
     periods = np.floor(phase).astype(int)
     return periods - periods.min(), np.minimum(done * PARTS_OF_PERIOD, PARTS_OF_PERIOD - 1).astype(int)
@@ -155,9 +153,9 @@ def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> t
             return None
         return float(np.linalg.slogdet(J + marginal_information(other, there))[1] - known) / 2
 
-    found = [(data.gain * DOWN**k, gained(data.gain * DOWN**k)) for k in range(1, GAINS_BELOW + 1)]
+    found = [(data.gain * GAIN_DOWN**k, gained(data.gain * GAIN_DOWN**k)) for k in range(1, GAINS_BELOW + 1)]
     for k in range(1, GAINS_ABOVE + 1):
-        found.append((data.gain * UP**k, gained(data.gain * UP**k)))
+        found.append((data.gain * GAIN_UP**k, gained(data.gain * GAIN_UP**k)))
         if found[-1][1] is None:
             break
     told = [(more, gain) for gain, more in found if more is not None]

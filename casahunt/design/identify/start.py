@@ -22,7 +22,7 @@ from ...errors import InputError, NoOrbit
 from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, flatten
-from .fit import Array, Data, Question, cycle_at
+from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_at
 
 STATIC, COULOMB, VISCOUS, STRIBECK = (
     "friction.static", "friction.coulomb", "friction.viscous", "friction.stribeck_velocity"
@@ -54,6 +54,17 @@ def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
     viscous = LITTLE_VISCOUS * static * 4 * slip / (a * math.pi**2)
     guess = {STATIC: static, COULOMB: static, VISCOUS: viscous / SCALE}
     return np.array([SCALE * guess.get(name, own[name]) for name in free])
+
+
+def lowest_of(servo: Servo, free: tuple[str, ...]) -> Array:
+    """How small the unknowns may be: next to none where the servo may do without, viscous friction for one."""
+    lowest = np.full(len(free), ALL_BUT_NOTHING)
+    for i, name in enumerate(free):
+        try:
+            servo.replace(**{name: 0.0})
+        except InputError:
+            lowest[i] = NEXT_TO_NOTHING
+    return lowest
 
 
 def _slip(data: Data) -> float:

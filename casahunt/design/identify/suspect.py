@@ -1,8 +1,8 @@
 """What to suspect where a record hunts at another frequency than the model, by what the record shows.
 
-    encoder     its steps are seen, and the amplitude is less than `ENCODER_BORDER` of them
-    friction    with other values, which the record tells, the model explains it
-    the loop    with none it does: a filter or a delay in it, or its sampling
+encoder     its steps are seen, and the amplitude is less than `ENCODER_BORDER` of them
+friction    with other values, which the record tells, the model explains it
+the loop    with none it does: a filter or a delay in it, or its sampling
 """
 
 from __future__ import annotations

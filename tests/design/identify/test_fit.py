@@ -13,10 +13,10 @@ from casahunt import NoOrbit, Options, Record, Servo, Status, cli, find_orbit, i
 from casahunt.design.identify import identify as rooms
 from casahunt.design.identify import intervals
 from casahunt.design.identify import noise as likeliest_noise
-from casahunt.design.identify.fit import Question, at, climb, expected
+from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Question, at, climb, expected
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
 from casahunt.design.identify.likelihood import Noise
-from casahunt.design.identify.start import scales_of, starts
+from casahunt.design.identify.start import lowest_of, scales_of, starts
 from casahunt.design.identify.suitable import suitable
 from casahunt.servo.servo import flatten
 from scripts.identify import ALIKE, Made
@@ -35,9 +35,14 @@ def record() -> Record:
     return Record(times[later], measured(x[later], 0.01 * AMPLITUDE, 0.0, 0.3, rng), "bench")
 
 
+def asked_about(data: Data, servo: Servo, free: tuple[str, ...], share: float) -> Question:
+    scales, lowest = scales_of(data, servo, free), lowest_of(servo, free)
+    return Question((data,), servo, "switch", free, Options().finer(share), scales, lowest)
+
+
 def question(record: Record, servo: Servo, gain: float, share: float = CYCLE_SHARE) -> Question:
     data = data_of(record, suitable(record), gain)
-    return Question((data,), servo, "switch", FREE, Options().finer(share), scales_of(data, servo, FREE))
+    return asked_about(data, servo, FREE, share)
 
 
 @pytest.mark.parametrize("stretched", [False, True])
@@ -89,12 +94,22 @@ def test_an_interval_ends_where_a_parameter_is_next_to_nothing():
         assert low <= flatten(made.servo)[name] <= high < 1000, name
 
 
+def test_what_may_be_nothing_is_followed_to_nothing(record):
+    """Viscous friction held at none is a place on its profile, and the others are where its derivatives lead."""
+    asked = question(record, Servo(), GAIN)
+    assert asked.lowest[2] == ALL_BUT_NOTHING and asked.lowest[3] == NEXT_TO_NOTHING
+    best, noises = rooms._best(asked)
+    z = np.where(np.arange(best.z.size) == 2, ALL_BUT_NOTHING, best.z)
+    point = climb(asked, at(asked, z, noises, best, stretched=True), noises, stretched=True, held=2)
+    assert asked.values(point.z)["friction.viscous"] < 1e-4 and expected(point, 2) < LITTLE_TO_GAIN
+
+
 def test_the_interval_is_where_the_deviance_of_other_servos_says(record):
     """One free parameter: the deviance at the ends is that of the optimum and 3.85 more (2395 samples)."""
     servo = Servo()
     data = data_of(record, suitable(record), GAIN)
-    free = ("friction.coulomb",)
-    asked = Question((data,), servo, "switch", free, Options().finer(CYCLE_SHARE), scales_of(data, servo, free))
+    free = ("friction.stribeck_velocity",)
+    asked = asked_about(data, servo, free, CYCLE_SHARE)
     best, noises = rooms._best(asked)
     asked, best = rooms.sharpened(asked, best, noises)
     found = intervals.profile(asked, best, noises, 0, 3.85)

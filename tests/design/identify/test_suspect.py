@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from command_line import one_json, run
 
 from casahunt import Drive, Friction, InputError, Options, Pid, Record, Servo, find_orbit, identify, simulate_sampled
@@ -58,7 +59,9 @@ def test_steps_of_an_encoder(capsys, tmp_path):
     code, out, _ = run(capsys, "record", path, servo, "--gain", 1, "--quiet", "--json")
     assert one_json(out)["suspect"] == said
     assert "suspect the encoder" in str(_no_fit(Question((data_of(record, suitable(record), 1.0),), AS_BUILT, "switch",
-                                                         (), Options(), np.zeros(0)), 0.9))  # fmt: skip
+                                                         (), Options(), np.zeros(0), np.zeros(0)), 0.9))  # fmt: skip
+    with pytest.raises(InputError, match="suspect the encoder"):  # and what a fit leaves is not taken for noise
+        identify([record], AS_BUILT, 1.0, advise=False)
 
 
 def test_another_friction(capsys, tmp_path):

@@ -79,7 +79,7 @@ def test_slopes_of_the_torque_are_those_of_differences(controller):
 
 def test_the_deviance_moves_as_its_slopes_say(record):
     servo, data = Servo().replace(**WRONG | {"servo.motor_gain": 16.5}), data_of(record, suitable(record), GAIN)
-    question = Question((data,), servo, "switch", FREE, Options(tol=1e-9), scales_of(data, servo, FREE))
+    question = Question((data,), servo, "switch", FREE, Options(tol=1e-9), scales_of(data, servo, FREE), np.zeros(5))
     values = flatten(Servo())
     z = np.array([*question.unknowns(np.array([values[n] * 1.002 for n in FREE])), 0.1, 0.0])
     noises = [Noise(data.size, 0.0)]
