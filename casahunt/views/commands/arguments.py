@@ -347,7 +347,8 @@ def add_gain(command: Parser, **keywords: Any) -> None:
 
     **keywords: of `add_argument`.
     """
-    command.add_required("--gain", **{"example": "0.1", "metavar": "K", "help": "controller gain in V/rad"} | keywords)
+    help_text = "controller gain in V/rad; it multiplies kp, ki and kd of the servo file: 1 takes them as they stand"
+    command.add_required("--gain", **{"example": "0.1", "metavar": "K", "help": help_text} | keywords)
 
 
 def gain_of(options: argparse.Namespace) -> float:
