@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 
 import pytest
 from command_line import one_json, run
@@ -133,6 +134,16 @@ def test_an_orbit_of_few_counts_is_told(capsys, built):
     assert one_json(out)["as_built"] is None
     _, out, _ = run(capsys, "fold", built, "--quiet")
     assert "as built the amplitude is 0.699 counts" in " ".join(out.split())
+
+
+def test_a_stribeck_velocity_that_is_taken_from_table_1_is_told(capsys, tmp_path):
+    path, key = tmp_path / "sheet.toml", "friction.stribeck_velocity"
+    path.write_text(re.sub("stribeck_velocity.*\n", "", SERVO))
+    _, _, err = run(capsys, "orbit", path, "--gain", 1)
+    assert err.count(f"{key} is not in the servo file: 0.02 rad/s of Table 1 is taken") == 1
+    for more in (["--quiet"], ["--set", f"{key}=0.05"]):
+        _, _, err = run(capsys, "orbit", path, "--gain", 1, *more)
+        assert key not in err
 
 
 def test_a_distance_within_one_count_is_told(capsys, built):
