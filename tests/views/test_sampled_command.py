@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 
 import pytest
 from command_line import one_json, run
@@ -125,14 +126,45 @@ def test_a_loop_of_parts_has_no_drive(capsys, tmp_path):
 
 def test_an_orbit_of_few_counts_is_told(capsys, built):
     _, out, _ = run(capsys, "orbit", built, "--gain", 1, "--quiet")
-    assert "as built 5.92 counts of the encoder: below 20" in " ".join(out.split())
+    assert "as built the amplitude is 5.92 counts of the encoder: below 20" in " ".join(out.split())
     _, out, _ = run(capsys, "orbit", built, "--gain", 1, "--json", "--quiet")
     assert one_json(out)["as_built"].startswith("5.92 counts")
     fine = ("--set", "drive.encoder=20000")
     _, out, _ = run(capsys, "orbit", built, "--gain", 1, *fine, "--json", "--quiet")
     assert one_json(out)["as_built"] is None
     _, out, _ = run(capsys, "fold", built, "--quiet")
-    assert "as built 0.699 counts" in " ".join(out.split())
+    assert "as built the amplitude is 0.699 counts" in " ".join(out.split())
+
+
+def test_a_stribeck_velocity_that_is_taken_from_table_1_is_told(capsys, tmp_path):
+    path, key = tmp_path / "sheet.toml", "friction.stribeck_velocity"
+    path.write_text(re.sub("stribeck_velocity.*\n", "", SERVO))
+    _, _, err = run(capsys, "orbit", path, "--gain", 1)
+    assert err.count(f"{key} is not in the servo file: 0.02 rad/s of Table 1 is taken") == 1
+    for more in (["--quiet"], ["--set", f"{key}=0.05"]):
+        _, _, err = run(capsys, "orbit", path, "--gain", 1, *more)
+        assert key not in err
+
+
+def test_a_distance_within_one_count_is_told(capsys, built):
+    _, out, _ = run(capsys, "basin", built, "--gain", 1, "--quiet")
+    assert "the drive cannot tell whether it is within it" in " ".join(out.split()) and "bring it to rest" not in out
+    _, out, _ = run(capsys, "basin", built, "--gain", 1, "--quiet", "--set", "drive.encoder=1e9")
+    assert "bring it to rest" in out and "the drive cannot tell" not in out
+
+
+def test_a_gain_that_hunts_as_built_is_not_recommended_alone(capsys, built):
+    _, out, _ = run(capsys, "tune", built, "--quiet")
+    first = " ".join(out.split("\n  hunting")[0].split())
+    assert first.endswith("V/rad, but not alone: in the loop as built it hunts there, see below")
+    _, out, _ = run(capsys, "tune", built, "--quiet", "--set", "drive.dead_band=0.01")
+    assert "but not alone" not in out
+
+
+def test_the_remedy_named_first_says_whether_it_was_checked(capsys, built):
+    only = ("--only", "reset,leak")
+    _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--quiet")
+    assert "in the loop as built: reset was not checked; every motion came to rest with leak" in " ".join(out.split())
 
 
 def test_a_servo_without_a_drive_is_told_nothing_of_it(capsys):

@@ -231,7 +231,9 @@ def _plain_head(read: bytes, name: str) -> _Head:
 
 
 def _one_column(name: str, cells: Sequence[str]) -> InputError:
-    return InputError(f"{name}: must have two columns, time [s] and position [rad], but has one: {cells[0][:40]!r}")
+    hint = "; a servo file goes behind --servo" if cells[0].lstrip().startswith("[") else ""
+    one = f"{cells[0][:40]!r}{hint}"
+    return InputError(f"{name}: must have two columns, time [s] and position [rad], but has one: {one}")
 
 
 def _units(names: Sequence[str], cells: Sequence[str]) -> bool:

@@ -6,29 +6,36 @@ from collections.abc import Iterator
 
 from ...checks import error_text, to_error
 from ...servo.basin import Basin, Trial
-from .answer import Answer, angle, complex_text, item
+from .answer import Answer, angle, complex_text, item, short
 
 ENDS = {"settles": "it came to rest", "hunts": "it hunted on", "grows": "it swung ever farther away"}
 """What a motion did, by its outcome."""
+UNSEEN = "the drive cannot tell whether it is within it"
+"""Said of a border within one count."""
 POSITIONS_SHOWN = 6
 """Positions of a motion that are shown, at most."""
 
 
-def basin_answer(found: Basin, tol: float) -> Answer:
+def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
     """What is said of a border.
 
-    tol: to which the positions of the two motions are known.
+    tol: to which the positions of the two motions are known; count: of the encoder [rad], 0 without one.
     """
     cycle = found.unstable
     title, border = f"{cycle.model} servo at gain {cycle.gain:.10g} V/rad", angle(found.border, found.error_estimate)
+    unseen = found.border < count
     if found.confirmed:
         head = f"{title}: where it sticks within {border} of the set point it comes to rest, a little farther away it "
         head += "does not"
-        means = item("what to do", "bring it to rest within that distance, or end its hunting: casahunt remedies")
+        way = "end its hunting" if unseen else "bring it to rest within that distance, or end its hunting"
+        means = item("what to do", f"{way}: casahunt remedies")
     else:
         head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
         means = item("what it means", "nearer and farther the servo may come to rest or hunt")
     plain = [head, means, item("farther away", _outer(found)), item("tried", _tried(found))]
+    if unseen:
+        counts = f"that distance is {short(found.border / count)} counts of the encoder"
+        plain.append(item("as built", f"{counts}: {UNSEEN}"))
     return Answer(plain, _details(found, tol))
 
 

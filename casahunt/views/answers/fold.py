@@ -14,7 +14,10 @@ MOST_DECIMALS, PLAIN_DECIMALS = 4, 2
 """Of a sensitivity in per cent of the gain, in the details and in a plain line."""
 NAMED_FROM = 0.05
 """Per cent of the gain per per cent, below which a parameter is not named in the plain lines."""
-WHAT_TO_DO = "choose it, with a margin, above that (casahunt tune), or see what else ends it (casahunt remedies)"
+WHAT_TO_DO = (
+    "choose the gain above that, with a margin (casahunt tune checks it and says what torque it takes), or see what "
+    "else ends hunting (casahunt remedies)"
+)
 ABOVE_THE_STABLE = {
     "lopsided": "from there on swings that reach farther to one side may take its place",
     "none": "from there on motions leave their cycle, and may swing for long before they rest",
@@ -52,7 +55,7 @@ def _hunts(stable: Mapping[str, Any]) -> str:
         return "up to which gain motions end in a cycle is not known"
     if stable["beyond"] == "fold":
         apart = "" if len(stable["ranges"]) == 1 else "; in between, swings may reach farther to one side"
-        return f"at gains up to that motions end in a cycle{apart}"
+        return f"up to that gain motions end in a cycle{apart}"
     return f"up to {short(stable['gain'])} V/rad motions end in a cycle; {ABOVE_THE_STABLE[stable['beyond']]}"
 
 

@@ -48,7 +48,7 @@ def loop_name(name: str, corners: Mapping[str, Mapping[str, float]]) -> str:
 
 def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Iterator[str]:
     check = record["verification"]
-    yield f"{record['model']} servo: recommended gain {short(record['gain'], tol)} V/rad"
+    yield f"{record['model']} servo: recommended gain {short(record['gain'], tol)} V/rad{_unless(record)}"
     if record["free"]:
         said = ", ".join(f"{n} {short(record[n], tol)} {unit_of(n)}".rstrip() for n in NUMBERS if n in record)
         yield item(f"controller {'gains' if 'kp' in record else 'times'}", said)
@@ -65,19 +65,27 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
             f"{_peak(after[0])}, before {_peak(now['tasks'][0])}",
         )
     yield item("limited by", ", ".join(record["binding"]) or "nothing")
-    yield item("checked", f"{check['result']}, apart from the search for it")
+    yield item("checked", f"{check['result']}, in ways that the search for it did not use")
     yield item("linear loop", _loops(check))
-    yield item("simulated", _tasks(check["tasks"]))
+    yield item("simulated", f"it {_tasks(check['tasks'])}")
     if record["before"] is not None:
         yield item("before", f"at gain {record['before']['gain']:.6g} it {_tasks(record['before']['tasks'])}")
     for sentence in check["against"]:
         yield item("against it", sentence)
     for sentence in check["unverified"]:
         yield item("not verified", sentence)
-    yield from as_built
     yield item("not proved", PROVES_NOT)
     if out is not None:
         yield item("evidence", out)
+    yield from as_built
+
+
+def _unless(record: Mapping[str, Any]) -> str:
+    """What the first line adds where the gain does not do in the loop as built."""
+    kind = record.get("as_built", {}).get("kind", "at rest")
+    if kind in ("at rest", "decaying"):
+        return ""
+    return f", but not alone: in the loop as built it {DOES[kind]} there, see below"
 
 
 def _hunting(record: Mapping[str, Any]) -> str:

@@ -20,6 +20,7 @@ from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_overrides
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
+from .progress import progress, say
 
 if TYPE_CHECKING:
     from ...design.record.file import Record
@@ -29,6 +30,8 @@ LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
 LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate", "explore")
 """Commands that take a loop of parts."""
+STRIBECK = "friction.stribeck_velocity"
+"""The number that a servo file is told to lack."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
 TORQUE_OPTIONS = ("torque_column", "current_column", "torque_constant")
@@ -252,7 +255,23 @@ def servo_of(options: argparse.Namespace) -> Servo:
     if LOOP_TABLE in tables:
         commands = " and ".join((", ".join(LOOP_COMMANDS[:-1]), LOOP_COMMANDS[-1]))
         raise InputError(f"{what}: is a loop of parts; of the commands {commands} take one")
-    return with_overrides(servo_of_tables(tables, what), of_servo)
+    servo = with_overrides(servo_of_tables(tables, what), of_servo)
+    _tell_what_is_taken(options, servo, tables, of_servo)
+    return servo
+
+
+def _tell_what_is_taken(options: argparse.Namespace, servo: Servo, tables: dict[str, Any], given: list[str]) -> None:
+    """That a servo of one's own has the Stribeck velocity of Table 1: data sheets seldom have it, and much hangs on it.
+
+    Where it is sought in records nothing is said.
+    """
+    own = "inertia" in tables.get("servo", {}) and "static" in tables.get("friction", {})
+    known = STRIBECK.split(".")[1] in tables.get("friction", {})
+    known = known or any(text.strip().startswith(STRIBECK) for text in given)
+    if own and not known and not hasattr(options, "sought") and not hasattr(options, "told"):
+        options.told = True
+        taken = f"{servo.friction.stribeck_velocity:g} rad/s of Table 1 is taken, and where hunting ends hangs on it"
+        say(progress(options), f"{STRIBECK} is not in the servo file: {taken}")
 
 
 def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive | None:
@@ -347,7 +366,8 @@ def add_gain(command: Parser, **keywords: Any) -> None:
 
     **keywords: of `add_argument`.
     """
-    command.add_required("--gain", **{"example": "0.1", "metavar": "K", "help": "controller gain in V/rad"} | keywords)
+    help_text = "controller gain in V/rad; it multiplies kp, ki and kd of the servo file: 1 takes them as they stand"
+    command.add_required("--gain", **{"example": "0.1", "metavar": "K", "help": help_text} | keywords)
 
 
 def gain_of(options: argparse.Namespace) -> float:

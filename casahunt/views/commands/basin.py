@@ -8,7 +8,7 @@ from typing import Any
 from ...results import tables_of
 from ...servo.basin import OFFSET, basin
 from ..answers.basin import basin_answer
-from .arguments import add_command, finite, gain_of, how_of, model_of, servo_of
+from .arguments import add_command, drive_of, finite, gain_of, how_of, model_of, servo_of
 from .console import complain
 from .output import give
 
@@ -29,7 +29,8 @@ def run(options: argparse.Namespace) -> int:
     model, gain, how = model_of(options), gain_of(options), how_of(options)
     offset = finite("offset", options.offset)
     found = basin(servo_of(options), model, gain, options=how, offset=offset)
-    give(options, found, basin_answer(found, how.tol), table=tables_of([found]),
+    drive = drive_of(options)
+    give(options, found, basin_answer(found, how.tol, drive.count if drive else 0.0), table=tables_of([found]),
          picture=("basin.basin", found))
     if not found.confirmed:
         complain(

@@ -107,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
             options.outputs.write(write_results, out, FILES, identification.texts_of(found) | own)
     lines = [advice_of(cures, limits, of_a_set=True), *identification.identified_lines(found, suspect),
              *_unbounded(found), *_fold_lines(fold),
-             *remedy_lines(cures, limits, of_a_set=True), *built_lines(built)]  # fmt: skip
+             *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built)]  # fmt: skip
     answer = Answer(lines, [*identification.identified_details(found), *remedy_details(cures)])
     give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
     return _judged(found, cures, built, limits)

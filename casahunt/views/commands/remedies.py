@@ -59,6 +59,8 @@ HEADINGS = (
     ("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles"),
     ("", "", "", "", "", "rest, rad", "step, N m", "in, s"),
 )
+NONE_AS_BUILT = "none of those that were checked brings every motion to rest (see below)"
+"""Said where no remedy holds in the loop as built."""
 AFTERWARDS = {
     "hunts": "hunts on", "grows": "grows without bound",
     "undecided": "could not be followed to its end",
@@ -124,7 +126,7 @@ def run(options: argparse.Namespace) -> int:
             page = remedies_page(record, pictures_remedies.page_images(found))
             texts = dict(zip(FILES, (page, json.dumps(record, indent=1) + "\n"), strict=True))
             options.outputs.write(write_results, out, FILES, texts)
-    lines = [*remedy_lines(found, limits, of_a_set=uncertainty is not None), *built_lines(built)]
+    lines = [*remedy_lines(found, limits, of_a_set=uncertainty is not None, built=built), *built_lines(built)]
     result = found.to_dict() | {"as_built": built} if built else found
     answer = Answer(lines, remedy_details(found))
     give(options, result, answer, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
@@ -215,13 +217,17 @@ def _within(limits: dict[str, float]) -> str:
     return f" with {' and '.join(said)}" if said else ""
 
 
-def remedy_lines(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> Iterator[str]:
-    """The table as text."""
+def remedy_lines(
+    found: Cures, limits: dict[str, float], *, of_a_set: bool, built: Mapping[str, AsBuilt | str] | None = None
+) -> Iterator[str]:
+    """The table as text; built: what `remedies_as_built` has found."""
     yield (
         f"{found.name} at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
     yield f"  {advice_of(found, limits, of_a_set=of_a_set)}"
+    if built:
+        yield f"  {_advice_as_built(found, built)}"
     ending = [row for row in found.remedies if row.ends_hunting]
     if ending:
         yield ""
@@ -241,6 +247,15 @@ def remedy_lines(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> I
         )  # fmt: skip
         yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
         yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size; settling likewise"
+
+
+def _advice_as_built(found: Cures, built: Mapping[str, AsBuilt | str]) -> str:
+    """Of the remedy that is named first, and of those that hold in the loop as built: the sentence below it."""
+    best, does = built.get(found.best), [n for n, seen in built.items() if not isinstance(seen, str) and seen.ends]
+    said = "in the loop as built: "
+    if best is not None and found.best not in does:
+        said += f"{found.best} {'was not checked' if isinstance(best, str) else 'does not do'}; "
+    return said + (f"every motion came to rest with {' or '.join(does)} (see below)" if does else NONE_AS_BUILT)
 
 
 def remedy_details(found: Cures) -> Iterator[str]:

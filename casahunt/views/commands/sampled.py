@@ -70,7 +70,7 @@ def seen_by_encoder(options: argparse.Namespace, amplitude: float) -> tuple[list
     if drive is None:
         return [], {}
     sentence = below_border(amplitude, drive)
-    lines = [f"  as built         {sentence}; casahunt simulate shows it"] if sentence else []
+    lines = [f"  as built         the amplitude is {sentence}; casahunt simulate shows it"] if sentence else []
     return lines, {"as_built": sentence or None}
 
 

@@ -38,8 +38,9 @@ def add(commands: Any) -> None:
         csv="the samples: parameters and fold gain of each", plot="the fold gains (histogram)",
     )  # fmt: skip
     command.add_required(
-        "--uncertainty", example="friction.toml", metavar="FILE.toml", help="intervals or a covariance of parameters"
-    )
+        "--uncertainty", example="friction.toml", metavar="FILE.toml",
+        help='intervals or a covariance of parameters: below [interval] lines such as "friction.static" = "5%%"',
+    )  # fmt: skip
     samples = f"servos to solve (default {DEFAULT_SAMPLES})"
     command.add_argument("--samples", default=DEFAULT_SAMPLES, metavar="N", help=samples)
     command.add_argument("--jobs", default=1, metavar="J", help="processes (default 1)")
