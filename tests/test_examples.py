@@ -41,8 +41,9 @@ def public() -> Iterator[tuple[str, Any]]:
 
 
 PUBLIC = dict(public())
-TUNED = ("casahunt.Tuning", "casahunt.tune", "casahunt.pictures.operating_point", "casahunt.pictures.tasks")
-"""Examples of a tuning, which takes more than a second."""
+TUNED = ("casahunt.Tuning", "casahunt.tune", "casahunt.pictures.operating_point", "casahunt.pictures.tasks",
+         "casahunt.as_built")  # fmt: skip
+"""Examples of a tuning, or of its check, which takes more than a second."""
 
 
 def example_of(name: str, value: Any) -> doctest.DocTest:

@@ -77,6 +77,7 @@ def test_what_is_not_told_apart_comes_in_the_order_of_its_multiplier(places, pas
     assert special_points.by_place(places, passed, apart) == order
 
 
+@pytest.mark.slow
 def test_a_multiplier_passes_all_values_of_a_sharp_fold_in_order(monkeypatch):
     """It passes -1, 0 and +1 within 1e-10 of the gain: of what is located to 1e-6 nothing lies before anything else."""
     servo = Servo().replace(**draw(2026, 2))

@@ -184,6 +184,7 @@ CUSP = System(
 """With rho = r^2 - 1: lam = rho^3 - beta rho, folds at lam^2 = 4 (beta/3)^3, which meet in a cusp at zero."""
 
 
+@pytest.mark.slow
 def test_a_fold_curve_through_its_cusp():
     """Both parameters pass through zero, and the second fold is the first one's mirror image."""
     orbit = find_cycle(CUSP, x=0.7, y=0.0)

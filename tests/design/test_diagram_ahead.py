@@ -75,6 +75,7 @@ def test_how_far_ahead(monkeypatch, monitors, ahead):
     assert all(("multipliers" in vars(orbit(gain))) is (ahead > 1) for gain in reached)
 
 
+@pytest.mark.slow
 def test_a_diagram_of_both_models_is_that_of_each():
     both = design.diagram(Servo(), start=START)
     assert [branch.model for branch in both] == ["switch", "lugre"]

@@ -67,6 +67,7 @@ def test_other_times_take_less_torque(cost):
     assert max(task.motion.peak_torque for task in tuning.verification.tasks) <= 20 * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_the_command(capsys, tmp_path):
     words = ("tune", "--quiet", "--gain", 0.04)
     code, out, err = run(capsys, *words, "--max-torque", 25, "--json", "--out", tmp_path)
@@ -90,6 +91,7 @@ def test_what_is_no_torque(capsys, torque):
     assert (code, out) == (2, "") and "max-torque" in err
 
 
+@pytest.mark.slow
 def test_a_remedy_where_no_gain_will_do(capsys):
     """Its smallest size by an independent event map, and the margin more; with the torque of the gain used now."""
     words = ("tune", "--quiet", "--gain", 0.04, "--max-torque", 5, "--remedy", "leak")

@@ -26,6 +26,7 @@ def branch():
     return found
 
 
+@pytest.mark.slow
 def test_the_fold(branch):
     (fold,) = branch.special
     assert fold.kind == "fold" and fold.value == pytest.approx(FOLD, rel=TOL) and not branch.missed

@@ -99,6 +99,7 @@ def half_the_fold(monkeypatch):
     monkeypatch.setattr(random_servos, "SHARES", (0.5,))
 
 
+@pytest.mark.slow
 def test_a_servo_and_the_file(tmp_path, capsys, monkeypatch, half_the_fold):
     """One servo at half its fold; a second run computes nothing and prints the same."""
     arguments = ["--only", "1", "--tol", "1e-6", "--out", str(tmp_path / "servos.jsonl")]

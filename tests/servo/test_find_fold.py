@@ -293,6 +293,7 @@ def test_folds_of_servos_never_seen(seed):
         assert taylor.switch_half_cycle(servo, fold.gain * (1 + 1e-6), a)[0] < a
 
 
+@pytest.mark.slow
 def test_gains_at_which_a_proof_denies_are_not_scanned():
     """(kd + sigma2 - s) kp/ki > J holds from one gain on: below it the search scans, above it the proof speaks."""
     servo = NEVER_HUNTS.replace(**{"friction.coulomb": 0.44, "friction.viscous": 0.28})

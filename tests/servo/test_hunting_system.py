@@ -103,6 +103,7 @@ def lugre_cycle(K: float, x1: float):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_its_branch_goes_over_weak_reversals():
     """Reversals come and go, and the field has but a kink there: that is said, and nothing is spent on it."""
     orbit = lugre_cycle(0.1, -0.02)

@@ -69,6 +69,7 @@ def test_losing_and_regaining_stability():
     assert said == f"up to {low} and from {high} V/rad to that gain; in between lopsided ones may be stable"
 
 
+@pytest.mark.slow
 def test_a_step_over_both_changes_is_looked_at_again():
     """Stable at both ends of the step, and not in between: from K = 48.0202 to 48.4446 (problems/canudas_gain.py)."""
     before, after = (find_orbit(canudas_servo.servo(), "lugre", gain) for gain in (47.5, 48.452))

@@ -75,6 +75,7 @@ def test_what_hunts_as_built_is_no_cure(capsys, record, monkeypatch):
     assert "dead band does not do in the loop as built: one of 6 motions hunts" in err
 
 
+@pytest.mark.slow
 def test_a_remedy_that_rests_as_built(capsys, record):
     words = "--set", "drive.sample_time=0.001", "--set", "drive.encoder=20000", "--only", "dead band", "--quiet"
     code, out, _ = run(capsys, "cure", record, "--gain", GAIN, *SOUGHT, *words, "--json")

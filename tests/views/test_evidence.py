@@ -233,6 +233,7 @@ def test_the_page_fits_a_narrow_screen(out, tmp_path):
     assert int(found[1]) <= 400
 
 
+@pytest.mark.slow
 def test_a_browser_shows_it(out, tmp_path):
     browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if browser is None:

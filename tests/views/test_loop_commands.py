@@ -110,6 +110,7 @@ def test_the_lines_of_a_fold(capsys, loop_file, tmp_path):
     assert float(rows["gain"]["fold_dead_band"]) == pytest.approx(BAND, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_diagram_of_a_loop(capsys, loop_file, tmp_path):
     """Up, round the fold and back, where the cycle is the unstable one; what is written is whole."""
     out_folder, path = tmp_path / "drawn", loop_file("leak", leak=0.2)
@@ -170,6 +171,7 @@ def test_a_motion_that_rests_its_lines_table_and_picture(capsys, loop_file, tmp_
     assert is_picture(tmp_path / "s.png")
 
 
+@pytest.mark.slow
 def test_the_border_in_two_parameters(capsys, loop_file, tmp_path):
     """Gain against dead band, and back: at the first and the last point the stick map has the same border."""
     border = pytest.importorskip("stick_map_support").border

@@ -71,6 +71,7 @@ def test_the_object_and_the_table(capsys, tmp_path):
             assert value == other[key] or math.isnan(value) and other[key] is None
 
 
+@pytest.mark.slow
 def test_a_picture(capsys, tmp_path):
     path = tmp_path / "sizes.png"
     assert run(capsys, *GAIN, "--only", "leak", "--quiet", "--plot", path)[0] == 0

@@ -123,6 +123,7 @@ def test_what_casahunt_has_not_written_stays(capsys, tmp_path, monkeypatch, name
     assert (tmp_path / name).read_text() == "mine" and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_what_comes_while_it_computes_stays(capsys, tmp_path, monkeypatch):
     def page(*_):
         (tmp_path / "remedies.html").write_text("mine")

@@ -18,7 +18,7 @@ MOST_DRIFT = 0.1
 CLIPPED_SHARE = 0.02
 """Share of the samples that may lie exactly at the largest or smallest position, where others scatter."""
 
-AT_SPEED = 0.1
+SLIPS_ON = 0.1
 """Step from or to an end, in units of the largest one, below which a position without noise rests there: one that is
 cut off goes on at some part of its speed."""
 MOVED_STEPS = 50.0
@@ -70,7 +70,7 @@ def _clipped(record: Record, found: Measurement, end: float) -> bool:
         return False
     inside, steps = (y != y.max()) & (y != y.min()), np.abs(np.diff(y))
     off = steps[(y[:-1] == end) != (y[1:] == end)]
-    if off.size and np.median(off) < AT_SPEED * steps.max():
+    if off.size and np.median(off) < SLIPS_ON * steps.max():
         return False  # it comes to rest there, and sets off from there
     return bool(np.unique(y[inside]).size > 0.9 * np.count_nonzero(inside))
 

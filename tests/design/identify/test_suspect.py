@@ -78,6 +78,7 @@ def test_another_friction(capsys, tmp_path):
     assert code == 0 and one_json(out)["suspect"] == said
 
 
+@pytest.mark.slow
 def test_a_delay_that_no_friction_explains():
     record = sampled(Servo(), GAIN, Drive(sample_time=5e-3, delay=0.1), 120.0, 0.01, noise=1e-3)
     said = of(Servo(), GAIN, record)

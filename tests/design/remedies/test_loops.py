@@ -40,6 +40,7 @@ def test_times_are_gains():
     assert remedies(loop, only=["integral"]).remedies[0].size == pytest.approx(LEAST_KI, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_friction_of_its_own_in_each_direction():
     """Equal ones have the servo's size; with others the set of rest positions is not known, and no price of it."""
     loop = Loop((INERTIA, BY_DIRECTION, P_PI, INTEGRATOR), {"gain": 0.04})

@@ -34,6 +34,7 @@ def test_what_is_no_border(values, kinds):
     assert border._turned(Branch(values, *kinds), 1) is None
 
 
+@pytest.mark.slow
 def test_cycles_that_go_on_unstable_are_no_hunting(monkeypatch):
     """A servo whose cycle loses its stability on the way, and whose motions come to rest at the last size."""
     servo = Servo(

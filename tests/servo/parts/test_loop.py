@@ -198,6 +198,7 @@ def test_members_of_an_ensemble_are_those_of_other_processes():
     assert (there.periods == here.periods).all() and np.isfinite(here.periods).all()
 
 
+@pytest.mark.slow
 def test_the_border_in_two_parameters_is_that_of_the_stick_map():
     """Dead band against gain, from 0.04 to 0.3."""
     loop = Loop((*PLAIN, DEAD_BAND), {"dead_band": 0.01})

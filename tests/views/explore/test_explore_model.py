@@ -322,6 +322,7 @@ def test_a_loop_above_its_fold_gain_has_the_border_and_diagram_of_those_below(sh
     assert max(drawn) == pytest.approx(above["border"]["gain"]["value"], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_border_of_a_remedy_is_that_with_its_other_numbers(shown):
     """With a part of the gain left inside an error dead band there is a smallest one; with none of it there is none."""
     asked = turned(TABLE1.choose("remedy", "error dead band"), gain=0.04, error_dead_band=0.01, remaining_gain=0.3)

@@ -108,6 +108,7 @@ def test_what_rests_says_nothing(worker, heard):
     until_done(heard, 111)
 
 
+@pytest.mark.slow
 def test_one_that_ends_is_replaced(worker, heard):
     """Its question is not asked again, which may have ended it; the next one is answered."""
     worker.ask(120, "model=lugre&friction.viscous=0.123&remedy=dead+band&dead_band=0.01")
@@ -119,6 +120,7 @@ def test_one_that_ends_is_replaced(worker, heard):
     assert until_done(heard, 121)["hunts"]["verdict"] == "hunts" and worker.process_id != before
 
 
+@pytest.mark.slow
 def test_one_that_is_silent_is_ended(worker, heard, monkeypatch):
     before = worker.process_id
     worker.tend()  # it has no question: nothing happens
