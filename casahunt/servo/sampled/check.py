@@ -69,6 +69,11 @@ class AsBuilt(Result):
         """Whether every motion comes to rest, or dies out."""
         return self.kind in BY_BADNESS[:2]
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether a motion hunts on, or leaves the set point for good."""
+        return self.kind in ("hunting", "growing")
+
 
 def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     """Whether a servo comes to rest in the loop as built, from a few starts and at a few set points.

@@ -17,7 +17,7 @@ STABLE_BELOW, STABLE_ABOVE = "at any lower gain", "at any higher one"
 NO_LICENCE = "with dry friction lower gains may hunt all the same"
 DOES = {
     "at rest": "comes to rest", "decaying": "is on its way to rest, each swing smaller than the one before,",
-    "hunting": "hunts", "growing": "leaves the set point for good", "undecided": "ends nobody knows where",
+    "hunting": "hunts", "growing": "leaves the set point for good", "undecided": "was not followed to its end",
 }  # fmt: skip
 """What a motion does, by its verdict."""
 PROVES_NOT = (
@@ -85,6 +85,8 @@ def _unless(record: Mapping[str, Any]) -> str:
     kind = record.get("as_built", {}).get("kind", "at rest")
     if kind in ("at rest", "decaying"):
         return ""
+    if kind == "undecided":
+        return "; whether it comes to rest in the loop as built was not seen, see below"
     return f", but not alone: in the loop as built it {DOES[kind]} there, see below"
 
 

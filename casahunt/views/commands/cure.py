@@ -122,7 +122,7 @@ def _judged(
     if not cures.best:
         complain("casahunt cure", none_within(limits))
     seen = built.get(cures.best, "")
-    if not isinstance(seen, str) and seen.kind in ("hunting", "growing"):
+    if not isinstance(seen, str) and seen.goes_on:
         complain("casahunt cure", f"{cures.best} does not do in the loop as built: {seen.sentence}")
         return 1
     return 0 if found.judgement.explained and cures.best else 1

@@ -255,7 +255,7 @@ def _advice_as_built(found: Cures, built: Mapping[str, AsBuilt | str]) -> str:
     said = "in the loop as built: "
     if best is not None and found.best not in does:
         said += f"{found.best} {'was not checked' if isinstance(best, str) else 'does not do'}; "
-    return said + (f"every motion came to rest with {' or '.join(does)} (see below)" if does else NONE_AS_BUILT)
+    return said + (f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT)
 
 
 def remedy_details(found: Cures) -> Iterator[str]:

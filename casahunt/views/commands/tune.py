@@ -142,7 +142,10 @@ def run(options: argparse.Namespace) -> int:
     if tuning.verification.against:
         reasons = "; ".join(tuning.verification.against)
         complain("casahunt tune", f"the verification speaks against this tuning; do not use it: {reasons}")
-    return 1 if tuning.verification.against else 0
+    hunts_as_built = built is not None and built.goes_on
+    if hunts_as_built:
+        complain("casahunt tune", "the gain does not do alone in the loop as built: see its lines above, and remedies")
+    return 1 if tuning.verification.against or hunts_as_built else 0
 
 
 def _demands(options: argparse.Namespace) -> Demands:
