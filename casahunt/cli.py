@@ -167,13 +167,24 @@ def _parsed(words: list[str]) -> argparse.Namespace:
         names = [name for name in parser.options_of(words[0]) if name.startswith("--") and name != "--help"]
         for word in words[1 : words.index("--") if "--" in words else None]:
             if word.startswith("--") and word != "--help":
-                choice_of("option", word.partition("=")[0], names)
+                _known(word.partition("=")[0], names)
     options, unknown = parser.parse_known_args(words)
     if unknown:
         if unknown[0].startswith("-"):
             raise InputError(f"unknown option {unknown[0]!r} (see casahunt {words[0]} --help)")
         raise InputError(f"{unknown[0]!r}: must be left out, one servo file is enough")
     return options
+
+
+def _known(option: str, names: list[str]) -> None:
+    """Raises InputError: a command has no such option; with how a number of the servo file is given."""
+    if "--set" in names and option not in names:
+        from .servo.servo import KEYS
+
+        name = option[2:].replace("-", "_")
+        if key := next((key for key in KEYS if key.split(".")[1] == name), ""):
+            raise InputError(f"unknown option {option!r}: a number of the servo file is given by --set {key}=VALUE")
+    choice_of("option", option, names)
 
 
 def _joined(words: list[str]) -> list[str]:

@@ -84,6 +84,8 @@ WRONG_EVERYWHERE = [
     (["--tool", "1e-6"], ["unknown option '--tool'", "did you mean '--tol'?"]),
     (["--sett=friction.static=1"], ["unknown option '--sett'", "did you mean '--set'?"]),
     (["--qiet"], ["unknown option '--qiet'", "did you mean '--quiet'?"]),
+    (["--ki", "3"], ["unknown option '--ki': a number of the servo file is given by --set controller.ki=VALUE"]),
+    (["--motor-gain=3"], ["unknown option '--motor-gain'", "--set servo.motor_gain=VALUE"]),
     (["--xyzzy"], ["unknown option '--xyzzy' (known: --", "--tol, "]),
     (["--json=yes"], ["--json: takes no value, but was given 'yes'"]),
 ]
