@@ -44,6 +44,7 @@ from ...errors import InputError, NoOrbit
 from ...export import columns_from
 from ...results import tables_of
 from ...servo.parts.table import remedy_name
+from ...servo.sampled.check import AsBuilt
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import Answer
 from ..answers.tune import known_to, loop_name, tuning_answer
@@ -137,6 +138,11 @@ def run(options: argparse.Namespace) -> int:
     answer = tuning_answer(record, how.tol, where, checked_lines(built, "motions"))
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, answer, table=table)
+    return _judged(tuning, built)
+
+
+def _judged(tuning: Tuning, built: AsBuilt | None) -> int:
+    """The exit code, with what speaks against the gain."""
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
