@@ -158,6 +158,7 @@ def test_the_rows_of_the_guide(capsys):
     assert float(gain[5]) == pytest.approx(2 * 16 * float(gain[3]), rel=SHOWN)
 
 
+@pytest.mark.slow
 def test_the_loop_that_you_know(capsys):
     """The tutorial's first minutes: margins from |L| by hand; cycle and fold of the same loop, by other parts."""
     needs("control")

@@ -146,6 +146,7 @@ def test_a_special_point_of_symmetric_cycles_has_no_curve_where_they_are_not():
         special_curve(special, "a", "bias", to=0.1)
 
 
+@pytest.mark.slow
 def test_the_fold_of_a_canard():
     """The largest I comes first on the way up; both are known from 40-digit shooting (problems/fitzhugh_nagumo.py)."""
     nerve = System(

@@ -118,6 +118,7 @@ def test_gain_margins_of_one_problem(servo, factor):
 INERTIA = Uncertainty({"servo.inertia": (0.008, 0.026)})
 
 
+@pytest.mark.slow
 def test_a_set_with_an_unstable_loop_is_refused_with_both_sides_in_numbers(servo):
     """At J = 0.008 the loop at 1.1 times the fold is unstable, although the fold is that of J = 0.026."""
     with pytest.raises(NoOrbit, match="cannot be met") as error:

@@ -98,6 +98,7 @@ def test_the_mesh_of_a_motion(degree: int, kind: Any) -> None:
     assert found.breaks[0] == 0 and found.breaks[-1] == 1
 
 
+@pytest.mark.slow
 def test_no_interval_is_left_for_what_rounding_leaves_of_the_time() -> None:
     for k in range(1, 60):
         found = marched(lambda x: (x[1], -x[0]), [0.0, 1.0], 0.1 * k)

@@ -62,6 +62,7 @@ def test_digits_shown_are_digits_known(capsys, tmp_path, tol):
         assert abs(float(number) - truth) <= 2 * float(tol) * truth
 
 
+@pytest.mark.slow
 def test_digits_of_multipliers_are_digits_known(capsys):
     """To five units of the last digit; on the map, the amplitude and the period too."""
     table = table1.REFERENCE["switch"]

@@ -333,6 +333,7 @@ def test_the_border_of_a_remedy_is_that_with_its_other_numbers(shown):
     assert "size" not in none and "goes on" in none["remedy_why"]
 
 
+@pytest.mark.slow
 def test_stability_at_a_glance_is_that_of_the_multipliers(monkeypatch):
     """Along the branches that the page draws, stable, unstable, and next to the fold."""
     drawn = []
