@@ -165,7 +165,7 @@ def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsy
         a, swings = abs(switch_half_cycle(servo, 1.1773, a)[0]), swings + 1
     assert a < 0.5 * found.border
     words = [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
-    assert cli.main(["basin", "--gain", "1.1773", *words]) == 1
+    assert cli.main(["basin", "--gain", "1.1773", "--details", *words]) == 1
     out, _, _ = capsys.readouterr().out.partition("what the words mean")
     plain = " ".join(out.split()).replace("unstable cycle", "")
     assert "stable cycle amplitude" not in plain and "not stable (half multiplier -1.03" in plain

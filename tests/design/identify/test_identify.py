@@ -18,10 +18,11 @@ from scripts.peers.hunting_record import measured, positions
 GAIN, PERIOD = 0.1, 11.36
 TRUE = {"friction.static": 0.53, "friction.coulomb": 0.44, "friction.viscous": 0.1, "friction.stribeck_velocity": 0.02}
 """Table 1 of the report."""
-WRONG = Servo().replace(
-    **{"friction.static": 1.06, "friction.coulomb": 0.22, "friction.viscous": 0.05, "friction.stribeck_velocity": 0.04}
-)
+WRONG_ONES = {
+    "friction.static": 1.06, "friction.coulomb": 0.22, "friction.viscous": 0.05, "friction.stribeck_velocity": 0.04,
+}  # fmt: skip
 """Each value by a factor of two."""
+WRONG = Servo().replace(**WRONG_ONES)
 
 
 def made(counts: float = 0.0, noise: float = 0.01, *, each: int = 500, whole: float = 6, model="switch") -> Record:
@@ -118,9 +119,13 @@ def test_what_a_record_cannot_tell_is_said():
 
 @pytest.mark.slow
 def test_lugre_friction():
-    record = made(each=300, whole=4, model="lugre")
-    found = identify([record], WRONG, GAIN, "lugre", free=["friction.static", "friction.coulomb"], advise=False)
-    assert found.model == "lugre" and found.judgement.misfit < 2.5
+    """With what else the servo has known; with half the viscous friction and twice the velocity, nothing does."""
+    record, free = made(each=300, whole=4, model="lugre"), ["friction.static", "friction.coulomb"]
+    start = Servo().replace(**{name: value for name, value in WRONG_ONES.items() if name in free})
+    found = identify([record], start, GAIN, "lugre", free=free, advise=False)
+    assert found.model == "lugre" and found.judgement.explained and found.judgement.misfit < 1.7
+    assert all(found.intervals[name][0] < TRUE[name] < found.intervals[name][1] for name in free)
+    assert not identify([record], WRONG, GAIN, "lugre", free=free, advise=False).judgement.explained
 
 
 @pytest.mark.slow
