@@ -184,6 +184,15 @@ def to_error(x: float, relative_error: float, most: int = 12) -> str:
     return f"{x:.{known_digits(x, relative_error, most)}g}"
 
 
+def to_error_beside(x: float, relative_error: float, other: float, least: int) -> str:
+    """A computed number for a person beside another, in the fewest digits that put it on the right side of that.
+
+    x, relative_error: as of `to_error`; other: the number beside it; least: digits, at least, that x is given.
+    """
+    texts = [to_error(x, relative_error, digits) for digits in range(least, 13)]
+    return next((text for text in texts if (float(text) < other) == (x < other) and float(text) != other), texts[-1])
+
+
 def known_digits(x: float, relative_error: float, most: int = 12) -> int:
     """How many digits of a computed number its estimated error vouches for; of `to_error`.
 

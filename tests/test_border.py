@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Servo, cli, find_fold, find_orbit, simulate
-from casahunt.checks import LARGEST, SMALLEST, moderate, quoted, sensible, to_error
+from casahunt.checks import LARGEST, SMALLEST, moderate, quoted, sensible, to_error, to_error_beside
 from casahunt.design.tune.demands import Demands
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.linear_loop import linear_loop
@@ -175,6 +175,14 @@ def test_digits_follow_the_error():
         assert 10.0**place > 0.2 * error * x
     assert to_error(0.647339163, 1.2e-7) == "0.6473392"
     assert (to_error(123456.0, 0.5), to_error(0.0, 0.1)) == ("1e+05", "0")
+
+
+@pytest.mark.parametrize(
+    ("other", "shown"),
+    [(1.0, "0.6474"), (0.6, "0.6474"), (0.64737, "0.6474"), (0.64739, "0.64738"), (0.6474, "0.64738")],
+)
+def test_a_number_beside_another_has_the_digits_that_tell_them_apart(other, shown):
+    assert to_error_beside(0.64738, 1e-9, other, 4) == shown
 
 
 # The surroundings of a process -----------------------------------------------------------------------------------

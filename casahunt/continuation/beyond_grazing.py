@@ -13,6 +13,7 @@ speed is free.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import replace
 from typing import Generic, NamedTuple, cast
@@ -26,13 +27,16 @@ from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from .curve import along, backwards, point_at, predict, solved_at
 from .grazing_contact import NEAR_CONTACT, Contact, contact_value, corner_at, cycle_near, grazing_at
 from .poincare_section import same_events
-from .special_points import GRAZING, SpecialPoint, special_point
+from .special_points import GRAZING, SpecialPoint, absolute_error, special_point
 from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)
 """How far behind a grazing contact, in arclength, the cycle that meets the event is looked for."""
 BESIDE_GRAZING = 1e-3
 """How far beside a grazing, in lambda, the motion is looked at."""
+UNLOCATED = 1e-5
+"""Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
+located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
 NEARLY_THE_SAME = 0.05
 """Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
 MET_WITHOUT_SPEED = replace(
@@ -52,11 +56,20 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
     ----------
     grazing, following : the special point and the orbit.
     place : where an event is grazed once more, or met together with another: orbits of the branch may have passed it.
+    unlocated : relative error of the parameter there, where the place is not known as well as the orbit; else 0.
     """
 
     grazing: SpecialPoint[AnyOrbit] | None
     following: AnyOrbit | None
     place: Contact | None = None
+    unlocated: float = 0.0
+
+    @property
+    def error(self) -> float:
+        """Estimated absolute error of the parameter at the grazing."""
+        if self.grazing is None:
+            return math.nan
+        return absolute_error(self.grazing.orbit, self.grazing.vary, self.unlocated)
 
     def reached(self, orbits: tuple[AnyOrbit, ...]) -> tuple[AnyOrbit, ...]:
         """The orbits of the branch up to the contact, and the one that grazes."""
@@ -85,14 +98,16 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
             return Behind(None, None)
         corner = corner_at(last, vary, options)
         if corner is None:
-            return Behind(special_point(MET_WITHOUT_SPEED, last, vary), _clear_of_it(last, vary, options))
+            special = special_point(MET_WITHOUT_SPEED, last, vary, error=UNLOCATED)
+            return Behind(special, _clear_of_it(last, vary, options), unlocated=UNLOCATED)
         place, orbit = corner
         return Behind(special_point(MET_AT_ONCE, orbit, vary), _clear_of_it(last, vary, options), place)
     what = f"grazing at {{name}} = {{value:.10g}}: mode {mode!r} meets {event!r} once more, with no speed"
     located = grazing_at(last, event, vary, options)
     if located is None:  # the last cycle is as near to it as its polynomials show
         called = replace(GRAZING, meaning=f"{what}; no cycle with these phases follows")
-        return Behind(special_point(called, last, vary, error=NEAR_CONTACT), _clear_of_it(last, vary, options))
+        special = special_point(called, last, vary, error=NEAR_CONTACT)
+        return Behind(special, _clear_of_it(last, vary, options), unlocated=NEAR_CONTACT)
     place, orbit = located
     more = _with_one_more(orbit, place, vary, options)
     follows = "no cycle with these phases follows" if more is None else "it goes on with the cycle that meets it"

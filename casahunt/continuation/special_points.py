@@ -158,14 +158,17 @@ GRAZING = Monitor(
 def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
     """An orbit with its meaning in words, its parameter in as many digits as are known.
 
-    error: relative error of the parameter, where it is known better than from the orbit itself.
+    error: relative error of the parameter, where the orbit does not tell it; 0: it does.
     """
-    value = parameter_value(orbit, vary)
-    relative = error or orbit.parameter_error or orbit.error_estimate
-    absolute = relative * abs(orbit.problem.unit(vary))
+    value, absolute = parameter_value(orbit, vary), absolute_error(orbit, vary, error)
     digits = to_error(value, absolute / abs(value)) if abs(value) > absolute else "0"
     meaning = monitor.meaning.format(name=vary, value=float(digits), beyond=orbit.problem.beyond_a_fold)
     return SpecialPoint(monitor.kind, orbit, meaning, vary=vary)
+
+
+def absolute_error(orbit: Orbit, vary: str, relative: float = 0.0) -> float:
+    """Estimated absolute error of a parameter at a special point; relative: as `error` of `special_point`."""
+    return (relative or orbit.parameter_error or orbit.error_estimate) * abs(orbit.problem.unit(vary))
 
 
 def user_monitor(name: str, function: Callable[[Orbit], float]) -> Monitor:

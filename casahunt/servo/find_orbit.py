@@ -20,7 +20,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
-from ..checks import choice_of, of_kind, to_error
+from ..checks import choice_of, of_kind, to_error, to_error_beside
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits import Options, refined
@@ -43,7 +43,7 @@ TIGHT_FOLD = 1e-9
 NO_AMPLITUDE = 1e-6
 """Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
 FOLD_DIGITS = 4
-"""Digits of a fold gain in a refusal: friction is known to per cents; its evidence has all of them."""
+"""Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
 DOWNWARDS = 0.01
 """First step away from a fold, in arclength."""
 
@@ -266,7 +266,7 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
     if gain > fold.gain:
         raise NoOrbit(
             f"no hunting limit cycle of the {model} servo at gain {gain:.10g}: it can hunt up to gain "
-            f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad, and not above",
+            f"{to_error_beside(fold.gain, fold.gain_error, gain, FOLD_DIGITS)} V/rad, and not above",
             evidence="; ".join(filter(None, (
                 f"its cycles end at gain {to_error(fold.gain, fold.gain_error)}, in a fold, located on their branch, "
                 "and again as the largest gain of all cycles near it", also,
@@ -355,7 +355,7 @@ def _deny_below(
     if gain < lower.gain * (1 - 2 * lower.gain_error):
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
-            f"gain {to_error(lower.gain, lower.gain_error, most=FOLD_DIGITS)} to "
+            f"gain {to_error_beside(lower.gain, lower.gain_error, gain, FOLD_DIGITS)} to "
             f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad",
             evidence=f"followed down from their largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn "
             f"back at {to_error(lower.gain, lower.gain_error)}, in a second fold, located on their branch, and again "

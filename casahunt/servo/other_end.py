@@ -27,7 +27,7 @@ from .find_orbit import find_orbit
 from .problem import HuntingOrbit
 from .simulation.simulate import simulate
 from .simulation.trajectory import Trajectory
-from .simulation.verdict import SETTLED, SWINGS, Verdict
+from .simulation.verdict import SETTLED, SETTLES, SWINGS, Verdict
 
 START_DIGITS, DIGITS_ON_IT = (2, 4), 10
 """Digits of the distance from the set point that starts are tried with, the first that leads to hunting being given;
@@ -96,7 +96,7 @@ def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd
     (False, True)
     """
     of_kind("motion", motion, Trajectory, "such as simulate gives")
-    if motion.verdict.kind not in ("at rest", "decaying"):
+    if motion.verdict.kind not in SETTLES:
         return None
     try:
         orbit = find_orbit(motion.servo, motion.model, motion.gain, options=options)

@@ -14,7 +14,7 @@ GLOSSARY: dict[str, str] = {
     "amplitude": "the largest distance from the set point in a cycle.",
     "arclength": "the length along a curve of solutions; stepping in it instead of in the gain goes round the fold.",
     "branch": "cycles that change continuously with the gain; the stable branch is what the servo does, the unstable "
-    "one is the border between hunting and coming to rest.",
+    "one is as a rule the border between hunting and coming to rest.",
     "bristle": "the state z of the LuGre friction model, a deflection of some hundred-thousandths of a radian.",
     "collocation": "the method of computing: the motion is written as polynomials on small intervals that obey the "
     "equations of motion at chosen times.",
@@ -76,8 +76,8 @@ GLOSSARY: dict[str, str] = {
     "trivial multiplier": "the multiplier of a shift in time, one for every cycle; how far it is computed off that "
     "shows how accurate the others are.",
     "turning point": "where a curve of solutions turns back in its parameter; on a branch of cycles it is a fold.",
-    "unstable cycle": "the border between motions that come to rest and motions that end in the stable cycle; no "
-    "servo stays on it.",
+    "unstable cycle": "a cycle that motions near it leave; as a rule the border between those that come to rest and "
+    "those that end in the stable cycle.",
     "worst corner": "the worst values: of all that the uncertain parameters may have, those with the largest fold "
     "gain: the servo that goes on hunting longest.",
 }

@@ -66,17 +66,28 @@ def test_the_other_half_of_a_cycle_is_no_other_one(first):
     assert not same_events(orbit, find_orbit(Servo(), "lugre", 0.04))
 
 
+TWO_LIMITS = System(
+    "two limits", states=("x", "y"), parameters={"limit": 3.0},
+    modes=(
+        Mode("rise", field=lambda x, p: {"x": 1.0, "y": 2.0},
+             ends=(Event("top", lambda x, p: x.x - 1, +1, to="rise", reset=lambda x, p: {"x": 0.0, "y": 0.0}),
+                   Event("limit", lambda x, p: x.y / p.limit - 1, +1, to="stand"))),
+        Mode("stand", field=lambda x, p: {"x": 0.0, "y": 0.0}),
+    ),
+)  # fmt: skip
+"""x rises to 1 and y to 2 in the same time; below 2, y is at its limit first, and nothing moves any more."""
+
+
 def test_where_two_events_are_met_at_once():
-    """x rises to 1 and y to 2 in the same time; below 2, y is at its limit first, and nothing moves any more."""
-    system = System(
-        "two limits", states=("x", "y"), parameters={"limit": 3.0},
-        modes=(
-            Mode("rise", field=lambda x, p: {"x": 1.0, "y": 2.0},
-                 ends=(Event("top", lambda x, p: x.x - 1, +1, to="rise", reset=lambda x, p: {"x": 0.0, "y": 0.0}),
-                       Event("limit", lambda x, p: x.y / p.limit - 1, +1, to="stand"))),
-            Mode("stand", field=lambda x, p: {"x": 0.0, "y": 0.0}),
-        ),
-    )  # fmt: skip
-    branch = follow(find_cycle(system, x=0.1, y=0.2), "limit", to=1.0)
+    branch = follow(find_cycle(TWO_LIMITS, x=0.1, y=0.2), "limit", to=1.0)
     assert branch.end.kind == "grazing" and "two events are met at once" in str(branch.end)
     assert branch.end.value == pytest.approx(2.0, rel=1e-12) and branch.values.min() >= 2 - 1e-12
+    assert branch.end.error < 1e-6
+
+
+def test_an_end_that_was_not_located_is_known_to_fewer_digits(monkeypatch):
+    """As if the place at which two events are met could not be found: its error covers how far the last cycle is."""
+    monkeypatch.setattr(beyond_grazing, "corner_at", lambda *_: None)
+    branch = follow(find_cycle(TWO_LIMITS, x=0.1, y=0.2), "limit", to=1.0)
+    assert branch.end.kind == "grazing" and "met with no speed" in str(branch.end)
+    assert 1e-5 < branch.end.error < 1e-4 and abs(branch.end.value - 2) < branch.end.error

@@ -112,6 +112,14 @@ def test_a_denial_names_the_located_fold(model, gain, branch):
     assert float(named) == pytest.approx(FOLD[model], abs=5.5 * 10.0 ** -(len(named) - 2)) and len(named) >= 7
 
 
+def test_a_denial_does_not_contradict_itself():
+    """A fold at 0.64738, which in four digits is above the gain that is asked for."""
+    servo = Servo().replace(**{"servo.motor_gain": 16 * FOLD["switch"] / 0.64738})
+    with pytest.raises(NoOrbit, match="can hunt up to gain 0.64738 V/rad, and not above") as refused:
+        find_orbit(servo, "switch", 0.647385)
+    assert refused.value.status is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [1e-5, 1e-8])
 def test_a_hair_on_either_side_of_the_fold(distance):

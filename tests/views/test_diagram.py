@@ -14,6 +14,7 @@ from casahunt.continuation import crossings
 from casahunt.continuation import special_points as monitor
 from casahunt.design.diagram import DiagramPoint, diagram_points, starting_gain
 from casahunt.servo.saved import load_branch
+from casahunt.views.answers.diagram import diagram_answer
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold as command_fold
 from casahunt.views.commands import orbit as command_orbit
@@ -65,6 +66,9 @@ def test_diagram(capsys, tmp_path):
     plain, _, details = text.partition("\ndetails\n")
     assert plain.startswith("switch: the servo can hunt up to gain 0.6473 V/rad") and plain.split()[-1] == str(out)
     assert details.startswith(f"switch: {len(points)} points; ")
+    other = find_orbit(Servo().replace(**{"friction.static": 0.6}), "switch", 0.7)  # as if beyond the fold
+    head, *_ = diagram_answer([replace(branch, orbits=(*branch.orbits, other))], "").plain
+    assert "where that ends was not met" in head
 
     files, gains = set(contents(out)), [float(row["gain"]) for row in rows]
     code, text, err = run(capsys, *command, "--quiet", "--json")

@@ -163,7 +163,8 @@ def _told(branch: Branch[SystemOrbit], before: Branch[SystemOrbit] | None, last:
             error = max(special.orbit.parameter_error, tol) * abs(special.value)
             return Border("fold", special.value, error, None, special.orbit, {}, special.meaning)
     if end.kind in ("grazing", "Hopf"):
-        return Border(cast(Kind, end.kind), end.value, 10 * tol * abs(end.value), None, orbit, {}, str(end))
+        error = max(end.error, 10 * tol * abs(end.value))
+        return Border(cast(Kind, end.kind), end.value, error, None, orbit, {}, str(end))
     if end.kind == "range" and abs(value - last) <= SIZE_KNOWN * abs(last):
         return Border("none", last, 0.0, None, orbit, {}, "")
     if end.kind == "stuck" and before is not None and before.end.kind == "stuck":

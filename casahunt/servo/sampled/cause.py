@@ -22,6 +22,7 @@ import numpy as np
 
 from ...results import Result
 from ..drive import Drive
+from ..simulation.verdict import SETTLES
 from .motion import SampledMotion, simulate_sampled
 from .verdict import SampledVerdict
 
@@ -97,7 +98,7 @@ def cause_of(motion: SampledMotion) -> Cause | None:
 
 def told_apart(seen: SampledVerdict, without: SampledVerdict) -> tuple[Kind, str]:
     """Kind and sentence, from the verdicts on the same motion with and without quantisation."""
-    if without.kind in ("at rest", "decaying"):
+    if without.kind in SETTLES:
         return "quantisation", f"without quantisation the same loop does not hunt: {without.sentence}"
     if without.kind != "hunting":
         return "not certain", f"without quantisation the same loop is {without.kind}: {without.sentence}"

@@ -19,6 +19,7 @@ from itertools import product
 from ...results import Result
 from ..drive import Drive
 from ..servo import Servo
+from ..simulation.verdict import SETTLES
 from .cause import cause_of, smallest_dead_band
 from .motion import SampledMotion, simulate_sampled
 
@@ -34,7 +35,7 @@ MOST_CHECKED = 1_000_000
 """Samples of a motion of the check."""
 SET_POINT_STEP = 1.0
 """Of the first start [rad]."""
-BY_BADNESS = ("at rest", "decaying", "undecided", "hunting", "growing")
+BY_BADNESS = (*SETTLES, "undecided", "hunting", "growing")
 
 
 @dataclass(frozen=True, repr=False)
@@ -67,7 +68,7 @@ class AsBuilt(Result):
     @property
     def ends(self) -> bool:
         """Whether every motion comes to rest, or dies out."""
-        return self.kind in BY_BADNESS[:2]
+        return self.kind in SETTLES
 
     @property
     def goes_on(self) -> bool:

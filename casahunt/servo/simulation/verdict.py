@@ -56,6 +56,8 @@ CARRIED = 8
 """Swings that the event map carries a stuck servo on, beyond the motion."""
 
 Kind = Literal["hunting", "decaying", "growing", "at rest", "undecided"]
+SETTLES = ("at rest", "decaying")
+"""Kinds of a motion that rests or is on its way to."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -23,8 +23,8 @@ def diagram_answer(branches: Sequence[Branch], out: str) -> Answer:
 def _plain(branch: Branch) -> Iterator[str]:
     folds = [special.orbit for special in branch.special if special.kind == FOLD.kind]
     gains = branch.gains
-    if folds:
-        last = max(folds, key=lambda orbit: orbit.gain)
+    last = max(folds, key=lambda orbit: orbit.gain, default=None)
+    if last is not None and last.gain >= gains.max():
         yield f"{branch.model}: the servo can hunt up to gain {short(last.gain)} V/rad, and not above it"
         yield item("there", f"amplitude {short(last.amplitude)} rad, period {short(last.period)} s")
     else:
@@ -57,5 +57,5 @@ def loop_diagram_answer(branch: AnyBranch[SystemOrbit], vary: str, parts: str, o
     folds = [special for special in branch.special if special.kind == FOLD.kind]
     plain = [f"loop: {len(branch.orbits)} cycles along {vary}; {branch.ended}", parts]
     for special in folds:
-        plain.append(item("hunting ends at", f"{vary} = {short(special.orbit.problem.value(vary))}"))
+        plain.append(item("they turn back at", f"{vary} = {short(special.orbit.problem.value(vary))}"))
     return Answer([*plain, *([f"written to {out}"] if out else [])], [f"  {s.meaning}" for s in branch.special])

@@ -33,7 +33,7 @@ def _plain(seen: FixedPoints) -> Iterator[str]:
 
 def _cycle(f: FixedPoint) -> str:
     size = f"amplitude {short(f.amplitude, f.error)} rad, period {short(f.period, f.period_error)} s"
-    return size if f.stable else f"{size}: a border between rest and hunting"
+    return size if f.stable else f"{size}: motions near it leave it"
 
 
 def _details(seen: FixedPoints) -> Iterator[str]:

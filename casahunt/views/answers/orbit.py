@@ -27,8 +27,8 @@ MEANS = {
     ("lopsided", False): "a motion near it swings farther from it each time",
 }
 """By the same: what it means, where that is known."""
-UNSTABLE = "the border between motions that come to rest and motions that hunt; no servo stays on it"
-BOUNDS = "nearer to the set point it comes to rest, farther away it may hunt: casahunt basin tries both"
+UNSTABLE = "motions near it leave it, so that no servo stays on it; as a rule it is the border of hunting:"
+BOUNDS = "nearer to the set point it comes to rest, farther away it hunts; casahunt basin tries both"
 SYMMETRY_BROKEN = "a cycle that reaches farther to one side may hunt in its place"
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from ...checks import to_error
 from ...design.tune.demands import NUMBERS
+from ...servo.simulation.verdict import SETTLES
 from ...servo.units import unit_of
 from .answer import Answer, item, short
 
@@ -83,7 +84,7 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
 def _unless(record: Mapping[str, Any]) -> str:
     """What the first line adds where the gain does not do in the loop as built."""
     kind = record.get("as_built", {}).get("kind", "at rest")
-    if kind in ("at rest", "decaying"):
+    if kind in SETTLES:
         return ""
     if kind == "undecided":
         return "; whether it comes to rest in the loop as built was not seen, see below"

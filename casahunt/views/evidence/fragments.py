@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...checks import known_digits
+from ...servo.simulation.verdict import SETTLES
 from ..glossary import GLOSSARY, words_in
 
 
@@ -151,7 +152,7 @@ def _built(p: Fragments, at: str) -> list[str]:
     seen = value_at(p.record, at)
     if isinstance(seen, str):
         return [p.text(at), ""]
-    ends = "good" if seen["kind"] in ("at rest", "decaying") else "bad"
+    ends = "good" if seen["kind"] in SETTLES else "bad"
     band = "" if seen["dead_band"] is None else p.with_unit(f"{at}/dead_band", "rad", ".4g")
     return [f"<span class={ends}>{p.text(f'{at}/sentence')}</span>", band]
 

@@ -13,7 +13,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...checks import known_decimals
+from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
+from ..answers.tune import loop_name
 from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
@@ -261,7 +263,7 @@ def _result(check: Mapping[str, Any]) -> str:
 def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:
     """What servos are called that have the same margins; the extreme ones of the set by what is extreme, and where."""
     corners = p.record["verification"]["loop_corners"]
-    said = [{"worst": "worst friction"}.get(name, name) for name in names if name not in corners]
+    said = [loop_name(name, corners) for name in names if name not in corners]
     alike = dict[str, list[str]]()
     for name in names:
         if name in corners:
@@ -277,7 +279,7 @@ def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:
 
 def _task_row(p: _Page, key: str, gain: str) -> list[str]:
     hunts = value_at(p.record, f"{key}/verdict") in ("hunting", "growing")
-    colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in ("at rest", "decaying") else "dim"
+    colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in SETTLES else "dim"
     verdict = f'<span class="{colour}">{p.text(f"{key}/verdict")}</span>'
     shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
     torque, voltage = (p.n(f"{key}/peak_{what}", ".3g") for what in ("torque", "voltage"))

@@ -45,7 +45,7 @@ def basin(found: Basin, *, ax: Any = None) -> Axes:
             linewidth=style.width, label=f"from a little {word}: {trial.outcome}",
         )  # fmt: skip
     panel.axhline(found.border, color=NEUTRAL, linestyle="--", linewidth=1.2,
-                  label=f"unstable cycle, the border: {found.border:.4g} rad")  # fmt: skip
+                  label=f"unstable cycle: {found.border:.4g} rad")  # fmt: skip
     if found.outer is not None:
         kind = "stable" if found.outer.stable else "symmetric"
         panel.axhline(found.outer_position, color=NEUTRAL, linewidth=1.2,

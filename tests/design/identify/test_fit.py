@@ -11,7 +11,7 @@ import pytest
 
 from casahunt import NoOrbit, Options, Record, Servo, Status, cli, find_orbit, identify
 from casahunt.design.identify import identify as rooms
-from casahunt.design.identify import intervals
+from casahunt.design.identify import intervals, judgement
 from casahunt.design.identify import noise as likeliest_noise
 from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Question, at, climb, expected
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
@@ -206,3 +206,14 @@ def test_a_refit_that_stops_short_ends_no_interval(monkeypatch, record):
 
     monkeypatch.setattr(intervals, "_refit", slanted)
     assert identify([record], Servo(), GAIN, advise=False).status is Status.FIT_NOT_CONVERGED
+
+
+def test_parts_of_a_period_are_those_of_the_cycle(record):
+    """A slip, which is half of the way in a few per cent of the time, has a large share of the parts: times are
+    taken from where the cycle begins, not from where the record does.
+    """
+    asked = question(record, Servo(), GAIN)
+    best, noises = rooms._best(asked)
+    ((_, part), *_), (x,) = next(judgement._channels(asked, best, noises)), best.positions
+    slips = np.abs(np.diff(x)) > 0.05 * np.ptp(x)
+    assert slips.mean() < 0.05 and np.unique(part[1:][slips]).size >= judgement.PARTS_OF_PERIOD / 4
