@@ -72,7 +72,7 @@ def test_what_the_drive_does_with_a_remedy_is_on_the_page(record):
     more = record | {"as_built": {"gain": seen, "leak": "not checked, <none>"}}
     page = remedies_page(more, {})
     assert "<h2>In the loop as built</h2>" in page and "not checked, &lt;none&gt;" in page
-    assert "<span class=bad>" in page and 'data-key="as_built/gain/dead_band"' in page and "0.00173" in page
+    assert '<span class="bad said">' in page and 'data-key="as_built/gain/dead_band"' in page and "0.00173" in page
     seen |= {"kind": "at rest", "sentence": "every one of 6 motions comes to rest for ever", "dead_band": None}
     page = remedies_page(more, {})
     assert "every one of 6 motions" in page and "as_built/gain/dead_band" not in page

@@ -17,7 +17,7 @@ from .answer import Answer, item, short
 STABLE_BELOW, STABLE_ABOVE = "at any lower gain", "at any higher one"
 NO_LICENCE = "with dry friction lower gains may hunt all the same"
 DOES = {
-    "at rest": "comes to rest", "decaying": "is on its way to rest, each swing smaller than the one before,",
+    "at rest": "comes to rest", "decaying": "is on its way to rest",
     "hunting": "hunts", "growing": "leaves the set point for good", "undecided": "was not followed to its end",
 }  # fmt: skip
 """What a motion does, by its verdict."""
@@ -49,7 +49,7 @@ def loop_name(name: str, corners: Mapping[str, Mapping[str, float]]) -> str:
 
 def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Iterator[str]:
     check = record["verification"]
-    yield f"{record['model']} servo: recommended gain {short(record['gain'], tol)} V/rad{_unless(record)}"
+    yield f"{record['model']} servo: recommended gain {short(record['gain'], tol)} V/rad{unless(record)}"
     if record["free"]:
         said = ", ".join(f"{n} {short(record[n], tol)} {unit_of(n)}".rstrip() for n in NUMBERS if n in record)
         yield item(f"controller {'gains' if 'kp' in record else 'times'}", said)
@@ -81,7 +81,7 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
     yield from as_built
 
 
-def _unless(record: Mapping[str, Any]) -> str:
+def unless(record: Mapping[str, Any]) -> str:
     """What the first line adds where the gain does not do in the loop as built."""
     kind = record.get("as_built", {}).get("kind", "at rest")
     if kind in SETTLES:

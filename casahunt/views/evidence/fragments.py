@@ -46,7 +46,8 @@ th { font-weight: 600; color: var(--dim); }
 .open { color: #8a5a00; font-weight: 600; }
 .dim { color: var(--dim); } figure { margin: 1rem 0; } img { max-width: 100%; height: auto; }
 figcaption { color: var(--dim); font-size: .9rem; } dt { font-weight: 600; break-after: avoid; }
-dd { margin: 0 0 .4rem 0; } td { overflow-wrap: break-word; } td .good, td .bad, td .dim { white-space: nowrap; }
+dd { margin: 0 0 .4rem 0; } td { overflow-wrap: break-word; }
+td .good, td .bad, td .dim { white-space: nowrap; } td .said { white-space: normal; }
 .pair td:first-child { width: 45%; }
 @media (max-width: 640px) {
   main { padding: 1rem .9rem 2rem; } td { overflow-wrap: anywhere; } h1 { font-size: 1.35rem; }
@@ -154,7 +155,7 @@ def _built(p: Fragments, at: str) -> list[str]:
         return [p.text(at), ""]
     ends = "good" if seen["kind"] in SETTLES else "bad"
     band = "" if seen["dead_band"] is None else p.with_unit(f"{at}/dead_band", "rad", ".4g")
-    return [f"<span class={ends}>{p.text(f'{at}/sentence')}</span>", band]
+    return [f'<span class="{ends} said">' + f"{p.text(f'{at}/sentence')}</span>", band]
 
 
 def document(title: str, parts: Sequence[str]) -> str:

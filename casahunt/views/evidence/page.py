@@ -15,7 +15,8 @@ from typing import Any
 from ...checks import known_decimals
 from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
-from ..answers.tune import loop_name
+from ..answers.answer import PLAIN_DIGITS
+from ..answers.tune import DOES, loop_name, unless
 from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
@@ -28,7 +29,7 @@ CONTROLLER = {
 """Numbers of a controller in the record, and their names."""
 
 
-TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "voltage [V]", "verdict", "why"
+TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "voltage [V]", "what it does", "why"
 
 
 class _Page(Fragments):
@@ -94,8 +95,9 @@ def _seen(name: str, record: Mapping[str, Any]) -> str:
         return f"Bars: change of the largest gain that hunts, {fold}, for one per cent more of each parameter: {bars}."
     after = [task for task in record["verification"]["tasks"] if task["friction"] == "nominal"]
     before = record["before"]
-    pairs = zip(before["tasks"], after, strict=False)
-    said = "; ".join(f"{old['start']}: {old['verdict']} before, {new['verdict']} after" for old, new in pairs)
+    pairs = ((old["start"], DOES[old["verdict"]], DOES[new["verdict"]])
+             for old, new in zip(before["tasks"], after, strict=False))  # fmt: skip
+    said = "; ".join(f"{start}: {did} before, {does} after" for start, did, does in pairs)
     gains = f"at gain {before['gain']:.4g} V/rad before and {gain} after"
     return f"Distance from the set point against time, {gains}. {said[:1].upper()}{said[1:]}."
 
@@ -118,7 +120,8 @@ def _answer(p: _Page) -> list[str]:
     return [
         f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
         made_line(p),
-        f"<p class=answer>{p.known('gain', '', p.gain_error, most=6)} <small>V/rad, the recommended gain</small></p>",
+        f"<p class=answer>{p.known('gain', '', p.gain_error, most=PLAIN_DIGITS)} <small>V/rad, the recommended gain"
+        f"{html.escape(unless(record))}</small></p>",
         *_against_before(p),
         f"<p>{_result(check)}: {above}</p>",
         *[f"<p class=bad>{p.text(f'verification/against/{i}')}</p>" for i in range(len(check["against"]))],
@@ -280,7 +283,7 @@ def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:
 def _task_row(p: _Page, key: str, gain: str) -> list[str]:
     hunts = value_at(p.record, f"{key}/verdict") in ("hunting", "growing")
     colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in SETTLES else "dim"
-    verdict = f'<span class="{colour}">{p.text(f"{key}/verdict")}</span>'
+    verdict = f'<span class="{colour} said">{DOES[value_at(p.record, f"{key}/verdict")]}</span>'
     shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
     torque, voltage = (p.n(f"{key}/peak_{what}", ".3g") for what in ("torque", "voltage"))
     return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, voltage, verdict, p.text(f"{key}/reason")]
