@@ -120,15 +120,15 @@ def flight(A: np.ndarray, centre: tuple[float, float], y: float) -> tuple[float,
     alpha = np.trace(A) / 2
     square = alpha**2 - np.linalg.det(A)
     rate = math.sqrt(abs(square))
-    even, odd = (math.cos, math.sin) if square < 0 else (math.cosh, math.sinh)
+    even, odd = (np.cos, np.sin) if square < 0 else (np.cosh, np.sinh)
     start = np.array([-centre[0], y - centre[1]])
     turned = (A - alpha * np.eye(2)) @ start / rate
 
-    def place(t: float) -> np.ndarray:
-        return np.asarray(centre + math.exp(alpha * t) * (even(rate * t) * start + odd(rate * t) * turned))
+    def place(i: int, t: Any) -> Any:
+        return centre[i] + np.exp(alpha * t) * (even(rate * t) * start[i] + odd(rate * t) * turned[i])
 
     times = np.geomspace(1e-3, 20.0, 2000)
-    side = np.sign([place(t)[0] for t in times])
+    side = np.sign(place(0, times))
     k = int(np.argmax(side != side[0]))
-    t = zero(lambda t: float(place(t)[0]), times[k - 1], times[k])
-    return t, float(place(t)[1])
+    t = zero(lambda t: float(place(0, t)), times[k - 1], times[k])
+    return t, float(place(1, t))
