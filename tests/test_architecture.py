@@ -36,8 +36,21 @@ BRANCH_SWITCHING = re.compile(r"branch.switching", re.IGNORECASE)
 
 
 @cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+@cache
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(parsed(path)))
+
+
 def tree(module: str) -> ast.Module:
-    return ast.parse(PATHS[module].read_text(encoding="utf-8"), filename=str(PATHS[module]))
+    return parsed(PATHS[module])
+
+
+def nodes(module: str) -> tuple[ast.AST, ...]:
+    return nodes_of(PATHS[module])
 
 
 @cache
@@ -46,7 +59,7 @@ def imports(module: str) -> tuple[frozenset[str], frozenset[str]]:
     inner: set[str] = set()
     outer: set[str] = set()
     package = module.split(".")[:-1]
-    for node in ast.walk(tree(module)):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             targets = [(alias.name.split("."), "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -76,6 +89,7 @@ def floor_of(module: str) -> int:
     return 0 if module in GROUND else len(ROOMS) + 1
 
 
+@cache
 def listed(package: str) -> list[str]:
     """Modules and rooms that the docstring of a package lists, in order, without the package's own name."""
     docstring = ast.get_docstring(tree(f"{package}.__init__")) or ""
@@ -133,7 +147,7 @@ def test_the_servo_is_written_as_a_user_writes_a_system(module):
     taken = {t for t in imports(module)[0] if room_of(t) in ENGINE}
     names = {
         alias.name
-        for node in ast.walk(tree(module))
+        for node in nodes(module)
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "hybrid"
         for alias in node.names
     }
@@ -157,7 +171,7 @@ def published() -> frozenset[tuple[str, str]]:
 def unpublished(module: str) -> set[str]:
     """What a module imports of the engine that is in no `__all__`, as "room.module.name"."""
     package, found = ["casahunt", *module.split(".")[:-1]], set()
-    for node in ast.walk(tree(module)):
+    for node in nodes(module):
         if not isinstance(node, ast.ImportFrom):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             found |= {name for name in names if name.startswith("casahunt.") and room_of(name[9:] + ".") in ENGINE}
@@ -222,14 +236,14 @@ def test_public_names_are_looked_up_where_the_type_checker_sees_them():
 
 def test_solvers_run_in_one_place():
     for module in MODULES:
-        called = {node.attr for node in ast.walk(tree(module)) if isinstance(node, ast.Attribute)}
+        called = {node.attr for node in nodes(module) if isinstance(node, ast.Attribute)}
         alone = module == "collocation.ipopt" or not called & {"nlpsol", "rootfinder", "qpsol"}
         assert alone, f"{module} runs a solver"
 
 
 def test_nothing_is_printed():
     for module in sorted(set(MODULES) - TERMINAL):
-        calls = [node.func for node in ast.walk(tree(module)) if isinstance(node, ast.Call)]
+        calls = [node.func for node in nodes(module) if isinstance(node, ast.Call)]
         assert not any(isinstance(func, ast.Name) and func.id == "print" for func in calls), module
 
 
@@ -275,9 +289,8 @@ def lines_of_examples(node: ast.AST) -> int:
 def too_long(path: Path) -> list[str]:
     """The file and its functions that are longer than they may be; examples in docstrings do not count."""
     text, name = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
-    nodes = list(ast.walk(ast.parse(text)))
-    functions = [n for n in nodes if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
-    found = [name] if len(text.splitlines()) - sum(map(lines_of_examples, nodes)) > MOST_LINES else []
+    functions = [n for n in nodes_of(path) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+    found = [name] if len(text.splitlines()) - sum(map(lines_of_examples, nodes_of(path))) > MOST_LINES else []
     lines = {f: (f.end_lineno or f.lineno) - f.lineno + 1 - lines_of_examples(f) for f in functions}
     return found + [f"{name} {f.name}" for f in functions if lines[f] > MOST_LINES_OF_A_FUNCTION]
 
@@ -324,7 +337,7 @@ def test_a_numeric_constant_has_one_meaning():
 def test_scripts_take_nothing_from_tests():
     """A script that imports from the tests is a sign of a missing room."""
     for path in (p for p in SOURCES if "scripts" in p.relative_to(ROOT).parts):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
             assert not any(name.split(".")[0] == "tests" for name in names), path
@@ -334,7 +347,7 @@ def test_no_class_of_problems_is_asked_for():
     """What the engine must know of a problem it asks the contract (hybrid/problem.py), whoever poses it."""
     classes = {"Problem", "Cycles", "Family", "Hunting", "Loose"}
     for module in MODULES:
-        for node in ast.walk(tree(module)):
+        for node in nodes(module):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance":
                 asked = {part.id for part in ast.walk(node.args[1]) if isinstance(part, ast.Name)}
                 assert not asked & classes, f"{module}, line {node.lineno}"

@@ -56,7 +56,7 @@ def assert_grazes(curve, to):
     assert all(type(orbit.problem) is type(curve.orbits[0].problem) for orbit in curve.orbits)
 
 
-@pytest.mark.parametrize("to", [0.5, 1.5])
+@pytest.mark.parametrize("to", [0.5, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_the_grazing_curve_of_the_impact_oscillator(touching, to):
     """From the side that keeps clear; 1 s for about 20 cycles."""
     curve = special_curve(touching, "A", "w", to=to, options=TIGHT)

@@ -23,7 +23,7 @@ from casahunt.servo.servo import PARAMETERS
 from problems import table1
 
 
-@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_fold_conditions_hold_at_a_fold_and_their_jacobian_is_the_derivative(servo, model):
     fold = find_fold(servo, model)
     t, u, setting = unknowns_of(fold.orbit)

@@ -71,7 +71,7 @@ def test_the_twisted_band_turns_over():
     assert np.sort(np.linalg.eigvals(M).real) == pytest.approx(np.sort(expected), rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["duffing", "gears", "chua"])
+@pytest.mark.parametrize("name", [pytest.param("duffing", marks=pytest.mark.slow), "gears", "chua"])
 def test_shooting_gives_the_numbers_of_the_files(name, capsys):
     branch_truths.main([name])
     shot = sorted(float(line.split()[-1]) for line in capsys.readouterr().out.splitlines())

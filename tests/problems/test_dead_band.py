@@ -32,6 +32,7 @@ def test_the_fold(branch):
     assert fold.kind == "fold" and fold.value == pytest.approx(FOLD, rel=TOL) and not branch.missed
 
 
+@pytest.mark.slow
 def test_both_cycles_reach_the_narrow_band(branch):
     first, last = branch.orbits[0], branch.orbits[-1]
     assert branch.end.kind == "range" and branch.values[0] == branch.values[-1] == NARROW

@@ -52,6 +52,7 @@ def test_a_missing_heyoka_is_a_row_with_the_reason(monkeypatch):
     assert all(r.seconds is None and "left out" in r.note and "heyoka" in r.note for r in rows) and rows
 
 
+@pytest.mark.slow
 def test_slopes_of_known_lines(tmp_path):
     """Seconds that go like the square of the servos, and a picture of them."""
     rows = [Row(scaling.SCENE, "switch", "folds together", "servos", 1e-3 * n**2, 1e-9, n) for n in (1, 4, 16, 64)]

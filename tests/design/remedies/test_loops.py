@@ -23,7 +23,10 @@ BAND, LEAKS, LEAST_KI = 0.0433457242337, 0.246844841, 0.02507950354
 """Of Table 1 at K = 0.04: the first two by independent event maps [rad], [1/s]."""
 
 
-@pytest.mark.parametrize("pid", [PID_BY_TIMES, PID_BY_GAINS, P_PI], ids=lambda part: part.name)
+OTHER_FORMS = (pytest.param(part, marks=pytest.mark.slow) for part in (PID_BY_TIMES, P_PI))
+
+
+@pytest.mark.parametrize("pid", [PID_BY_GAINS, *OTHER_FORMS], ids=lambda part: part.name)
 def test_the_plain_servo_in_each_form(pid):
     loop = Loop((INERTIA, SWITCH, pid, INTEGRATOR), {"gain": 0.04})
     found = remedies(loop, only=["dead band", "leak"])
@@ -34,6 +37,7 @@ def test_the_plain_servo_in_each_form(pid):
     assert band.rest_error == band.size and band.keeps_it_ended
 
 
+@pytest.mark.slow
 def test_times_are_gains():
     """Less integral action is a size where the controller is given by times, too."""
     loop = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.04})

@@ -36,9 +36,10 @@ def test_bands(name, gain, low, high):
 
 
 @pytest.mark.parametrize(("name", "gain", "low", "high"), [
-    ("leak", 0.1, 0.003, 0.02), ("reset", 0.1, 1e-4, 5e-3),
+    ("leak", 0.1, 0.003, 0.02),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in (
         ("leak", 0.04, 0.02, 0.04), ("leak", 0.3, 3.815e-3, 4.1e-3), ("reset", 0.04, 5e-4, 0.01),
+        ("reset", 0.1, 1e-4, 5e-3),
     )),
 ])  # fmt: skip
 def test_integrators_that_forget(name, gain, low, high):

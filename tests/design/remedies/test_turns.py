@@ -52,6 +52,7 @@ def test_cycles_that_go_on_unstable_are_no_hunting(monkeypatch):
         assert row.kind == kind and says in row.why
 
 
+@pytest.mark.slow
 def test_a_freeze_ends_hunting_where_it_is_as_long_as_the_stop():
     """The grazing is where the cycle itself would be frozen; what lies next to it is the other half of the same."""
     servo = Servo(

@@ -95,7 +95,7 @@ HALVES = {"inertia": 0.013, "load_inertia": 0.013, "shaft_damping": 1.0}
     ((*PLAIN, DERIVATIVE_FILTER), "derivative_filter", (1e-5, 5e-6, 2.5e-6), {}),
     ((*PLAIN, ERROR_FILTER), "filter_time", (1e-5, 5e-6, 2.5e-6), {}),
     ((*PLAIN, series("low-pass")), "low_pass", (1e5, 2e5, 4e5), {}),
-    ((TWO_MASSES, *PLAIN[1:]), "shaft_stiffness", (5e4, 1e5, 2e5, 4e5), HALVES),
+    pytest.param((TWO_MASSES, *PLAIN[1:]), "shaft_stiffness", (5e4, 1e5, 2e5, 4e5), HALVES, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_a_filter_that_grows_fast_and_a_shaft_that_grows_stiff(plain, parts, size, values, more):
     """Extrapolated to none, in powers of the size or of its inverse."""

@@ -53,7 +53,7 @@ def test_it_hunts_at_half_the_frequency_by_its_encoder(seen):
     assert 1 / why.without.period == pytest.approx(0.4003, rel=1e-3)
 
 
-@pytest.mark.parametrize("gain, samples", [(1.0, 12000), (4.458, 30000)])
+@pytest.mark.parametrize("gain, samples", [pytest.param(1.0, 12000, marks=pytest.mark.slow), (4.458, 30000)])
 def test_its_dead_band_ends_it_and_less_does_not(seen, gain, samples):
     """In the other program, too; no gain does: it hunts on where the continuous loop has no cycle any more."""
     motion, why = seen[gain]
