@@ -30,6 +30,7 @@ from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
 from .find_fold import confirmed_between, find_fold
 from .hunting import Model
+from .linear_loop import stable as stable_loop
 from .lopsided import lopsided_at
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times, stiff_at
@@ -353,10 +354,12 @@ def _deny_below(
     else:
         return
     if gain < lower.gain * (1 - 2 * lower.gain_error):
+        servo = fold.orbit.servo
+        grows = "" if stable_loop(servo, gain) else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
             f"gain {to_error_beside(lower.gain, lower.gain_error, gain, FOLD_DIGITS)} to "
-            f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad",
+            f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad{grows}",
             evidence=f"followed down from their largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn "
             f"back at {to_error(lower.gain, lower.gain_error)}, in a second fold, located on their branch, and again "
             "as the smallest gain of all cycles near it",

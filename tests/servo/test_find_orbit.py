@@ -290,8 +290,11 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
     """A step may lead past the fold and yet lower: the gain rises only with the next one, and the fold lies before."""
     fold = find_fold(SECOND_FOLD, "switch")
     gain = 0.05 * fold.gain
-    with pytest.raises(NoOrbit, match="turn back at .* in a second fold"):
+    with pytest.raises(NoOrbit, match="turn back at .* in a second fold") as refused:
         searching._down_from(fold, gain, "stable", Options())
+    kp, kd, ki = SECOND_FOLD.torque_gains(gain)
+    poles = np.roots([SECOND_FOLD.inertia, SECOND_FOLD.friction.viscous + kd, kp, ki])  # without dry friction
+    assert poles.real.max() > 0 and "the loop is unstable: large motions grow" in refused.value.plain
     met: list = []
     monkeypatch.setattr(searching, "_deny_below", lambda around, *_: met.extend(around))
     searching._followed_down(fold, gain, "stable", Options())
