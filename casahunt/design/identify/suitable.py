@@ -12,15 +12,10 @@ from ...errors import InputError
 from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
 from ..record.measure import Measurement, measured
+from .clipped import clipped_at
 
 MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
-CLIPPED_SHARE = 0.02
-"""Share of the samples that may lie exactly at the largest or smallest position, where others scatter."""
-
-SLIPS_ON = 0.1
-"""Step from or to an end, in units of the largest one, below which a position without noise rests there: one that is
-cut off goes on at some part of its speed."""
 MOVED_STEPS = 50.0
 """Range of a position that moves, in units of its usual step from sample to sample: noise reaches ten."""
 
@@ -40,13 +35,11 @@ def suitable(record: Record) -> Measurement:
             f"{record.name}: its mean position drifts by {found.drift * length:.3g} rad, at an amplitude of "
             f"{found.amplitude:.3g} rad; the set point must stand still, so cut the record or subtract the set point"
         )
-    for end in (record.position.max(), record.position.min()):
-        if _clipped(record, found, float(end)):
-            share = float(np.mean(record.position == end))
-            raise InputError(
-                f"{record.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie "
-                "exactly; record with a larger range"
-            )
+    if (end := clipped_at(record, found.quantum)) is not None:
+        raise InputError(
+            f"{record.name}: its positions are clipped at {end:.6g} rad, where {np.mean(record.position == end):.0%} of "
+            "the samples lie exactly; record with a larger range"
+        )
     return found
 
 
@@ -55,24 +48,6 @@ def _moves(record: Record) -> bool:
     steps = np.abs(np.diff(record.position))
     smallest = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     return float(np.ptp(record.position)) > MOVED_STEPS * smallest > 0
-
-
-def _clipped(record: Record, found: Measurement, end: float) -> bool:
-    """Whether positions are cut off at an end.
-
-    Of noisy positions none equals another.  Those of an encoder that rest do: of these nobody can tell, and what is cut
-    off is not explained by the model.
-    """
-    y = record.position
-    if np.mean(y == end) < CLIPPED_SHARE:
-        return False
-    if found.quantum:
-        return False
-    inside, steps = (y != y.max()) & (y != y.min()), np.abs(np.diff(y))
-    off = steps[(y[:-1] == end) != (y[1:] == end)]
-    if off.size and np.median(off) < SLIPS_ON * steps.max():
-        return False  # it comes to rest there, and sets off from there
-    return bool(np.unique(y[inside]).size > 0.9 * np.count_nonzero(inside))
 
 
 def of_few_steps(amplitude: float, quantum: float) -> str:
