@@ -2,6 +2,7 @@
 
     python scripts/sampled.py                       50 random cases
     python scripts/sampled.py --count 200 --seed 7  others
+    python scripts/sampled.py --remedies            with remedies in the controller
     python scripts/sampled.py --lugre --samples 500 LuGre friction
 
 A case: inertia, friction, PID, gain, sample time, delay (none, a part of a sample, several), encoder (none, 500 to
@@ -78,6 +79,26 @@ def case(seed: int) -> dict[str, Any]:
     return {"servo": servo, "gain": kp, "drive": drive, "set_point": one_of(0.0, float(r.normal())), "start": start}
 
 
+def remedied(case: dict[str, Any]) -> dict[str, Any]:
+    """The case with some of the remedies of its controller, from a start of its own so near that they matter."""
+    drive, servo, r = case["drive"], case["servo"], np.random.default_rng(int(1e9 * case["servo"].friction.static))
+    T, q = drive.sample_time, drive.count or 2 * math.pi / 3000
+    holds = servo.friction.static / case["gain"]  # the error at which the proportional torque breaks it away
+
+    def some(low: float, high: float, none: Any = 0.0) -> Any:
+        return float(math.exp(r.uniform(math.log(low), math.log(high)))) if r.random() < 0.3 else none
+
+    band, size = r.choice(["dead_band", "shifted_dead_band", "hysteresis"]), some(0.3 * q, max(holds, 2 * q), 0.3 * q)
+    more = {band: float(size), "dwell": some(T, 300 * T, None), "error_filter_time": some(0.3 * T, 6 * T)}
+    more |= {"enter_ratio": float(r.uniform(0.2, 1))} if band == "hysteresis" else {}
+    if (band := some(0.3 * q, max(holds, 2 * q))) > 0:
+        more |= {"error_dead_band": band, "remaining_gain": float(r.choice([0.0, r.uniform(0, 1)]))}
+    more |= {key: 1 - some(0.1, 1.5) for key in ("reset", "reset_at_stop")} | {"compensated": some(0.1, 1.0)}
+    near = float(r.uniform(1.0, 4.0)) * max(holds, 2 * q)
+    x, v, w = case["start"]
+    return {**case, "drive": replace(drive, **{"dead_band": 0.0, **more}), "start": (math.copysign(near, x), v, w)}
+
+
 def bristles(case: dict[str, Any]) -> dict[str, Any]:
     """The case with LuGre friction: bristles that bend by a thousandth to a hundredth of vs/omega, and are damped."""
     servo, r = case["servo"], np.random.default_rng(int(1e9 * case["servo"].friction.static))
@@ -102,7 +123,9 @@ def theirs(case: dict[str, Any], samples: int, nudge: float = 0.0) -> tuple[Arra
         servo.inertia * (1 + nudge), f.static, f.coulomb, f.stribeck_velocity, f.viscous, kp, ki, kd,
         drive.sample_time, drive.delay, drive.encoder, drive.quantise_torque, drive.filter_time or 0.0,
         drive.integration == "trapezoid", drive.dead_band, case["set_point"],
-        drive.leak,
+        drive.leak, drive.shifted_dead_band, (drive.enter_ratio * drive.hysteresis, drive.hysteresis),
+        drive.dwell or 0.0, drive.reset, drive.reset_at_stop, (drive.error_dead_band, drive.remaining_gain),
+        drive.error_filter_time, drive.compensated * f.coulomb,
     )  # fmt: skip
     if "bristle" in case:
         peer.bristle = f.stiffness, f.damping
@@ -110,10 +133,11 @@ def theirs(case: dict[str, Any], samples: int, nudge: float = 0.0) -> tuple[Arra
     return peer.motion(x * (1 + nudge), v, w, samples)
 
 
-def compared(seed: int, samples: int, *, lugre: bool = False) -> dict[str, float]:
+def compared(seed: int, samples: int, *, lugre: bool = False, remedies: bool = False) -> dict[str, float]:
     """Largest relative difference of the states and of the stops [samples] up to the horizon, and numbers of samples up
     to there, of those that slip, of stops and of counts read."""
-    one = bristles(case(seed)) if lugre else case(seed)
+    one = remedied(case(seed)) if remedies else case(seed)
+    one = bristles(one) if lugre else one
     began = time.perf_counter()
     found = ours(one, samples)
     took = time.perf_counter() - began
@@ -140,11 +164,12 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--samples", type=int, default=SAMPLES)
     parser.add_argument("--lugre", action="store_true")
+    parser.add_argument("--remedies", action="store_true")
     options = parser.parse_args()
     print("seed  difference  of stops, T  samples  that slip  stops  counts read  casahunt, s")
     worst = 0.0
     for seed in range(options.seed, options.seed + options.count):
-        row = compared(seed, options.samples, lugre=options.lugre)
+        row = compared(seed, options.samples, lugre=options.lugre, remedies=options.remedies)
         worst = max(worst, row["off"])
         flag = "" if row["off"] <= AGREES else "  DIFFERS"
         print(

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..checks import choice_of, floated, require, sensible, shown
+from ..checks import choice_of, floated, moderate, require, sensible, shown
 from ..errors import InputError
 
 DRIVE_TABLE = "drive"
@@ -22,6 +22,16 @@ DRIVE_TABLE = "drive"
 DERIVATIVES, INTEGRATIONS = ("difference", "filtered"), ("rectangle", "trapezoid")
 LONGEST_DELAY = 1000
 """Samples of a delay, at most: far beyond where any loop is stable."""
+BANDS = ("dead_band", "shifted_dead_band", "hysteresis")
+"""Of the integrator: it has one of them."""
+SIZES = (*BANDS, "leak", "error_dead_band", "error_filter_time", "compensated")
+"""Of remedies: each 0 where there is none of it."""
+RESETS = ("reset", "reset_at_stop")
+"""Of the sum: 1 leaves it as it is."""
+REMEDIES = (*BANDS[1:], *SIZES[-3:], *RESETS, "dwell")
+"""Remedies other than a dead band of the integrator and a leak."""
+SHARES = {"enter_ratio": "hysteresis", "remaining_gain": "error_dead_band"}
+"""From 0 to 1; by the key without which they mean nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +49,13 @@ class Drive:
     integration : by "rectangle", the present reading held since the last one, or "trapezoid".
     dead_band : error [rad] up to which nothing is integrated.
     leak : rate at which the integral is forgotten [1/s], less than one in a sample.
+    shifted_dead_band : error [rad] up to which nothing is integrated, and beyond it only the rest.
+    hysteresis, enter_ratio : error [rad] beyond which it is integrated again, and the part of it below which it is not.
+    dwell : time [s] of equal readings after which nothing is integrated; None: it always is.
+    reset, reset_at_stop : factor of the sum where the error changes its sign, where the reading stays; at most 1.
+    error_dead_band, remaining_gain : angle [rad] up to which the controller sees only this part of the error.
+    error_filter_time : of a filter in front of the controller [s].
+    compensated : part of the Coulomb friction that is added to the torque while the reading changes.
 
     Examples
     --------
@@ -57,10 +74,20 @@ class Drive:
     integration: str = "rectangle"
     dead_band: float = 0.0
     leak: float = 0.0
+    shifted_dead_band: float = 0.0
+    hysteresis: float = 0.0
+    enter_ratio: float = 0.5
+    dwell: float | None = None
+    reset: float = 1.0
+    reset_at_stop: float = 1.0
+    error_dead_band: float = 0.0
+    remaining_gain: float = 0.0
+    error_filter_time: float = 0.0
+    compensated: float = 0.0
 
     def __post_init__(self) -> None:
         sensible("drive.sample_time", self.sample_time)
-        for key in ("delay", "encoder", "quantise_torque", "dead_band", "leak"):
+        for key in ("delay", "encoder", "quantise_torque", *SIZES):
             sensible(f"drive.{key}", getattr(self, key), zero=True)
         if self.delay > LONGEST_DELAY * self.sample_time:
             longest = LONGEST_DELAY * self.sample_time
@@ -75,7 +102,21 @@ class Drive:
             sensible("drive.filter_time", self.filter_time)
             if self.derivative != "filtered":
                 raise InputError('drive.filter_time: must be left out unless derivative = "filtered"')
+        self._check_remedies()
         floated(self)
+
+    def _check_remedies(self) -> None:
+        for key in RESETS:
+            require(f"{DRIVE_TABLE}.{key}", moderate(f"{DRIVE_TABLE}.{key}", getattr(self, key)), at_most=1)
+        for key, of in SHARES.items():
+            require(f"{DRIVE_TABLE}.{key}", getattr(self, key), at_least=0, at_most=1)
+            if not getattr(self, of) and getattr(self, key) != getattr(Drive, key):
+                raise InputError(f"{DRIVE_TABLE}.{key}: must be left out without {DRIVE_TABLE}.{of}")
+        if self.dwell is not None:
+            sensible("drive.dwell", self.dwell)
+        given = [key for key in BANDS if getattr(self, key)]
+        if len(given) > 1:
+            raise InputError(f"{DRIVE_TABLE}: {' and '.join(given)} exclude each other; the integrator has one of them")
 
     @property
     def count(self) -> float:
@@ -87,12 +128,26 @@ class Drive:
         """Whether it quantises anything."""
         return bool(self.encoder or self.quantise_torque)
 
+    @property
+    def remedied(self) -> bool:
+        """Whether it has a remedy other than a dead band of the integrator and a leak."""
+        return any(getattr(self, key) != getattr(Drive, key) for key in REMEDIES)
+
     def exact(self) -> Drive:
         """The same drive without any quantisation."""
         return dataclasses.replace(self, encoder=0.0, quantise_torque=0.0)
 
 
 DRIVE_KEYS = tuple(field.name for field in dataclasses.fields(Drive))
+
+
+def with_remedy(drive: Drive, key: str, size: float) -> Drive:
+    """The same drive with this size of a remedy; of dead bands of the integrator in the place of any other.
+
+    Raises InputError: no drive has one of this size.
+    """
+    others: dict[str, Any] = dict.fromkeys(BANDS, 0.0) | {"enter_ratio": Drive.enter_ratio}
+    return dataclasses.replace(drive, **{**(others if key in BANDS else {}), key: size})
 
 
 def drive_of_table(table: Any, **changes: Any) -> Drive:

@@ -6,7 +6,17 @@ At t_k = k T the drive reads e_k = q floor(theta/q + 1/2) - theta_d (without an 
     d_k = (e_k - e_{k-1})/T    or    d_k = d_{k-1} + (T/(T + Tf)) ((e_k - e_{k-1})/T - d_{k-1})
     u_k = -(kp e_k + ki w_k + kd d_k), to the nearest step of the torque,    m = u_k from t_k + delay on, before that 0
 
-Between changes of m the servo slips, J v' = m - sgn(v) g(v) - b v, by DOP853 with its event v = 0, or is stuck.
+Remedies change what is above:
+
+    e_k     from a_k, the reading: F_k = F_{k-1} + T/(T + Te) (a_k - F_{k-1}), F_{-1} = a_0, in its place; then of that
+            only the part r within delta, and beyond it less by (1 - r) delta
+    z_k     less by a shift delta beyond it, else 0; or 0 below the inner edge of hysteresis and until the outer one is
+            passed, at first too; 0 where the last so many readings were the same as this one, `dwell` long
+    w_{k-1} times a factor where e_k has the other sign than the last e that was not 0; where a_k = a_{k-1} != a_{k-2}
+    u_k     more by a torque with the sign of a_k - a_{k-1}, before it is rounded
+
+with a_{-1} = a_{-2} = a_0.  Between changes of m the servo slips, J v' = m - sgn(v) g(v) - b v, by DOP853 with its
+event v = 0, or is stuck.
 Sample by sample, stuck or not: nothing is carried ahead.
 """
 
@@ -50,6 +60,17 @@ class SampledServo:
     dead_band: float = 0.0
     set_point: float = 0.0
     leak: float = 0.0
+    shift: float = 0.0
+    edges: tuple[float, float] = (0.0, 0.0)
+    """Of hysteresis: inner and outer."""
+    dwell: float = 0.0
+    at_sign: float = 1.0
+    at_stop: float = 1.0
+    error_band: tuple[float, float] = (0.0, 0.0)
+    """delta, r."""
+    error_filter: float = 0.0
+    friction: float = 0.0
+    """Torque of the feedforward."""
 
     def motion(self, x: float, v: float, w: float, samples: int) -> tuple[Array, Array]:
         """(states (3, samples + 1) x1, x2, w at the samples, times of stops inside them [s])."""
@@ -57,18 +78,42 @@ class SampledServo:
         late, part = divmod(self.delay, self.T)
         torques = deque([0.0] * (int(late) + 2), maxlen=int(late) + 2)
         states, stops = np.empty((3, samples + 1)), []
-        e_before = z_before = None
-        d = 0.0
+        e_before = z_before = filtered = None
+        d = sign = 0.0
+        integrates, readings, same = False, deque(maxlen=3), 0
         for k in range(samples):
             states[:, k] = x, v, w
-            e = q * math.floor((self.set_point + x) / q + 0.5) - self.set_point if q else x
-            z = e if abs(e) > self.dead_band else 0.0
+            a = q * math.floor((self.set_point + x) / q + 0.5) - self.set_point if q else x
+            while len(readings) < 3:
+                readings.append(a)  # before the first sample, too
+            readings.append(a)
+            same = same + 1 if a == readings[1] else 0
+            e = a
+            if self.error_filter:
+                filtered = a if filtered is None else filtered
+                e = filtered = filtered + self.T / (self.T + self.error_filter) * (a - filtered)
+            delta, r = self.error_band
+            if delta:
+                e = r * e if -delta <= e <= delta else e - (1 - r) * (delta if e > 0 else -delta)
+            if e * sign < 0:
+                w *= self.at_sign
+            sign = math.copysign(1.0, e) if e else sign
+            if a == readings[1] != readings[0]:
+                w *= self.at_stop
+            inner, outer = self.edges
+            if outer:
+                integrates = (abs(e) >= inner) if integrates else (abs(e) > outer)
+            z = e if abs(e) > self.dead_band and (integrates or not outer) else 0.0
+            if self.shift:
+                z = e - self.shift if e > self.shift else e + self.shift if e < -self.shift else 0.0
+            if self.dwell and same * self.T >= self.dwell:
+                z = 0.0
             rate = 0.0 if e_before is None else (e - e_before) / self.T
             w -= self.leak * self.T * w
             w += self.T * (z + (z if z_before is None else z_before)) / 2 if self.trapezoid else self.T * z
             d += self.T / (self.T + self.filter_time) * (rate - d)
             e_before, z_before = e, z
-            u = -(self.kp * e + self.ki * w + self.kd * d)
+            u = -(self.kp * e + self.ki * w + self.kd * d) + self.friction * float(np.sign(a - readings[1]))
             if self.torque_step:
                 u = self.torque_step * math.floor(u / self.torque_step + 0.5)
             torques.append(u)

@@ -50,13 +50,20 @@ def test_the_keys_of_the_file_are_the_options(capsys, tmp_path, built):
 def test_every_option_arrives(capsys, built):
     """Each as it is given, in the place of the file's."""
     words = {"delay": 0.002, "encoder": 4096.0, "quantise_torque": 0.01, "derivative": "filtered", "filter_time": 0.01,
-             "integration": "trapezoid", "dead_band": 0.003, "leak": 0.5, "sample_time": 0.002}  # fmt: skip
+             "integration": "trapezoid", "leak": 0.5, "sample_time": 0.002, "hysteresis": 0.004, "enter_ratio": 0.7,
+             "dwell": 0.6, "reset": 0.8, "reset_at_stop": -0.5, "error_dead_band": 0.001, "remaining_gain": 0.1,
+             "error_filter_time": 0.003, "compensated": 0.2}  # fmt: skip
+    none = {"dead_band": 0.0, "shifted_dead_band": 0.0}
     given = [part for key, value in words.items() for part in (f"--{key.replace('_', '-')}", value)]
     _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 1, *given, "--json", "--quiet")
-    assert one_json(out)["drive"] == words
+    assert one_json(out)["drive"] == words | none
     overrides = [part for key, value in words.items() for part in ("--set", f"drive.{key}={value}")]
     _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 1, *overrides, "--json", "--quiet")
-    assert one_json(out)["drive"] == words
+    assert one_json(out)["drive"] == words | none
+    for key in none:
+        words = (f"--{key.replace('_', '-')}", 0.003)
+        _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 1, *words, "--json", "--quiet")
+        assert one_json(out)["drive"][key] == 0.003
 
 
 def test_lugre_friction_is_simulated_too(capsys, built):
@@ -93,6 +100,7 @@ def test_table_and_picture(capsys, tmp_path, built):
 @pytest.mark.parametrize("words, said", [
     (("--set", "drive.encder=3"), "unknown key 'drive.encder'; did you mean 'drive.encoder'?"),
     (("--derivative", "filterd"), "did you mean 'filtered'?"),
+    (("--dead-band", 0.1, "--hysteresis", 0.1), "dead_band and hysteresis exclude each other"),
     (("--encoder", "many"), "drive.encoder = 'many': must be a finite number"),
     (("--regularised",), "regularised: must be left out"),
     (("--bristle", "1e-6"), "bristle = 1e-06: must be 0 with the model 'switch'"),
@@ -163,9 +171,9 @@ def test_a_gain_that_hunts_as_built_is_not_recommended_alone(capsys, built):
 
 
 def test_the_remedy_named_first_says_whether_it_was_checked(capsys, built):
-    only = ("--only", "reset,leak")
+    only = ("--only", "dither,leak")
     _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--quiet")
-    said = "in the loop as built: reset was not checked; every motion comes to rest with leak"
+    said = "in the loop as built: dither was not checked; every motion comes to rest with leak"
     assert said in " ".join(out.split())
 
 
@@ -184,9 +192,26 @@ def test_a_tuning_is_checked_as_built(capsys, built):
 
 @pytest.mark.slow
 def test_remedies_are_checked_as_built(capsys, built):
-    only = ("--only", "dead band,gain,leak,reset")
+    only = ("--only", "dead band,shifted dead band,hysteresis,freeze,gain,leak,reset,dither")
     _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--json", "--quiet")
     seen = one_json(out)["as_built"]
     assert seen["dead band"]["kind"] == "at rest" and seen["gain"]["kind"] == "hunting"
-    assert seen["leak"]["kind"] == "at rest"
-    assert all(text.startswith("not checked") for name, text in seen.items() if name == "reset")
+    for name in ("leak", "shifted dead band", "hysteresis", "freeze"):
+        assert seen[name]["kind"] == "at rest"
+    assert seen["reset"]["kind"] == "hunting"  # between two counts no reading is zero: the integral never ends
+    assert seen["dither"].startswith("not checked: its size is that of a vibration")
+
+
+def test_a_size_that_no_drive_can_have_is_told(capsys, built):
+    """The leak would forget more than all in one sample."""
+    words = ("--only", "leak,dead band", "--set", "drive.sample_time=1", "--json", "--quiet")
+    code, out, _ = run(capsys, "remedies", built, "--gain", 1, *words)
+    seen = one_json(out)["as_built"]
+    assert code == 0 and seen["leak"].startswith("not checked: drive.leak = 1.04")
+    assert seen["dead band"]["kind"]
+
+
+def test_a_band_of_the_drive_gives_way_to_the_one_that_is_checked(capsys, built):
+    words = ("--only", "dead band", "--set", "drive.hysteresis=0.001", "--json", "--quiet")
+    _, out, _ = run(capsys, "remedies", built, "--gain", 1, *words)
+    assert one_json(out)["as_built"]["dead band"]["kind"] == "at rest"

@@ -3,7 +3,9 @@
 border.py     when an encoder may decide how a servo hunts
 slip.py       a slip under constant torque, by its Taylor series
 bristle.py    a LuGre servo under constant torque, likewise
-loop.py       the difference equations, sample by sample, and whole sticks at once
+controller.py the difference equations, and whole sticks of them at once
+remedied.py   remedies in them
+loop.py       controller and servo, sample by sample, and whole sticks at once
 verdict.py    what a motion shows, and the pattern that hunting repeats
 motion.py     the motion as data
 cause.py      stiction or quantisation, and the dead band that ends it

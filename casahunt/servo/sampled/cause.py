@@ -15,13 +15,13 @@ of the motion and from where it ended up; one ends hunting where both motions co
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from ...results import Result
-from ..drive import Drive
+from ..drive import Drive, with_remedy
 from ..simulation.verdict import SETTLES
 from .motion import SampledMotion, simulate_sampled
 from .verdict import SampledVerdict
@@ -126,7 +126,7 @@ def smallest_dead_band(motion: SampledMotion) -> float:
     sizes = _sizes(motion)
 
     def ends(i: int) -> bool:
-        drive = replace(motion.drive, dead_band=float(sizes[i]))
+        drive = with_remedy(motion.drive, "dead_band", float(sizes[i]))
         return all(_again(motion, drive, from_end=late).verdict.kind == "at rest" for late in (True, False))
 
     low = -1  # sizes up to here do not end it

@@ -13,11 +13,11 @@ What still hunts gets the dead band of the integrator that ends it at the set po
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 from ...results import Result
-from ..drive import Drive
+from ..drive import Drive, with_remedy
 from ..servo import Servo
 from ..simulation.verdict import SETTLES
 from .cause import cause_of, smallest_dead_band
@@ -132,7 +132,7 @@ def _ending(servo: Servo, gain: float, drive: Drive, first: float) -> float:
     for _ in range(len(OFFSETS) * 2):
         if math.isnan(band):
             return band
-        motions = _motions(servo, gain, replace(drive, dead_band=band))
+        motions = _motions(servo, gain, with_remedy(drive, "dead_band", band))
         left = [motion for motion in motions if motion.verdict.kind not in BY_BADNESS[:2]]
         if not left:
             return band

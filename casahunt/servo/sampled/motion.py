@@ -1,8 +1,8 @@
 """The motion of the loop as built, as data.
 
-The equations are those of loop.py.  Between two samples the plant moves exactly but for rounding: there is no step to
-refine and no error to estimate.  What two programs can still differ in is which count is read where the position lies
-within rounding of the edge between two.
+The equations are those of controller.py and loop.py.  Between two samples the plant moves exactly but for rounding:
+there is no step to refine and no error to estimate.  What two programs can still differ in is which count is read where
+the position lies within rounding of the edge between two.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ Array = np.ndarray
 
 LONGEST_MOTION = 5_000_000
 """Of a motion: 200 megabytes."""
+AT_A_STOP = ("dwell", "reset_at_stop")
+"""Remedies that wait for a reading to stay."""
 FAR_AWAY = 1e3
 """A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
 
@@ -121,6 +123,13 @@ class SampledMotion(Result):
                 "bristle": self.bristle if self.model == "lugre" else None}  # fmt: skip
 
 
+def _check_stops(model: str, drive: Drive) -> None:
+    """Refuse a remedy that waits for what never is."""
+    for key in AT_A_STOP if model == "lugre" and not drive.encoder else ():
+        if getattr(drive, key) != getattr(Drive, key):
+            raise InputError(f"drive.{key}: needs an encoder or the model 'switch'; LuGre's bristles never stand still")
+
+
 def simulate_sampled(
     servo: Servo, gain: float, drive: Drive, *, model: Model = "switch", set_point: float = 1.0, time: float = 100.0,
     position: float = 0.0, velocity: float = 0.0, integral: float = 0.0, bristle: float = 0.0,
@@ -163,7 +172,7 @@ def simulate_sampled(
     of_kind("drive", drive, Drive, "such as Drive(sample_time=1e-3, encoder=2000)")
     sensible("gain", gain, power=COMPUTED)
     sensible("time", time, power=COMPUTED)
-    choice_of("model", model, MODELS)
+    _check_stops(choice_of("model", model, MODELS), drive)
     if bristle != 0 and model != "lugre":
         raise InputError(f"bristle = {bristle!r}: must be 0 with the model {model!r}, which has no bristle")
     given = {"set_point": set_point, "position": position, "velocity": velocity, "integral": integral,
@@ -177,7 +186,7 @@ def simulate_sampled(
     start = x, numbers["velocity"], numbers["integral"]
     z = numbers["bristle"] if model == "lugre" else None
     loop = SampledLoop(servo, gain, drive, numbers["set_point"], start, z)
-    farthest = FAR_AWAY * max(abs(x), servo.friction.static / loop.kp)
+    farthest = FAR_AWAY * max(abs(x), servo.friction.static / loop.controller.kp)
     found = loop.run(samples, farthest)
     n = found.states.shape[1]
     return SampledMotion(

@@ -14,6 +14,15 @@ if TYPE_CHECKING:
     from ...servo.sampled.cause import Cause
     from ...servo.sampled.motion import SampledMotion
 
+REMEDIES = {
+    "dead_band": "dead band {:g} rad", "shifted_dead_band": "shifted dead band {:g} rad",
+    "hysteresis": "hysteresis {:g} rad", "enter_ratio": "its inner edge {:g} of that", "leak": "leak {:g} 1/s",
+    "dwell": "freeze after {:g} s", "reset": "reset to {:g}", "reset_at_stop": "reset at a stop to {:g}",
+    "error_dead_band": "error dead band {:g} rad", "remaining_gain": "in it {:g} of the error",
+    "error_filter_time": "error filter {:g} s", "compensated": "feedforward of {:g} of the Coulomb friction",
+}  # fmt: skip
+"""What is said of a remedy in the controller, by its key."""
+
 
 def sampled_answer(found: SampledMotion, cause: Cause | None) -> Answer:
     """What is said of a sampled motion; cause: why it hunts."""
@@ -61,10 +70,9 @@ def _drive(drive: Drive) -> Iterator[str]:
         yield f"torque by {drive.quantise_torque:g} N m"
     yield f"derivative by {drive.derivative}"
     yield f"integral by {drive.integration}"
-    if drive.dead_band:
-        yield f"dead band {drive.dead_band:g} rad"
-    if drive.leak:
-        yield f"leak {drive.leak:g} 1/s"
+    for key, text in REMEDIES.items():
+        if (size := getattr(drive, key)) != getattr(type(drive), key):
+            yield text.format(size)
 
 
 def _details(found: SampledMotion) -> Iterator[str]:

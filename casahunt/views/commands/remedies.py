@@ -22,8 +22,10 @@ from ...design.remedies.cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
 from ...design.remedies.price import TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, remedies
 from ...design.uncertainty.set import load_uncertainty
+from ...errors import InputError
 from ...export import plain
 from ...results import tables_of
+from ...servo.drive import with_remedy
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
@@ -46,8 +48,14 @@ SETTLING_DIGITS = 2
 """Digits of a settling time: it depends on where between two points of the motion the band is left last."""
 PLAIN_NUMBERS = {"derivative": "kd", "integral": "ki"}
 """Remedies that are a number of the controller by gains."""
-DRIVE_PARTS = {"dead band": "dead_band", "leak": "leak"}
-"""Remedies that the sampled controller has."""
+DRIVE_PARTS = {
+    "dead band": "dead_band", "shifted dead band": "shifted_dead_band", "hysteresis": "hysteresis",
+    "error dead band": "error_dead_band", "leak": "leak", "freeze": "dwell", "reset": "reset",
+    "reset at a stop": "reset_at_stop", "error filter": "error_filter_time", "feedforward": "compensated",
+}  # fmt: skip
+"""Remedies that the sampled controller has, by the key of their size."""
+NO_PART = "not checked: its size is that of a vibration much faster than the samples, which the drive cannot make"
+"""Said of dither."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
@@ -139,7 +147,7 @@ def run(options: argparse.Namespace) -> int:
 def remedies_as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: float) -> dict[str, AsBuilt | str]:
     """Remedies that end hunting, with the size to choose, in the loop as built; {} where the servo file has none.
 
-    Of those that a drive's controller does not have, a sentence.
+    Of those that a drive's controller does not have, or not of this size, a sentence.
     """
     drive = drive_of(options)
     if drive is None:
@@ -149,15 +157,19 @@ def remedies_as_built(options: argparse.Namespace, found: Cures, servo: Servo, g
     for row in (row for row in found.remedies if row.ends_hunting):
         size = row.recommended
         if row.name in DRIVE_PARTS:
-            part: dict[str, Any] = {DRIVE_PARTS[row.name]: size}
-            checked[row.name] = as_built(servo, gain, replace(drive, **part))
+            try:
+                remedied = with_remedy(drive, DRIVE_PARTS[row.name], size)
+            except InputError as error:
+                checked[row.name] = f"not checked: {error}"
+            else:
+                checked[row.name] = as_built(servo, gain, remedied)
         elif row.name == "gain":
             checked[row.name] = as_built(servo, size, drive)
         elif row.name in PLAIN_NUMBERS:
             changed = replace(pid, **{PLAIN_NUMBERS[row.name]: size})
             checked[row.name] = as_built(replace(servo, controller=changed), gain, drive)
         else:
-            checked[row.name] = "not checked, the sampled controller has no such part"
+            checked[row.name] = NO_PART
     return checked
 
 

@@ -26,6 +26,20 @@ from .output import give
 if TYPE_CHECKING:
     from ...servo.sampled.check import AsBuilt
 
+REMEDIES = {
+    "shifted_dead_band": ("RAD", "error up to which nothing is integrated, and beyond it only the rest (default 0)"),
+    "hysteresis": ("RAD", "error beyond which it is integrated again (default 0)"),
+    "enter_ratio": ("PART", f"of it, below which it is not (default {Drive.enter_ratio:g})"),
+    "dwell": ("S", "of equal readings, after which nothing is integrated (default: it always is)"),
+    "reset": ("FACTOR", "of the integral where the error changes its sign (default 1)"),
+    "reset_at_stop": ("FACTOR", "of the integral where the reading stays (default 1)"),
+    "error_dead_band": ("RAD", "error that the whole controller takes for none (default 0)"),
+    "remaining_gain": ("PART", f"of the error in there that it sees (default {Drive.remaining_gain:g})"),
+    "error_filter_time": ("S", "of a filter of the error (default 0)"),
+    "compensated": ("PART", "of the Coulomb friction, added while the reading changes (default 0)"),
+}
+"""Options of remedies in the controller: metavar and help by the key of the table [drive]."""
+
 
 def add_drive(command: Parser) -> None:
     """The options of the drive as built; each is called like its key in the table [drive]."""
@@ -39,6 +53,8 @@ def add_drive(command: Parser) -> None:
     group.add_argument("--integration", metavar="RULE", help=f"{' (default) or '.join(INTEGRATIONS)}")
     group.add_argument("--dead-band", metavar="RAD", help="error up to which nothing is integrated (default 0)")
     group.add_argument("--leak", metavar="RATE", help="at which the integral is forgotten in 1/s (default 0)")
+    for key, (metavar, about) in REMEDIES.items():
+        group.add_argument(f"--{key.replace('_', '-')}", metavar=metavar, help=about)
 
 
 def of_drive(

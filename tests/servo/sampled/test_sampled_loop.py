@@ -10,6 +10,7 @@ import pytest
 from built_case import SERVO
 
 from casahunt import Drive, InputError, effort, find_orbit, simulate_sampled
+from casahunt.servo.drive import REMEDIES, SHARES
 from casahunt.servo.sampled.loop import SampledLoop
 from scripts import sampled
 
@@ -25,6 +26,31 @@ def test_another_program_has_the_same_motion(seed):
 def test_another_program_has_the_same_motion_of_lugre_friction(seed):
     found = sampled.compared(seed, 100, lugre=True)
     assert found["off"] <= sampled.AGREES and found["horizon"] == 101
+
+
+@pytest.mark.parametrize("seed", [0, 4, 26, 31, 34, 45])
+def test_another_program_has_the_same_motion_with_remedies(seed):
+    found = sampled.compared(seed, 500, remedies=True)
+    assert found["off"] <= sampled.AGREES and found["horizon"] >= 400
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(50))
+def test_fifty_cases_with_remedies(seed):
+    assert sampled.compared(seed, sampled.SAMPLES, remedies=True)["off"] <= sampled.AGREES
+
+
+def test_each_remedy_of_the_cases_acts():
+    """Or the comparison says nothing of it: without it the motion is another one."""
+    acts = dict.fromkeys(REMEDIES, 0)
+    for seed in range(20):
+        one = sampled.remedied(sampled.case(seed))
+        motion = sampled.ours(one, 1000)
+        for key in (key for key in REMEDIES if getattr(one["drive"], key) != getattr(Drive, key)):
+            shares = {share: getattr(Drive, share) for share, of in SHARES.items() if of == key}
+            drive = replace(one["drive"], **{key: getattr(Drive, key), **shares})
+            acts[key] += not np.allclose(sampled.ours({**one, "drive": drive}, 1000).states, motion.states, 1e-6, 1e-9)
+    assert min(acts.values()) > 0
 
 
 @pytest.mark.slow
@@ -67,6 +93,9 @@ DRIVES = (
     Drive(sample_time=1e-3, encoder=2000, delay=2.4e-3, integration="trapezoid", derivative="filtered"),
     Drive(sample_time=1e-3, delay=1e-3, quantise_torque=0.01, derivative="filtered", filter_time=0.02),
     Drive(sample_time=1e-3, encoder=2000, leak=0.5, integration="trapezoid"),
+    Drive(sample_time=1e-3, encoder=2000, reset=0.8, hysteresis=0.008, integration="trapezoid", dwell=2.0),
+    Drive(sample_time=1e-3, encoder=2000, delay=2e-3, error_filter_time=0.01, leak=0.01, reset_at_stop=0.9),
+    Drive(sample_time=1e-3, shifted_dead_band=1e-3, compensated=0.3, error_dead_band=1e-3, remaining_gain=0.5),
 )
 
 
@@ -87,6 +116,10 @@ def test_a_stick_taken_at_once_is_the_stick_sample_by_sample(drive):
 @pytest.mark.parametrize("drive", [
     Drive(sample_time=1e-3, encoder=2000, dead_band=0.02, derivative="filtered", delay=1.5e-3),
     Drive(sample_time=1e-3, encoder=2000, leak=1.1),
+    Drive(sample_time=1e-3, encoder=2000, shifted_dead_band=0.0141),
+    Drive(sample_time=1e-3, encoder=2000, hysteresis=0.0216, delay=1.5e-3),
+    Drive(sample_time=1e-3, encoder=2000, dwell=0.5, integration="trapezoid"),
+    Drive(sample_time=1e-3, encoder=2000, dead_band=0.02, error_filter_time=0.002),
 ])  # fmt: skip
 def test_what_rests_for_ever_rests_sample_by_sample(drive):
     """The proof of rest is not a claim: nothing moves in many more samples."""
@@ -122,7 +155,7 @@ def test_it_is_not_at_rest_where_its_last_reading_is_still_to_be_added():
     drive = Drive(sample_time=1e-3, encoder=2000, dead_band=1e-3, integration="trapezoid")
     loop = SampledLoop(SERVO, 1.0, drive, 0.0, (0.0, 0.0, 0.0))
     assert loop.rests()
-    loop.z = 100.0
+    loop.controller.z = 100.0
     assert not loop.rests()
 
 
@@ -131,7 +164,7 @@ def test_it_is_not_at_rest_where_its_derivative_still_breaks_it_away():
     drive = Drive(sample_time=1e-3, encoder=2000, dead_band=1e-3, derivative="filtered", filter_time=0.01)
     loop = SampledLoop(SERVO, 1.0, drive, 0.0, (0.0, 0.0, 0.0))
     assert loop.rests()
-    loop.d = 3.0  # kd = 0.21 N m s/rad
+    loop.controller.d = 3.0  # kd = 0.21 N m s/rad
     assert not loop.rests()
 
 
@@ -171,6 +204,14 @@ def test_the_continuous_cycle_is_its_limit():
     ({"filter_time": 0.01}, "drive.filter_time: must be left out"),
     ({"dead_band": -1.0}, "drive.dead_band = -1: must be at least 0"),
     ({"leak": 1000.0}, "drive.leak = 1000: must be less than 1/sample_time"),
+    ({"reset": 1.5}, "drive.reset = 1.5: must be at most 1"),
+    ({"reset_at_stop": math.nan}, "drive.reset_at_stop = nan: must be a finite number"),
+    ({"dwell": 0.0}, "drive.dwell = 0: must be greater than 0"),
+    ({"compensated": -1.0}, "drive.compensated = -1: must be at least 0"),
+    ({"enter_ratio": 2.0, "hysteresis": 0.1}, "drive.enter_ratio = 2: must be at most 1"),
+    ({"enter_ratio": 0.7}, "drive.enter_ratio: must be left out without drive.hysteresis"),
+    ({"remaining_gain": 0.1}, "drive.remaining_gain: must be left out without drive.error_dead_band"),
+    ({"dead_band": 0.1, "hysteresis": 0.1}, "dead_band and hysteresis exclude each other"),
 ])  # fmt: skip
 def test_a_drive_that_is_none_is_refused(change, words):
     with pytest.raises(InputError) as refusal:
