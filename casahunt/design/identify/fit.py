@@ -1,10 +1,12 @@
 """The computed cycle laid over records: least squares, or the likelihood of counts, by Levenberg and Marquardt.
 
     y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (z_1 ... z_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
-    q_j = s_j z_j,      z_j >= l_j
+    q_j = s_j z_j,      q_j >= s_j l_j,         or   q_j = s_j e^z_j   of what bends the friction
 
-So parameters are linear in their unknowns, down to where the one is next to nothing: friction enters a cycle linearly,
-and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  tau, b,
+So most parameters are linear in their unknowns, down to where the one is next to nothing: friction enters a cycle
+linearly, and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  Where a
+peak of friction is too narrow to be seen, its height goes with a power of its width: a straight line in the logarithm
+of that.  tau, b,
 T, a: phase, offset, measured period and amplitude of a record.  x1 and its derivatives by q are those of the boundary
 value problem (orbits/state_sensitivity.py), so a step costs one solve and as many back substitutions as there are
 parameters:
@@ -44,6 +46,8 @@ MOST_OF_A_STEP = 0.4
 ALL_BUT_NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
 """Unknown below which a parameter is not followed: it is next to none there; and one that must not be none, whose
 cycles are ever harder to find: it is a fiftieth of what was stated."""
+BENDING = ("friction.stribeck_velocity",)
+"""Parameters whose unknowns are logarithms: scales of a velocity, in which friction is not linear."""
 FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8
 NEAR_DAMPING = 1e-8
 """Of the first step from where the linear model says that the optimum is: information spans so many decades."""
@@ -110,13 +114,28 @@ class Question:
     scales: Array
     lowest: Array
 
+    @property
+    def bends(self) -> Array:
+        """(k,) which unknowns are logarithms."""
+        return np.array([name in BENDING for name in self.free])
+
     def numbers(self, z: Array) -> Array:
         """(k,) the free parameters of the unknowns."""
-        return np.asarray(self.scales * z[: len(self.free)])
+        own = z[: len(self.free)]
+        return np.asarray(self.scales * np.where(self.bends, np.exp(np.where(self.bends, own, 0.0)), own))
 
     def unknowns(self, q: Array) -> Array:
         """(k,) the unknowns of free parameters."""
-        return np.asarray(np.maximum(q / self.scales, self.lowest))
+        own = np.maximum(q / self.scales, self.lowest)
+        return np.asarray(np.where(self.bends, np.log(np.where(self.bends, own, 1.0)), own))
+
+    def slopes(self, z: Array) -> Array:
+        """(k,) derivatives of the free parameters by their unknowns."""
+        return np.asarray(np.where(self.bends, self.numbers(z), self.scales))
+
+    def steps(self, z: Array) -> Array:
+        """(k,) what a change of an unknown is measured by: so many times `MOST_OF_A_STEP` may it change in a step."""
+        return np.where(self.bends, -math.log1p(-MOST_OF_A_STEP) / MOST_OF_A_STEP, np.maximum(z[: len(self.free)], 1.0))
 
     def sizes(self, z: Array) -> Array:
         """(k,) a parameter, or its scale where that is larger: what a change of it is measured by."""
@@ -139,12 +158,14 @@ class Question:
 class Point:
     """The model at z, k of which are parameters: cycles and positions for each record; the deviance and its slopes.
 
-    lowest (k,): how small the unknowns of these may be; torques: of the motor, None where a record has none [N m].
+    lowest, steps (k,): how small the unknowns of these may be, and what a change of them is measured by; torques: of
+    the motor, None where a record has none [N m].
     gradient and curvature are those of -deviance/2 and deviance/2.
     """
 
     z: Array
     lowest: Array
+    steps: Array
     orbits: tuple[HuntingOrbit, ...]
     positions: tuple[Array, ...]
     deviance: float
@@ -196,7 +217,8 @@ def at(
         torques.append(laid.torque)
     if not np.isfinite(deviance):
         return None
-    return Point(z, question.lowest, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
+    lowest, steps = question.unknowns(np.zeros(k)), question.steps(z)
+    return Point(z, lowest, steps, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
 
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
@@ -243,11 +265,12 @@ def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: sl
     factor = orbit.period / data.period if stretched else 1.0
     way = data.times - tau * data.period
     found = state_sensitivity(orbit, way * factor, question.free)
-    log_period = found.period_derivatives * question.scales / orbit.period
+    slopes = question.slopes(z)
+    log_period = found.period_derivatives * slopes / orbit.period
 
     def by_unknowns(derivatives: Array, rate: Array) -> Array:
         J = np.zeros((data.times.size, len(question.free) + 2))
-        J[:, :-2] = (derivatives * question.scales[:, None]).T
+        J[:, :-2] = (derivatives * slopes[:, None]).T
         if stretched:
             J[:, :-2] += (rate * way * factor)[:, None] * log_period
         J[:, -2] = -rate * data.period * factor
@@ -332,8 +355,12 @@ def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> A
 
 
 def _stepped(point: Point, mu: float, held: int | None) -> Array:
-    """The unknowns behind a damped step, which is cut where a parameter would change by much."""
+    """The unknowns behind a damped step, damped more where a parameter would change by much: so it is shorter along
+    what is hardly known, and goes all the way across."""
     dz = step(point, mu, held)
+    while too_long(point, dz) > 1 and mu < MOST_DAMPING:
+        mu *= MORE
+        dz = step(point, mu, held)
     z = point.z + dz / too_long(point, dz)
     z[: point.k] = np.maximum(z[: point.k], point.lowest)
     return z
@@ -341,7 +368,7 @@ def _stepped(point: Point, mu: float, held: int | None) -> Array:
 
 def too_long(point: Point, dz: Array) -> float:
     """By which factor a step changes a parameter by too much; one where it does not."""
-    change = np.abs(dz[: point.k]) / np.maximum(point.z[: point.k], 1.0)
+    change = np.abs(dz[: point.k]) / point.steps
     return max(1.0, float(np.max(change, initial=0.0)) / MOST_OF_A_STEP)
 
 
