@@ -23,7 +23,8 @@ Symbols: m samples, k parameters, z unknowns.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -48,22 +49,28 @@ ALL_BUT_NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
 cycles are ever harder to find: it is a fiftieth of what was stated."""
 BENDING = ("friction.stribeck_velocity",)
 """Parameters whose unknowns are logarithms: scales of a velocity, in which friction is not linear."""
-FIRST_DAMPING, MORE, LESS, LEAST_DAMPING, MOST_DAMPING = 1e-3, 8.0, 0.1, 1e-13, 1e8
-NEAR_DAMPING = 1e-8
-"""Of the first step from where the linear model says that the optimum is: information spans so many decades."""
+LEAST_DAMPING, MOST_DAMPING, DAMPING_HALVINGS = 1e-13, 1e8, 6
+"""And halvings of the logarithm between, which know it to a factor of two."""
+SHORTEST_STEP = 1e-6
+"""Relative change of the parameters below which no step is tried."""
+POOR, SHORTER, LONGER = 0.25, 0.3, 3.0
+"""Part of the expected gain of a step below which the next ones are shorter; and by which factors they are so, or may
+be longer."""
 RESTORATIONS = 6
 """Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
 square, and the next ones come back to it."""
-ACROSS_VALLEY, RESTORED_PART = 30.0, 0.5
-"""Factor of the damping of these steps, so that they go across the valley, and not along it once more; and that by
-which the excess of the deviance falls in each."""
+ACROSS_VALLEY, RESTORED_PART = 0.9, 0.5
+"""Part of what was lost that such a step is to bring back, so that it goes across the valley, and not along it once
+more; and that by which the excess of the deviance falls in each."""
 MOST_FIT_STEPS = 120
 FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
-GOES_ALONG = 0.45
-"""Relative change of the parameters up to which the cycle is sought from the last one."""
+ROUGHLY_SETTLED = 1.0
+"""The same of a fit that only leads to the next one, whose noise is another."""
+GOES_ALONG, MOST_ALONG = 0.7, 3
+"""Relative change of the parameters up to which the cycle is sought from the last one, in so many steps at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,14 +230,22 @@ def at(
 
 def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
     k = len(q.free)
-    if near is not None and np.max(np.abs(q.numbers(z) - q.numbers(near.z)) / q.sizes(z), initial=0.0) <= GOES_ALONG:
+    if near is not None:
         if np.array_equal(z[:k], near.z[:k]):
             return near.orbits[i]
-        try:
-            return refined(near.orbits[i], replace(q.options, solver="newton"), at=q.values(z))
-        except NoOrbit:
-            pass  # other phases, or too far: from nothing
-    return cycle_at(servo, q.model, gain, q.options)
+        with suppress(NoOrbit, InputError):
+            return _followed(q, near.orbits[i], near.z, z)
+    return cycle_at(servo, q.model, gain, q.options)  # other phases, or too far: from nothing
+
+
+def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array) -> HuntingOrbit:
+    """What a cycle becomes, in one step or a few.  Raises NoOrbit, InputError."""
+    apart = np.max(np.abs(q.numbers(end) - q.numbers(start)) / np.minimum(q.sizes(start), q.sizes(end)), initial=0.0)
+    steps = min(math.ceil(float(apart) / GOES_ALONG), MOST_ALONG)
+    for j in range(1, steps + 1):
+        there = q.values(start + j / steps * (end - start))
+        orbit = refined(orbit, replace(q.options, solver="newton"), at=there)
+    return orbit
 
 
 def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
@@ -293,23 +308,22 @@ def climb(
     held: int | None = None,
     settled: float = FIT_SETTLED,
     most: int = MOST_FIT_STEPS,
-    damping: float = FIRST_DAMPING,
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
-    mu, vain = damping, False
-    while most > 0 and mu <= MOST_DAMPING and expected(point, held) >= settled:
-        most -= 1
-        trial = at(question, _stepped(point, mu, held), noises, point, stretched=stretched)
-        last = math.inf
+    reach = MOST_OF_A_STEP
+    while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
+        dz = _within(point, reach, held)
+        hoped, most, last = _gain(point, dz), most - 1, math.inf
+        trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):
             if trial is None or not 0 < trial.deviance - point.deviance < RESTORED_PART * last:
                 break
             last, most = trial.deviance - point.deviance, most - 1
-            trial = at(question, _stepped(trial, ACROSS_VALLEY * mu, held), noises, trial, stretched=stretched)
+            trial = at(question, _moved(trial, _across(trial, hoped + last, held)), noises, trial, stretched=stretched)
+        length, part = _length(point, dz), -1.0
         if trial is not None and trial.deviance <= point.deviance:
-            point, mu, vain = trial, mu if vain else max(mu * LESS, LEAST_DAMPING), False
-        else:
-            mu, vain = mu * MORE, True
+            part, point = (point.deviance - trial.deviance) / hoped, trial
+        reach = SHORTER * length if part < POOR else min(LONGER * reach, MOST_OF_A_STEP)
     return point
 
 
@@ -330,7 +344,11 @@ def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tupl
 
 def expected(point: Point, held: int | None = None) -> float:
     """Decrease of the deviance that is expected of a step without damping: 0 at an optimum."""
-    dz = step(point, LEAST_DAMPING, held)
+    return _gain(point, step(point, LEAST_DAMPING, held))
+
+
+def _gain(point: Point, dz: Array) -> float:
+    """Decrease of the deviance that is expected of a step."""
     return float(dz @ (2 * point.gradient - point.curvature @ dz))
 
 
@@ -354,22 +372,50 @@ def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> A
     return dz
 
 
-def _stepped(point: Point, mu: float, held: int | None) -> Array:
-    """The unknowns behind a damped step, damped more where a parameter would change by much: so it is shorter along
-    what is hardly known, and goes all the way across."""
-    dz = step(point, mu, held)
-    while too_long(point, dz) > 1 and mu < MOST_DAMPING:
-        mu *= MORE
-        dz = step(point, mu, held)
-    z = point.z + dz / too_long(point, dz)
+def _within(point: Point, reach: float, held: int | None) -> Array:
+    """The step of least damping that changes no parameter by more: damping shortens it along what is hardly known, and
+    it goes all the way across."""
+    _, dz = _damped(point, held, lambda dz: _length(point, dz) <= reach)
+    return dz * min(1.0, reach / max(_length(point, dz), SHORTEST_STEP))
+
+
+def _across(point: Point, lost: float, held: int | None) -> Array:
+    """The step of most damping of which most of what was lost is expected: none along what is hardly known."""
+    wanted = ACROSS_VALLEY * min(lost, expected(point, held))
+    dz, _ = _damped(point, held, lambda dz: _gain(point, dz) < wanted)
+    return dz / too_long(point, dz)
+
+
+def _damped(point: Point, held: int | None, enough: Callable[[Array], bool]) -> tuple[Array, Array]:
+    """Steps of nearly the same damping: with the second one it is enough, with the first one not."""
+    low, high = math.log(LEAST_DAMPING), math.log(MOST_DAMPING)
+    less, more = step(point, LEAST_DAMPING, held), step(point, MOST_DAMPING, held)
+    if enough(less):
+        return less, less
+    for _ in range(DAMPING_HALVINGS):
+        dz = step(point, math.exp((low + high) / 2), held)
+        if enough(dz):
+            more, high = dz, (low + high) / 2
+        else:
+            less, low = dz, (low + high) / 2
+    return less, more
+
+
+def _moved(point: Point, dz: Array) -> Array:
+    """The unknowns behind a step."""
+    z = point.z + dz
     z[: point.k] = np.maximum(z[: point.k], point.lowest)
     return z
 
 
+def _length(point: Point, dz: Array) -> float:
+    """By how much a step changes the parameters, relatively."""
+    return float(np.max(np.abs(dz[: point.k]) / point.steps, initial=0.0))
+
+
 def too_long(point: Point, dz: Array) -> float:
     """By which factor a step changes a parameter by too much; one where it does not."""
-    change = np.abs(dz[: point.k]) / point.steps
-    return max(1.0, float(np.max(change, initial=0.0)) / MOST_OF_A_STEP)
+    return max(1.0, _length(point, dz) / MOST_OF_A_STEP)
 
 
 def _solution(H: Array, g: Array, mu: float) -> Array:

@@ -28,7 +28,7 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
-from .fit import NEAR_DAMPING, Array, Data, Point, Question, at, climb, expected, sharpened
+from .fit import ROUGHLY_SETTLED, Array, Data, Point, Question, at, climb, expected, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import Noise
@@ -336,11 +336,11 @@ def _best(question: Question) -> tuple[Point, list[Noise]]:
     for z in starts(question):
         point = at(question, z, plain, stretched=True)
         if point is not None:
-            point = climb(question, point, plain, stretched=True, most=FIRST_STEPS)
+            point = climb(question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED)
             point = at(question, point.z, plain, point)
         if point is None:
             continue
-        point = climb(question, point, plain, damping=NEAR_DAMPING)
+        point = climb(question, point, plain, settled=ROUGHLY_SETTLED)
         again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
         ends.append(point)
         if again:

@@ -18,7 +18,6 @@ import numpy as np
 
 from .fit import (
     LEAST_DAMPING,
-    NEAR_DAMPING,
     NEXT_TO_NOTHING,
     Array,
     Point,
@@ -140,7 +139,7 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
         seen = _Seen(reach, root, -float(_way(trial, j, sign) @ trial.gradient) / root)
         more = (wanted - root) / seen.slope if seen.slope > 0 else math.inf
         if abs(root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
-            return sign * (reach + more)
+            return sign * (reach + more if reach + more < farthest else math.inf)
         if root > wanted:
             above = seen
         else:
@@ -181,7 +180,6 @@ def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequ
     def refitted(point: Point | None, stretched: bool) -> Point | None:
         return point and climb(
             question, point, noises, stretched=stretched, held=j, settled=REFIT, most=MOST_REFIT_STEPS,
-            damping=NEAR_DAMPING,
         )  # fmt: skip
 
     z = near.z + step(near, LEAST_DAMPING, j, by)

@@ -13,13 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from .fit import NEAR_DAMPING, Array, Point, Question, at, climb
+from .fit import FIT_SETTLED, ROUGHLY_SETTLED, Array, Point, Question, at, climb
 from .likelihood import LEAST_NOISE, Noise, likeliest
 
 WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
 MOST_NOISE_STEPS, LONGEST_NOISE_STEP, NOISE_APART = 12, 0.5, 0.01
 """Of the logarithm of the noise, to where that is likeliest; and between two whose deviances are compared."""
+SETTLED_PART = 0.1
+"""Of what another noise is expected to gain, to which the model with it is found."""
 LESS_LIKELY = 0.05
 """Decrease of the deviance below which another noise is none that is likelier."""
 
@@ -36,8 +38,9 @@ def with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tup
     again = at(question, point.z, found, point)
     if again is None:
         return point, list(noises)
-    point = climb(question, again, found, damping=NEAR_DAMPING)
-    if all(n.quantum == 0 for n in found):
+    counted = any(n.quantum for n in found)
+    point = climb(question, again, found, settled=ROUGHLY_SETTLED if counted else FIT_SETTLED)
+    if not counted:
         found = [likeliest(d.position, x, 0.0, d.size) for d, x in zip(question.records, point.positions, strict=True)]
         return at(question, point.z, found, point) or point, found
     before = None
@@ -51,12 +54,13 @@ def with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tup
         step = np.clip(-slope / bend, -LONGEST_NOISE_STEP, LONGEST_NOISE_STEP)
         trial = [_scaled(n, math.exp(each)) for n, each in zip(found, step, strict=True)]
         gain = -float(slope @ (np.log([n.sigma for n in trial]) - size)) / 2
+        settled = min(max(SETTLED_PART * gain, FIT_SETTLED), ROUGHLY_SETTLED)
         again = at(question, point.z, trial, point) if gain > LESS_LIKELY else None
-        other = None if again is None else climb(question, again, trial, damping=NEAR_DAMPING)
+        other = None if again is None else climb(question, again, trial, settled=settled)
         if other is None or other.deviance > point.deviance:
             break
         before, point, found = (size, slope), other, trial
-    return point, found
+    return climb(question, point, found), found
 
 
 def _noise_slopes(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Array, Array]:
