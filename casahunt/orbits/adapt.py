@@ -13,6 +13,7 @@ free under a border row (continuation), or where the parameter is extremal along
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -341,7 +342,8 @@ def refined(orbit: AnyOrbit, options: Options, *, at: Mapping[str, float] | None
     options
         the tolerance, and the method.
     at
-        new values of some parameters; Newton's method starts from the orbit as it is.
+        new values of some parameters; Newton's method starts from where the derivatives of the orbit by them lead, and
+        where that fails from the orbit as it is.
 
     Returns
     -------
@@ -365,6 +367,12 @@ def refined(orbit: AnyOrbit, options: Options, *, at: Mapping[str, float] | None
     began, values = time.perf_counter(), dict(at or {})
     problem = orbit.problem.with_values(tuple(values), np.array(list(values.values()))) if values else orbit.problem
     t, u, setting = unknowns_of(orbit)
-    start = t, u, replace(setting, p=problem.vector())
-    solved = solve_adaptively(problem, start, options, solver="newton")
+    there = replace(setting, p=problem.vector())
+    if values:
+        way = replace(setting, dp=problem.vector() - setting.p)
+        ahead = u + t.linearise(u, way).tangent(t.system.border(parameter=1.0))[0]
+        with suppress(NoOrbit):
+            solved = solve_adaptively(problem, (t, ahead, there), options, solver="newton")
+            return finished(solved, problem, options, began, "the cycle")
+    solved = solve_adaptively(problem, (t, u, there), options, solver="newton")
     return finished(solved, problem, options, began, "the cycle")

@@ -17,6 +17,7 @@ Symbols: n states, m times, k parameters, N intervals.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -160,10 +161,24 @@ def _in_phase(orbit: Orbit, k: int, inside: Array, moves: _Moves) -> tuple[Array
     s, tau = t.scheme, inside / arc.duration
     i = np.clip(np.searchsorted(arc.breaks, tau, side="right") - 1, 0, len(arc.states) - 1)
     matrix = s.interpolation((tau - arc.breaks[i]) / np.diff(arc.breaks)[i])
-    x = np.einsum("mj,mjn->nm", matrix, arc.states[i])
+    both = np.concatenate([arc.states[None], moves.w[:, t.phase_intervals(k)]])
+    x, *dx = _polynomials(both, i, matrix)
     (f,) = _over(_field(mode, t.n, p.size), x, 0.0, p)
-    dx = np.einsum("mj,kmjn->knm", matrix, moves.w[:, t.phase_intervals(k)][:, i])
+    dx = np.reshape(dx, (len(moves.dp), *x.shape))
     return x, f, dx - (moves.durations[:, k, None] * tau)[:, None, :] * f
+
+
+def _polynomials(w: Array, i: Array, matrix: Array) -> Array:
+    """(k, n, m) of k sets of interval polynomials w (k, N, d + 1, n), each at a point of the interval i (m,): by
+    intervals, each of which is one product of matrices."""
+    k, _, _, n = w.shape
+    order = np.argsort(i, kind="stable")
+    ends = np.searchsorted(i[order], np.arange(w.shape[1] + 1))
+    out = np.empty((i.size, k, n))
+    for number, (start, end) in enumerate(itertools.pairwise(ends)):
+        at = order[start:end]
+        out[at] = np.tensordot(matrix[at], w[:, number], (1, 1))
+    return out.transpose(1, 2, 0)
 
 
 def _over(function: OverArrays, x: Array, times: Any, p: Array) -> list[Array]:
@@ -197,6 +212,8 @@ def _carry(orbit: Orbit, pieces: Array, x: Array, f: Array, dx: Array) -> None:
     for count in np.unique(pieces % repeats if whole else pieces):
         at = np.flatnonzero((pieces % repeats if whole else pieces) == count)
         power = np.linalg.matrix_power(back, int(count))
+        if np.array_equal(power, np.eye(len(back))) and not cycle.shift:
+            continue
         moved = x[:, at].T
         for _ in range(abs(int(count)) if cycle.shift else 0):
             moved = cycle.opened(moved) if count > 0 else moved @ cycle.closure.T - np.array(cycle.shift)

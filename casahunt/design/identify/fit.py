@@ -69,8 +69,8 @@ FIT_SETTLED = 0.01
 deviation."""
 ROUGHLY_SETTLED = 1.0
 """The same of a fit that only leads to the next one, whose noise is another."""
-GOES_ALONG, MOST_ALONG = 0.7, 3
-"""Relative change of the parameters up to which the cycle is sought from the last one, in so many steps at most."""
+MOST_HALVINGS = 2
+"""Of a step along which the cycle is not found from the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,14 +238,16 @@ def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point
     return cycle_at(servo, q.model, gain, q.options)  # other phases, or too far: from nothing
 
 
-def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array) -> HuntingOrbit:
-    """What a cycle becomes, in one step or a few.  Raises NoOrbit, InputError."""
-    apart = np.max(np.abs(q.numbers(end) - q.numbers(start)) / np.minimum(q.sizes(start), q.sizes(end)), initial=0.0)
-    steps = min(math.ceil(float(apart) / GOES_ALONG), MOST_ALONG)
-    for j in range(1, steps + 1):
-        there = q.values(start + j / steps * (end - start))
-        orbit = refined(orbit, replace(q.options, solver="newton"), at=there)
-    return orbit
+def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvings: int = MOST_HALVINGS) -> HuntingOrbit:
+    """What a cycle becomes, in one step, or in two where that fails.  Raises NoOrbit, InputError."""
+    try:
+        return refined(orbit, replace(q.options, solver="newton"), at=q.values(end))
+    except NoOrbit:
+        if not halvings:
+            raise
+    middle = (start + end) / 2
+    half = _followed(q, orbit, start, middle, halvings - 1)
+    return _followed(q, half, middle, end, halvings - 1)
 
 
 def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:

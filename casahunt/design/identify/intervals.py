@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ from .likelihood import Noise
 NORMAL_95 = 1.959964
 FAR_OUT_FACTOR = 10.0
 """A parameter that may be ten times as large, or ten times its scale, is not bounded."""
-MOST_REFITS = 12
+MOST_REFITS = 24
 END_NEAR, END_CLOSE = 0.1, 0.03
 """Relative distance from the end of an interval, at which its slope is as good as a refit; and between two refits on
 both sides of a jump of the deviance."""
@@ -54,6 +54,10 @@ BELOW_BEST = 0.2
 """Decrease of the deviance below the best that shows that it was none."""
 UNSURE_PART = 0.1
 """Part of the rise by which a refit may lie above its optimum: the end of the interval is then off by a twentieth."""
+STRIDE_GROWTH = 1.5
+"""Of strides behind one that was too long."""
+OUR_PART = 0.5
+"""Part of the rise that, if it is there because another parameter is followed no further, shows that there is no end."""
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
 
@@ -136,6 +140,8 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
                 return sign * reach  # the model has no cycle beyond
             continue
         root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
+        if root < (1 + END_NEAR) * wanted and _by_our_end(question, trial, j) > OUR_PART * root**2:
+            return sign * math.inf
         seen = _Seen(reach, root, -float(_way(trial, j, sign) @ trial.gradient) / root)
         more = (wanted - root) / seen.slope if seen.slope > 0 else math.inf
         if abs(root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
@@ -143,12 +149,20 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
         if root > wanted:
             above = seen
         else:
-            below, point, stride = seen, trial, 2 * stride
+            below, point, stride = seen, trial, STRIDE_GROWTH * stride
             if reach >= farthest:
                 return sign * math.inf
         if above is not None and above.reach - below.reach < END_CLOSE * above.reach:
             return sign * above.reach
     raise Unsettled
+
+
+def _by_our_end(question: Question, point: Point, j: int) -> float:
+    """By how much the deviance is larger because another parameter that may not be nothing is followed no further."""
+    ours = question.lowest == NEXT_TO_NOTHING
+    if not np.any(ours & (point.z[: point.k] <= point.lowest)):
+        return 0.0
+    return expected(replace(point, lowest=np.where(ours, -np.inf, point.lowest)), j) - expected(point, j)
 
 
 def _shortened(point: Point, j: int, sign: int, by: float) -> float:
