@@ -13,8 +13,8 @@ free under a border row (continuation), or where the parameter is extremal along
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 

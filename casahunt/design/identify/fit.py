@@ -144,10 +144,6 @@ class Question:
         """(k,) what a change of an unknown is measured by: so many times `MOST_OF_A_STEP` may it change in a step."""
         return np.where(self.bends, -math.log1p(-MOST_OF_A_STEP) / MOST_OF_A_STEP, np.maximum(z[: len(self.free)], 1.0))
 
-    def sizes(self, z: Array) -> Array:
-        """(k,) a parameter, or its scale where that is larger: what a change of it is measured by."""
-        return np.maximum(self.numbers(z), self.scales)
-
     def values(self, z: Array) -> dict[str, float]:
         """The free parameters by name."""
         return dict(zip(self.free, map(float, self.numbers(z)), strict=True))

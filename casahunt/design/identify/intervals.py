@@ -56,8 +56,9 @@ UNSURE_PART = 0.1
 """Part of the rise by which a refit may lie above its optimum: the end of the interval is then off by a twentieth."""
 STRIDE_GROWTH = 1.5
 """Of strides behind one that was too long."""
-OUR_PART = 0.5
-"""Part of the rise that, if it is there because another parameter is followed no further, shows that there is no end."""
+OUR_PART, FURTHER, FAR_OFF = 0.5, 0.3, 0.5
+"""Part of the rise that may be there because another parameter is followed no further; by which factor it is then
+followed further, and how much longer the interval is there, relatively, if it has no end."""
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
 
@@ -140,7 +141,7 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
                 return sign * reach  # the model has no cycle beyond
             continue
         root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
-        if root < (1 + END_NEAR) * wanted and _by_our_end(question, trial, j) > OUR_PART * root**2:
+        if root < (1 + END_NEAR) * wanted and _only_ours(question, best, trial, noises, j, rise):
             return sign * math.inf
         seen = _Seen(reach, root, -float(_way(trial, j, sign) @ trial.gradient) / root)
         more = (wanted - root) / seen.slope if seen.slope > 0 else math.inf
@@ -157,12 +158,22 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     raise Unsettled
 
 
-def _by_our_end(question: Question, point: Point, j: int) -> float:
-    """By how much the deviance is larger because another parameter that may not be nothing is followed no further."""
-    ours = question.lowest == NEXT_TO_NOTHING
+def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[Noise], j: int, rise: float) -> bool:
+    """Whether an interval ends there only because another parameter that may not be nothing is followed no further: a
+    little further it ends far off."""
+    ours, above = question.lowest == NEXT_TO_NOTHING, point.deviance - best.deviance
     if not np.any(ours & (point.z[: point.k] <= point.lowest)):
-        return 0.0
-    return expected(replace(point, lowest=np.where(ours, -np.inf, point.lowest)), j) - expected(point, j)
+        return False
+    further = replace(question, lowest=np.where(ours, FURTHER * question.lowest, question.lowest))
+    near = replace(point, lowest=further.unknowns(np.zeros(point.k)))
+    if expected(near, j) < OUR_PART * above:
+        return False
+    again = _refit(further, best, near, 0.0, noises, j)
+    if again is None or point.deviance - again.deviance < OUR_PART * above:
+        return False
+    root, reach = math.sqrt(max(again.deviance - best.deviance, 1e-12)), float(point.z[j] - best.z[j])
+    slope = -float(_way(again, j, 1) @ again.gradient) / root * math.copysign(1.0, reach)
+    return (math.sqrt(rise) - root) > FAR_OFF * abs(reach) * slope
 
 
 def _shortened(point: Point, j: int, sign: int, by: float) -> float:

@@ -114,7 +114,7 @@ def test_the_interval_is_where_the_deviance_of_other_servos_says(record):
     asked, best = rooms.sharpened(asked, best, noises)
     found = intervals.profile(asked, best, noises, 0, 3.85)
     for end in (found.low, found.high):
-        held = at(asked, np.concatenate([[end / asked.scales[0]], best.z[1:]]), noises, best)
+        held = at(asked, np.concatenate([asked.unknowns(np.array([end])), best.z[1:]]), noises, best)
         held = climb(asked, held, noises, held=0, settled=1e-6)
         assert held.deviance - best.deviance == pytest.approx(3.85, rel=0.02)
 
