@@ -162,9 +162,9 @@ def _in_phase(orbit: Orbit, k: int, inside: Array, moves: _Moves) -> tuple[Array
     i = np.clip(np.searchsorted(arc.breaks, tau, side="right") - 1, 0, len(arc.states) - 1)
     matrix = s.interpolation((tau - arc.breaks[i]) / np.diff(arc.breaks)[i])
     both = np.concatenate([arc.states[None], moves.w[:, t.phase_intervals(k)]])
-    x, *dx = _polynomials(both, i, matrix)
+    found = _polynomials(both, i, matrix)
+    x, dx = found[0], found[1:]
     (f,) = _over(_field(mode, t.n, p.size), x, 0.0, p)
-    dx = np.reshape(dx, (len(moves.dp), *x.shape))
     return x, f, dx - (moves.durations[:, k, None] * tau)[:, None, :] * f
 
 

@@ -5,6 +5,7 @@
 likelihood.py positions that carry noise and are rounded
 torque.py     the torque of the motor, where it was measured
 fit.py        the computed cycle laid over records
+climb.py      the way to the likeliest unknowns
 noise.py      the likeliest noise, and the model with it
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood

@@ -1,21 +1,19 @@
-"""The computed cycle laid over records: least squares, or the likelihood of counts, by Levenberg and Marquardt.
+"""The computed cycle laid over records: what they say against it, and how that changes with the unknowns.
 
     y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (z_1 ... z_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
-    q_j = s_j z_j,      q_j >= s_j l_j,         or   q_j = s_j e^z_j   of what bends the friction
+    q_j = s_j z_j,      or q_j = s_j exp(z_j) of what bends the friction;      q_j >= s_j l_j
 
 So most parameters are linear in their unknowns, down to where the one is next to nothing: friction enters a cycle
 linearly, and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  Where a
-peak of friction is too narrow to be seen, its height goes with a power of its width: a straight line in the logarithm
-of that.  tau, b,
-T, a: phase, offset, measured period and amplitude of a record.  x1 and its derivatives by q are those of the boundary
-value problem (orbits/state_sensitivity.py), so a step costs one solve and as many back substitutions as there are
-parameters:
+peak of friction is too narrow to be seen, its height goes with a power of its width: with the logarithm of that it lies
+on a straight line too.  tau, b, T, a: phase, offset, measured period and amplitude of a record.  x1 and its derivatives
+by q are those of the boundary value problem (orbits/state_sensitivity.py): one solve, and as many back substitutions as
+there are parameters.  Score s, curvature C of the samples (likelihood.py) and the Jacobian J of their positions give
 
-    (J'CJ + mu diag J'CJ) dz = J's,      s, C: score and curvature of the samples (likelihood.py)
+    gradient J's,      curvature J'CJ         of minus half the deviance, and of half of it
 
 On the way the times are stretched to the period of the model, t T(q)/T, and the period counts as one datum: otherwise a
-period that is one per cent off would lay the tenth slip where there is none.  A step to where the model has no cycle,
-or to a larger deviance, is taken back and mu raised.
+period that is one per cent off would lay the tenth slip where there is none.
 
 Symbols: m samples, k parameters, z unknowns.
 """
@@ -23,7 +21,7 @@ Symbols: m samples, k parameters, z unknowns.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -49,27 +47,7 @@ ALL_BUT_NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
 cycles are ever harder to find: it is a fiftieth of what was stated."""
 BENDING = ("friction.stribeck_velocity",)
 """Parameters whose unknowns are logarithms: scales of a velocity, in which friction is not linear."""
-LEAST_DAMPING, MOST_DAMPING, DAMPING_HALVINGS = 1e-13, 1e8, 6
-"""And halvings of the logarithm between, which know it to a factor of two."""
-SHORTEST_STEP = 1e-6
-"""Relative change of the parameters below which no step is tried."""
-POOR, SHORTER, LONGER = 0.25, 0.3, 3.0
-"""Part of the expected gain of a step below which the next ones are shorter; and by which factors they are so, or may
-be longer."""
-RESTORATIONS = 6
-"""Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
-period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
-square, and the next ones come back to it."""
-ACROSS_VALLEY, RESTORED_PART = 0.9, 0.5
-"""Part of what was lost that such a step is to bring back, so that it goes across the valley, and not along it once
-more; and that by which the excess of the deviance falls in each."""
-MOST_FIT_STEPS = 120
-FIT_SETTLED = 0.01
-"""Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
-deviation."""
-ROUGHLY_SETTLED = 1.0
-"""The same of a fit that only leads to the next one, whose noise is another."""
-MOST_HALVINGS = 2
+HALVED_STEPS = 2
 """Of a step along which the cycle is not found from the last one."""
 
 
@@ -230,11 +208,11 @@ def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point
         if np.array_equal(z[:k], near.z[:k]):
             return near.orbits[i]
         with suppress(NoOrbit, InputError):
-            return _followed(q, near.orbits[i], near.z, z)
+            return _followed(q, near.orbits[i], near.z, z, HALVED_STEPS)
     return cycle_at(servo, q.model, gain, q.options)  # other phases, or too far: from nothing
 
 
-def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvings: int = MOST_HALVINGS) -> HuntingOrbit:
+def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvings: int) -> HuntingOrbit:
     """What a cycle becomes, in one step, or in two where that fails.  Raises NoOrbit, InputError."""
     try:
         return refined(orbit, replace(q.options, solver="newton"), at=q.values(end))
@@ -297,34 +275,6 @@ def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: sl
     return _Laid(found.states[0] + b * data.amplitude, J, log_period, torque, torque_J)
 
 
-def climb(
-    question: Question,
-    point: Point,
-    noises: Sequence[Noise],
-    *,
-    stretched: bool = False,
-    held: int | None = None,
-    settled: float = FIT_SETTLED,
-    most: int = MOST_FIT_STEPS,
-) -> Point:
-    """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
-    reach = MOST_OF_A_STEP
-    while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
-        dz = _within(point, reach, held)
-        hoped, most, last = _gain(point, dz), most - 1, math.inf
-        trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
-        for _ in range(RESTORATIONS):
-            if trial is None or not 0 < trial.deviance - point.deviance < RESTORED_PART * last:
-                break
-            last, most = trial.deviance - point.deviance, most - 1
-            trial = at(question, _moved(trial, _across(trial, hoped + last, held)), noises, trial, stretched=stretched)
-        length, part = _length(point, dz), -1.0
-        if trial is not None and trial.deviance <= point.deviance:
-            part, point = (point.deviance - trial.deviance) / hoped, trial
-        reach = SHORTER * length if part < POOR else min(LONGER * reach, MOST_OF_A_STEP)
-    return point
-
-
 def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Question, Point]:
     """The question with the periods of an optimum as the measured ones, and as exactly as the records tell them.
 
@@ -338,87 +288,3 @@ def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tupl
         records.append(replace(data, period=orbit.period, period_error=1 / math.sqrt(known)))
     question = replace(question, records=tuple(records))
     return question, at(question, z, noises, point) or point
-
-
-def expected(point: Point, held: int | None = None) -> float:
-    """Decrease of the deviance that is expected of a step without damping: 0 at an optimum."""
-    return _gain(point, step(point, LEAST_DAMPING, held))
-
-
-def _gain(point: Point, dz: Array) -> float:
-    """Decrease of the deviance that is expected of a step."""
-    return float(dz @ (2 * point.gradient - point.curvature @ dz))
-
-
-def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> Array:
-    """A damped step of what is not held, which is moved `by` so much.
-
-    A parameter that would be less than next to nothing goes there and no further, the others where it is then best.
-    """
-    dz, moving = np.zeros(point.z.size), np.ones(point.z.size, bool)
-    if held is not None:
-        dz[held], moving[held] = by, False
-    lowest = np.full(point.z.size, -np.inf)
-    lowest[: point.k] = point.lowest - point.z[: point.k]
-    while moving.any():
-        given = point.gradient - point.curvature[:, ~moving] @ dz[~moving]
-        dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], given[moving], mu)
-        below = moving & (dz < lowest)
-        if not below.any():
-            break
-        dz[below], moving = lowest[below], moving & ~below
-    return dz
-
-
-def _within(point: Point, reach: float, held: int | None) -> Array:
-    """The step of least damping that changes no parameter by more: damping shortens it along what is hardly known, and
-    it goes all the way across."""
-    _, dz = _damped(point, held, lambda dz: _length(point, dz) <= reach)
-    return dz * min(1.0, reach / max(_length(point, dz), SHORTEST_STEP))
-
-
-def _across(point: Point, lost: float, held: int | None) -> Array:
-    """The step of most damping of which most of what was lost is expected: none along what is hardly known."""
-    wanted = ACROSS_VALLEY * min(lost, expected(point, held))
-    dz, _ = _damped(point, held, lambda dz: _gain(point, dz) < wanted)
-    return dz / too_long(point, dz)
-
-
-def _damped(point: Point, held: int | None, enough: Callable[[Array], bool]) -> tuple[Array, Array]:
-    """Steps of nearly the same damping: with the second one it is enough, with the first one not."""
-    low, high = math.log(LEAST_DAMPING), math.log(MOST_DAMPING)
-    less, more = step(point, LEAST_DAMPING, held), step(point, MOST_DAMPING, held)
-    if enough(less):
-        return less, less
-    for _ in range(DAMPING_HALVINGS):
-        dz = step(point, math.exp((low + high) / 2), held)
-        if enough(dz):
-            more, high = dz, (low + high) / 2
-        else:
-            less, low = dz, (low + high) / 2
-    return less, more
-
-
-def _moved(point: Point, dz: Array) -> Array:
-    """The unknowns behind a step."""
-    z = point.z + dz
-    z[: point.k] = np.maximum(z[: point.k], point.lowest)
-    return z
-
-
-def _length(point: Point, dz: Array) -> float:
-    """By how much a step changes the parameters, relatively."""
-    return float(np.max(np.abs(dz[: point.k]) / point.steps, initial=0.0))
-
-
-def too_long(point: Point, dz: Array) -> float:
-    """By which factor a step changes a parameter by too much; one where it does not."""
-    return max(1.0, _length(point, dz) / MOST_OF_A_STEP)
-
-
-def _solution(H: Array, g: Array, mu: float) -> Array:
-    """Of (H + mu diag H) dz = g."""
-    diagonal = np.diag(H)
-    scale = 1 / np.sqrt(np.maximum(diagonal, 1e-12 * np.max(diagonal, initial=1e-300)))
-    A = H * scale[:, None] * scale + mu * np.eye(g.size)
-    return np.asarray(scale * np.linalg.lstsq(A, g * scale, rcond=1e-15)[0])

@@ -28,7 +28,8 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
-from .fit import ROUGHLY_SETTLED, Array, Data, Point, Question, at, climb, expected, sharpened
+from .climb import ROUGHLY_SETTLED, climb, expected
+from .fit import Array, Data, Point, Question, at, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import Noise

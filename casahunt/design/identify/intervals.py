@@ -16,18 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fit import (
-    LEAST_DAMPING,
-    NEXT_TO_NOTHING,
-    Array,
-    Point,
-    Question,
-    at,
-    climb,
-    expected,
-    step,
-    too_long,
-)
+from .climb import LEAST_DAMPING, climb, expected, step, too_long
+from .fit import NEXT_TO_NOTHING, Array, Point, Question, at
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
@@ -56,7 +46,7 @@ UNSURE_PART = 0.1
 """Part of the rise by which a refit may lie above its optimum: the end of the interval is then off by a twentieth."""
 STRIDE_GROWTH = 1.5
 """Of strides behind one that was too long."""
-OUR_PART, FURTHER, FAR_OFF = 0.5, 0.3, 0.5
+OUR_PART, FOLLOWED_PART, FAR_LONGER = 0.5, 0.3, 0.5
 """Part of the rise that may be there because another parameter is followed no further; by which factor it is then
 followed further, and how much longer the interval is there, relatively, if it has no end."""
 LONGEST_STRIDE = 3.0
@@ -164,7 +154,7 @@ def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[N
     ours, above = question.lowest == NEXT_TO_NOTHING, point.deviance - best.deviance
     if not np.any(ours & (point.z[: point.k] <= point.lowest)):
         return False
-    further = replace(question, lowest=np.where(ours, FURTHER * question.lowest, question.lowest))
+    further = replace(question, lowest=np.where(ours, FOLLOWED_PART * question.lowest, question.lowest))
     near = replace(point, lowest=further.unknowns(np.zeros(point.k)))
     if expected(near, j) < OUR_PART * above:
         return False
@@ -173,7 +163,7 @@ def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[N
         return False
     root, reach = math.sqrt(max(again.deviance - best.deviance, 1e-12)), float(point.z[j] - best.z[j])
     slope = -float(_way(again, j, 1) @ again.gradient) / root * math.copysign(1.0, reach)
-    return (math.sqrt(rise) - root) > FAR_OFF * abs(reach) * slope
+    return (math.sqrt(rise) - root) > FAR_LONGER * abs(reach) * slope
 
 
 def _shortened(point: Point, j: int, sign: int, by: float) -> float:

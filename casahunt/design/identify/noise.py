@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .fit import FIT_SETTLED, ROUGHLY_SETTLED, Array, Point, Question, at, climb
+from .climb import FIT_SETTLED, ROUGHLY_SETTLED, climb
+from .fit import Array, Point, Question, at
 from .likelihood import LEAST_NOISE, Noise, likeliest
 
 WIDE_NOISE = 0.3

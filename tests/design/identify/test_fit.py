@@ -13,7 +13,8 @@ from casahunt import NoOrbit, Options, Record, Servo, Status, cli, find_orbit, i
 from casahunt.design.identify import identify as rooms
 from casahunt.design.identify import intervals, judgement
 from casahunt.design.identify import noise as likeliest_noise
-from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Question, at, climb, expected
+from casahunt.design.identify.climb import climb, expected
+from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Question, at
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
 from casahunt.design.identify.likelihood import Noise
 from casahunt.design.identify.start import lowest_of, scales_of, starts
