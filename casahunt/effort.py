@@ -5,7 +5,7 @@
 
 That makes some 4e4 a second, whatever is computed, and their number depends on nothing but the problem: what is given
 up is given up at the same place on every machine.  Only the command line watches (cli.py); for a call from Python
-nothing is counted, in worker threads and processes neither.
+nothing is counted but where a part of it is bounded (`at_most`), in worker threads and processes neither.
 """
 
 from __future__ import annotations
@@ -93,6 +93,15 @@ class WorkCount:
             self._last = now
             self._tell(f"{now - self._began:.0f} s: {self.sentence()}")
 
+    def within(self, limit: float) -> WorkCount:
+        """A count of a part of it, of which so much is allowed."""
+        return WorkCount(self._tell, min(limit, self._limit - self.work), self._dropped)
+
+    def took(self, part: WorkCount) -> None:
+        """Count what a part of it took.  Raises as `add`."""
+        self.motions, self.problems = self.motions + part.motions, self.problems + part.problems
+        self.add(part.work)
+
     def stand_at(self, place: Callable[[], str]) -> None:
         """Let `place` say from here on where the computation is."""
         self._place = place
@@ -144,6 +153,23 @@ def counting_work(
         yield watch
     finally:
         _watch.reset(token)
+
+
+@contextmanager
+def at_most(limit: float) -> Iterator[None]:
+    """Let what is computed inside take so much work, whether anybody watches or not.
+
+    Raises GivenUp: beyond it, or beyond what is allowed in all.
+    """
+    whole = _watch.get()
+    part = WorkCount(None, limit) if whole is None else whole.within(limit)
+    token = _watch.set(part)
+    try:
+        yield
+    finally:
+        _watch.reset(token)
+        if whole is not None:
+            whole.took(part)
 
 
 def motion_begins() -> None:

@@ -80,3 +80,17 @@ def test_a_motion_of_very_many_events_ends_early(capsys, monkeypatch):
     assert found["ended"].startswith("5 events by") and found["time"] < 20
     assert "the motion was followed only until 5 events by" in err and "not to 20 s" in err
     assert simulate(Servo(), "switch", 0.04, time=20).ended
+
+
+def test_a_part_may_take_so_much_and_counts_for_the_whole():
+    """With nobody watching too; beyond the whole the whole is given up, not the part."""
+    with pytest.raises(GivenUp), effort.at_most(5):
+        effort.problem(6)
+    with counting_work(None, limit=30) as whole:
+        with pytest.raises(GivenUp), effort.at_most(5):
+            effort.problem(6)
+        with effort.at_most(50):
+            effort.problem(20)
+        assert (whole.work, whole.problems) == (26, 2)
+        with pytest.raises(GivenUp, match=r"work of 3.6e\+01"), effort.at_most(50):
+            effort.problem(10)

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from casahunt import InputError, Options, Servo, cli, find_fold
+from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.design import ensemble, nearby
 from casahunt.design.nearby import fold_beside
 from casahunt.design.sensitivity import fold_sensitivities
+from casahunt.design.uncertainty import worst_corner as search
 from casahunt.design.uncertainty.samples import draw, sample
 from casahunt.design.uncertainty.set import Uncertainty, load_uncertainty
 from casahunt.design.uncertainty.summary import linear_gains, linear_moments, linear_range, summary
@@ -182,6 +183,14 @@ def test_failures_are_kept(servo, fold, monkeypatch):
 
 
 # The worst corner
+
+
+def test_a_worst_servo_whose_fold_is_given_up_is_not_another_one(servo, fold, monkeypatch):
+    """The corner of a wide box, where slips are short; named is the interval to narrow."""
+    monkeypatch.setattr(search, "MOST_WORK_OF_A_FOLD", {"switch": 100.0})
+    wide = Uncertainty({"friction.static": (0.52, 0.54), "friction.stribeck_velocity": (0.002, 0.1)})
+    with pytest.raises(NoOrbit, match="worst servo of the box was not found: at .*work of .*of friction.stribeck_vel"):
+        worst_corner(servo, "switch", wide, options=QUICK, fold=fold)
 
 
 def test_worst_corner_of_a_monotone_box(servo, fold):

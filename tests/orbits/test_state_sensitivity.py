@@ -87,3 +87,11 @@ def test_an_orbit_goes_along_where_a_parameter_changes():
     assert moved.period == pytest.approx(settled.period, rel=2e-11) and moved.parameters["belt"] == 0.21
     with pytest.raises(InputError):
         refined(orbit, FINE, at={"speed": 0.21})
+
+
+def test_and_where_it_changes_by_much():
+    """A third of the speed, twice the period: Newton's method starts from where the derivatives lead."""
+    orbit = find_cycle(belt, "slip", x=0.0, v=0.0)
+    slow = replace(belt, parameters=belt.parameters | {"belt": 0.06})
+    moved = refined(orbit, Options(), at={"belt": 0.06})
+    assert moved.period == pytest.approx(find_cycle(slow, "slip", x=0.0, v=0.0).period, rel=1e-6) and moved.period > 20

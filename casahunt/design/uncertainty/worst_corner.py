@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ... import effort
 from ...checks import choice_of
 from ...continuation import folds_near
 from ...errors import InputError, NoOrbit, Status
@@ -35,6 +36,11 @@ from .set import COULOMB, STATIC, Array, Uncertainty, check_box
 
 RANDOM_CORNERS = 2
 """Corners that are searched from besides: K is monotone in most parameters, where one start is enough."""
+MOST_WORK_OF_A_FOLD = {"switch": 3e5, "lugre": 9e5}
+"""Work (effort.py), 8 s and 20 s of a processor, after which a fold is given up: twice what the slowest of the random
+servos takes.  Where slips become ever shorter a branch goes on for minutes."""
+LEAST_END = 1e-6
+"""Of the upper end of an interval, for which a lower end of zero counts where intervals are compared."""
 MOST_EVALUATIONS, MOST_FOLDS_ALONG = 100, 25
 """Folds per search for a worst corner, which takes a few on a monotone way, and per search along one coordinate."""
 
@@ -102,6 +108,7 @@ class _CornerSearch:
         self.places: dict[bytes, _SearchPoint] = {}
         self.evaluations = 0
         self.failures: list[str] = []
+        self.given_up = ""
         if fold is not None:
             self._keep(_SearchPoint(values_of(servo, self.names), fold.gain, gradient(fold, self.names), fold))
 
@@ -139,9 +146,12 @@ class _CornerSearch:
     def _alone(self, place: _SearchPoint) -> _SearchPoint:
         """The fold at a point computed alone, where its gain is about known."""
         try:
-            fold = fold_near(servo_at(self.servo, self.names, place.q), self.model, place.gain, self.options)
-        except NoOrbit as error:
+            with effort.at_most(MOST_WORK_OF_A_FOLD[self.model]):
+                fold = fold_near(servo_at(self.servo, self.names, place.q), self.model, place.gain, self.options)
+        except (NoOrbit, effort.GivenUp) as error:
             self.failures.append(f"at {said(dict(zip(self.names, place.q, strict=True)))}: {error}")
+            if isinstance(error, effort.GivenUp):
+                self.given_up = self.given_up or self.failures[-1]
             return _SearchPoint(place.q, -np.inf)
         return (
             _SearchPoint(place.q, 0.0)
@@ -162,10 +172,9 @@ class _CornerSearch:
     def climb(self, q: Array) -> Ascent:
         """From q to a point from which no step within the box leads up, to first order."""
         (here,) = yield [q]
-        while here.gradient is not None and self.evaluations < MOST_EVALUATIONS:
+        while here.gradient is not None and self.evaluations < MOST_EVALUATIONS and not self.given_up:
             g = here.gradient
-            room = np.where(g > 0, self.high, self.low) - here.q
-            rise = g * room
+            rise = self._rise(here)
             if rise.sum() <= self.options.tol * here.gain:
                 return
             (there,) = yield [np.where(rise > 0, np.where(g > 0, self.high, self.low), here.q)]
@@ -175,6 +184,18 @@ class _CornerSearch:
                 return
             here = there
 
+    def _rise(self, here: _SearchPoint) -> Array:
+        """(k,) what K may still gain along each coordinate, to first order."""
+        assert here.gradient is not None
+        room = np.where(here.gradient > 0, self.high, self.low) - here.q
+        return np.asarray(here.gradient * room)
+
+    def sure(self, best: _SearchPoint) -> bool:
+        """Whether nothing was given up, or the best point is one without it."""
+        if not self.given_up:
+            return True
+        return best.gradient is not None and float(self._rise(best).sum()) <= self.options.tol * best.gain
+
     def _along(self, here: _SearchPoint, i: int) -> Generator[list[Array], list[_SearchPoint], _SearchPoint]:
         """The best point along coordinate i, upwards from `here`: the zero of the gradient by Illinois steps."""
         assert here.gradient is not None
@@ -183,7 +204,7 @@ class _CornerSearch:
         # Up to where K falls again; of the far end no more is known yet.
         bracket = Bracket(end, -np.inf, start, float(abs(here.gradient[i])))
         best, x = here, end
-        for _ in range(MOST_FOLDS_ALONG):
+        for _ in range(0 if self.given_up else MOST_FOLDS_ALONG):
             q = here.q.copy()
             q[i] = x
             (place,) = yield [q]
@@ -292,5 +313,9 @@ def worst_corner(
     best = search.best()
     if best.gain == -np.inf:
         raise NoOrbit(f"no fold in the box was computed: {'; '.join(search.failures)}", Status.NOT_CONVERGED)
+    if not search.sure(best):
+        widest = search.names[int(np.argmax(search.high / np.maximum(search.low, LEAST_END * search.high)))]
+        advice = f"narrow the box, first the interval of {widest}"
+        raise NoOrbit(f"the worst servo of the box was not found: {search.given_up}; {advice}", Status.NOT_CONVERGED)
     corner = {name: float(value) for name, value in zip(search.names, best.q, strict=True)}
     return WorstCase(servo.replace(**corner), best.fold, corner, search.evaluations, tuple(search.failures))

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, Record, Servo, Status, cli, find_orbit, identify
+from casahunt.design.identify import climb as climbing
+from casahunt.design.identify import fit as fitting
 from casahunt.design.identify import identify as rooms
 from casahunt.design.identify import intervals, judgement
 from casahunt.design.identify import noise as likeliest_noise
 from casahunt.design.identify.climb import climb, expected
-from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Question, at
+from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Point, Question, at
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
 from casahunt.design.identify.likelihood import Noise
 from casahunt.design.identify.start import lowest_of, scales_of, starts
@@ -103,6 +105,82 @@ def test_what_may_be_nothing_is_followed_to_nothing(record):
     z = np.where(np.arange(best.z.size) == 2, ALL_BUT_NOTHING, best.z)
     point = climb(asked, at(asked, z, noises, best, stretched=True), noises, stretched=True, held=2)
     assert asked.values(point.z)["friction.viscous"] < 1e-4 and expected(point, 2) < LITTLE_TO_GAIN
+
+
+def test_an_interval_does_not_go_beyond_nothing(record):
+    """The rise that the deviance has at no viscous friction, and a little more: the interval has no lower end."""
+    asked = asked_about(data_of(record, suitable(record), GAIN), Servo(), FREE[1:3], CYCLE_SHARE)
+    best, noises = rooms._best(asked)
+    z = np.where(np.arange(best.z.size) == 1, ALL_BUT_NOTHING, best.z)
+    none = climb(asked, at(asked, z, noises, best, stretched=True), noises, stretched=True, held=1)
+    none = climb(asked, at(asked, none.z, noises, none), noises, held=1, settled=1e-4)
+    assert intervals._end(asked, best, noises, 1, -1, 1.02 * (none.deviance - best.deviance)) == -math.inf
+
+
+def test_a_step_goes_all_the_way_across_a_valley():
+    """However short it is along: a deviance of curvature 1e8 across, at (1, 1), and of 1 along it, at (1, -1)."""
+    across, along = np.array([1.0, 1.0]) / math.sqrt(2), np.array([1.0, -1.0]) / math.sqrt(2)
+    H = 1e8 * np.outer(across, across) + np.outer(along, along)
+    bottom = np.array([5.0, 5.0]) + 3 * along + 0.01 * across
+    point = Point(np.full(2, 5.0), np.zeros(2), np.full(2, 5.0), (), (), 0.0, H @ (bottom - 5.0), H, ())
+    dz = climbing._within(point, 0.1, None)
+    assert climbing._length(point, dz) <= 0.1 < climbing._length(point, bottom - 5.0)
+    assert across @ dz == pytest.approx(0.01, rel=1e-3) and 0.1 < along @ dz < 3
+    back = climbing._across(point, 1e4, None)
+    assert 0.0068 < across @ back < 0.01 and abs(along @ back) < 0.01  # 1 - sqrt(1 - 0.9) of the way
+
+
+def test_a_cycle_is_followed_in_two_steps_where_one_is_too_long(record, monkeypatch):
+    """Of a LuGre servo whose peak of friction becomes narrower and lower; against one found from nothing."""
+    monkeypatch.setattr(fitting, "cycle_at", lambda *_: pytest.fail("sought from nothing"))
+    asked = replace(question(record, Servo(), GAIN), model="lugre")
+    start, end = (asked.unknowns(np.array(own)) for own in ((0.53, 0.44, 0.1, 0.05), (0.5035, 0.44, 0.1, 0.02)))
+    orbit = find_orbit(asked.servo_at(start), "lugre", GAIN)
+    with pytest.raises(NoOrbit):
+        fitting._followed(asked, orbit, start, end, 0)
+    found = fitting._followed(asked, orbit, start, end, fitting.HALVED_STEPS)
+    assert found.period == pytest.approx(find_orbit(asked.servo_at(end), "lugre", GAIN).period, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_what_a_narrow_peak_hides_has_no_end():
+    """LuGre servo 2 of scripts/identify.py: as narrow a peak as one likes goes with as high a one; from both starts."""
+    made = Made(2, 0, "lugre", (2000.0, 20000.0))
+    one, other = (identify([made.record], servo, made.gain, "lugre", advise=False) for servo in made.starts)
+    truth = flatten(made.servo)
+    for found in (one, other):
+        assert found.status is Status.CONVERGED and math.isinf(found.intervals["friction.static"][1])
+        assert all(low <= truth[name] <= high for name, (low, high) in found.intervals.items())
+    for name, (low, high) in one.intervals.items():
+        size = 0.02 * (min(high, 2 * one.values[name]) - low)
+        assert other.intervals[name] == pytest.approx((low, high), abs=size), name
+
+
+@pytest.mark.slow
+def test_what_the_narrowest_peak_bounds_has_an_end():
+    """Switch servo 19, from two ends of the Stribeck velocity: breakaway is seen however narrow the peak is."""
+    made = Made(19, 0, "switch", (2000.0, 20000.0))
+    for servo in made.starts:
+        found = identify([made.record], servo, made.gain, advise=False)
+        low, high = found.intervals["friction.static"]
+        assert low <= flatten(made.servo)["friction.static"] <= high < 1.01 * low
+
+
+@pytest.mark.parametrize(("model", "number", "most"), [("lugre", 44, 150), ("lugre", 24, 150)])
+@pytest.mark.slow
+def test_a_flat_valley_takes_few_cycles(monkeypatch, model, number, most):
+    """Servos of scripts/identify.py whose fits took 245 and more: cycles are counted, not seconds."""
+    made = Made(number, 0, model, (2000.0, 20000.0))
+    count = [0]
+    laid = fitting._laid
+
+    def counted(*arguments):
+        count[0] += 1
+        return laid(*arguments)
+
+    monkeypatch.setattr(fitting, "_laid", counted)
+    assert identify([made.record], made.starts[0], made.gain, model, advise=False).status is Status.CONVERGED
+    assert count[0] < most
 
 
 def test_the_interval_is_where_the_deviance_of_other_servos_says(record):
