@@ -33,7 +33,7 @@ SINGLE = 0.9
 """Share of positions that no other equals, from which on they are none that rest at the same place again."""
 SLIPS_ON = 0.1
 """Step from or to an end, in units of the largest one, below which a position without noise rests there."""
-NEAREST_SHARE, NEAREST_COUNTS, FARTHER = 0.04, 3.0, 1.5
+NEAREST_SHARE, NEAREST_COUNTS, NEXT_DISTANCE = 0.04, 3.0, 1.5
 """Least distance d in units of half the range and of a count; and from one to the next."""
 HIDDEN_SHARE, HIDDEN_COUNTS = 1 / 3, 5.0
 """Depth h that may hide, in units of d and of a count.  It is one count where s^2 holds up to 4 d; of 64 records of
@@ -91,7 +91,7 @@ def _corners(t: Array, z: Array, quantum: float) -> bool:
             later, near = times[:, 1] + step / 2, times[:, 0] + step / 2
             if np.all(later > rest * near):
                 return True
-        d *= FARTHER
+        d *= NEXT_DISTANCE
     return False
 
 

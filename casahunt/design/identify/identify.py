@@ -29,6 +29,7 @@ from ..record.file import Record
 from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
 from .best import best_of_starts, gain_that_fits
+from .clipped import CLIPPED_SHARE, flat_share
 from .fit import Array, Data, Point, Question, climb, expected, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
@@ -353,4 +354,12 @@ def _other_gain(question: Question, factor: float) -> Exception:
 def _what_else(data: Data) -> str:
     """What to look at where no cycle fits."""
     encoder = of_few_steps(data.amplitude, data.quantum)
-    return f"suspect {encoder}" if encoder else "are gain, servo and units right?"
+    return (f"suspect {encoder}" if encoder else "are gain, servo and units right?") + maybe_cut_off(data)
+
+
+def maybe_cut_off(data: Data) -> str:
+    """That counts may be cut off, where many are the last one: with few samples in a slip that looks like a rest."""
+    flat = flat_share(data.position) if data.quantum else 0.0
+    if flat < CLIPPED_SHARE:
+        return ""
+    return f"; {flat:.0%} of the samples are the last count at an end: if that is no rest, record with a larger range"

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import to_absolute_error
-from ...design.identify.clipped import CLIPPED_SHARE, flat_share
-from ...design.identify.identify import FREE, Identification, identify
+from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
 from ...errors import NoOrbit
@@ -152,14 +151,9 @@ def not_explained(found: Identification) -> str:
         f"the {found.model} model does not explain the record{'s' * (len(found.records) > 1)}: what is left is "
         f"{found.judgement.systematic:.2g} of the amplitude and no noise (misfit {found.judgement.misfit:.3g}, 1 of "
         "noise alone); the values are its nearest, their intervals widened; draw it with --plot, and try another "
-        f"--model, more --free parameters, or the filter and sampling of the record{_flat(found)}"
+        f"--model, more --free parameters, or the filter and sampling of the record"
+        + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
-
-
-def _flat(found: Identification) -> str:
-    """That positions may be cut off, where many lie at an end: with few samples in a slip nobody can tell from a rest."""
-    flat = [data for data in found.records if data.quantum and flat_share(data.position) >= CLIPPED_SHARE]
-    return f"; if {flat[0].name} is cut off where it looks at rest, record with a larger range" if flat else ""
 
 
 def identified_lines(found: Identification, suspect: str) -> Iterator[str]:

@@ -178,9 +178,7 @@ def test_a_record_that_cannot_be_fitted_is_refused(capsys, tmp_path, kind):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize(
-    "factor", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.1, 2.0, 10.0))]
-)
+@pytest.mark.parametrize("factor", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.1, 2.0, 10.0))])
 def test_a_gain_that_does_not_fit_is_refused(capsys, tmp_path, file, factor):
     """It is the gain, since another one explains the record; and it is the right one that is named."""
     words = ["--gain", str(GAIN * factor), "--out", str(tmp_path / "new"), "--plot", str(tmp_path / "new.png")]

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from command_line import one_json, run
 
-from casahunt import Drive, Friction, InputError, Options, Pid, Record, Servo, find_orbit, identify, simulate_sampled
-from casahunt.design.identify.fit import Question
+from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
 from casahunt.design.identify.identify import _what_else, data_of
 from casahunt.design.identify.suitable import suitable
 from casahunt.design.identify.suspect import suspicion
