@@ -10,6 +10,7 @@ noise.py      the likeliest noise, and the model with it
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood
 judgement.py  misfit, what a record cannot tell, which further one would
+best.py       the likeliest model of all starts, and whether another gain explains records
 clipped.py    positions that are cut off at an end
 suitable.py   records that can be fitted
 identify.py   all of it: `identify`

@@ -7,8 +7,8 @@ off as s^2 or s^3, and where positions are cut off as s.  With h of the motion h
 
 so positions are clipped where R is above that of the largest depth h that may hide where a servo rests, some counts,
 both before the end and behind it.  The distance d from the end is any at which counts and samples resolve s.  With few
-samples in a slip there is none, and nobody can tell.  Positions that are no counts are simpler: none equals another, but
-those that are cut off.
+samples in a slip there is none, and nobody can tell.  Positions that are no counts are simpler: none equals another,
+but those that are cut off.
 
 Symbols: m samples.
 """
@@ -33,7 +33,7 @@ SINGLE = 0.9
 """Share of positions that no other equals, from which on they are none that rest at the same place again."""
 SLIPS_ON = 0.1
 """Step from or to an end, in units of the largest one, below which a position without noise rests there."""
-NEAREST_SHARE, NEAREST_COUNTS, FARTHER = 0.04, 3.0, 1.5
+NEAREST_SHARE, NEAREST_COUNTS, NEXT_DISTANCE = 0.04, 3.0, 1.5
 """Least distance d in units of half the range and of a count; and from one to the next."""
 HIDDEN_SHARE, HIDDEN_COUNTS = 1 / 3, 5.0
 """Depth h that may hide, in units of d and of a count.  It is one count where s^2 holds up to 4 d; of 64 records of
@@ -55,9 +55,8 @@ def clipped_at(record: Record, quantum: float) -> float | None:
     return None
 
 
-def flat_share(record: Record) -> float:
+def flat_share(y: Array) -> float:
     """Share of the samples that lie exactly at an end, the larger one."""
-    y = record.position
     return float(max(np.mean(y == y.max()), np.mean(y == y.min())))
 
 
@@ -88,9 +87,11 @@ def _corners(t: Array, z: Array, quantum: float) -> bool:
         rest = (math.sqrt(4 * d + h) - math.sqrt(h)) / (math.sqrt(d + h) - math.sqrt(h))
         times = _times_to(t, z, d)
         # The edge may be half a sample farther away, which matters where a slip has few.
-        if times is not None and times.min() >= step and np.all(times[:, 1] + step / 2 > rest * (times[:, 0] + step / 2)):
-            return True
-        d *= FARTHER
+        if times is not None and times.min() >= step:
+            later, near = times[:, 1] + step / 2, times[:, 0] + step / 2
+            if np.all(later > rest * near):
+                return True
+        d *= NEXT_DISTANCE
     return False
 
 

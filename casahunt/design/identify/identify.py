@@ -28,13 +28,15 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
-from .climb import ROUGHLY_SETTLED, climb, expected
-from .fit import Array, Data, Point, Question, at, sharpened
+from .best import best_of_starts, gain_that_fits
+from .climb import climb, expected
+from .clipped import CLIPPED_SHARE, flat_share
+from .fit import Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import Noise
 from .noise import with_noise
-from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of, starts
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
 from .suitable import of_few_steps, suitable
 from .torque import residual
 
@@ -48,10 +50,6 @@ LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
 LEAST_TOLD = 1e-6
 """Information about a logarithm that is added to all directions: one that nothing tells has the variance 1e6."""
-FIRST_STEPS = 40
-"""Of the stretched fit: one that takes more leads nowhere."""
-ONE_POINT, RIVAL = 1.0, 30.0
-"""Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
 GROSS = 0.1
 """Systematic rest, relative to the amplitude, of a fit that is none."""
 MOST_LEFT = 0.3
@@ -272,13 +270,22 @@ def data_of(record: Record, m: Measurement, gain: float) -> Data:
 
 def fitted(question: Question, *, advise: bool = True) -> Identification:
     """The identification of suitable records.  Raises InputError: a gain that does not fit; NoOrbit: no fit."""
-    best, noises = _best(question)
+    found = best_of_starts(question)
+    if found is None:
+        raise _does_not_fit(question, "it hunts with no friction that amplitude and period allow")
+    best, noises = found
+    stated, asked = question, False
     for _ in range(MOST_BETTER + 1):
         question, best = sharpened(question, best, noises)
         judgement = judged(question, best, noises)
         left = [np.std(d.position - x) / d.amplitude for d, x in zip(question.records, best.positions, strict=True)]
         if max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS:
-            raise _no_fit(question, max(*left, judgement.systematic))
+            off = max(*left, judgement.systematic)
+            raise _does_not_fit(stated, f"its nearest cycle is off by {off:.0%} of the amplitude")
+        if not judgement.explained and not asked:
+            asked, factor = True, gain_that_fits(stated)
+            if factor is not None:
+                raise _other_gain(stated, factor)
         try:
             ends = _ends(question, best, noises, judgement.factor)
             break
@@ -326,55 +333,34 @@ def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: floa
         return None
 
 
-def _best(question: Question) -> tuple[Point, list[Noise]]:
-    """The likeliest point of those that the starts lead to, and the noise of each record.
-
-    Starts are gone from until two of them lead to one point, with rounding as an error like any other; what may then
-    still be the likeliest is told by the counts.
-    """
-    plain = [Noise(data.size, 0.0) for data in question.records]
-    ends: list[Point] = []
-    for z in starts(question):
-        point = at(question, z, plain, stretched=True)
-        if point is not None:
-            point = climb(question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED)
-            point = at(question, point.z, plain, point)
-        if point is None:
-            continue
-        point = climb(question, point, plain, settled=ROUGHLY_SETTLED)
-        again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
-        ends.append(point)
-        if again:
-            break
-    if not ends:
-        raise _no_start(question)
-    ends.sort(key=lambda end: end.deviance)
-    likely = [ends[0]]
-    for end in ends[1:]:
-        if ONE_POINT < end.deviance - likely[-1].deviance and end.deviance - ends[0].deviance < RIVAL:
-            likely.append(end)
-    found = [with_noise(question, end, plain) for end in likely]
-    return min(found, key=lambda each: each[0].deviance)
-
-
-def _no_fit(question: Question, left: float) -> Exception:
+def _does_not_fit(question: Question, how: str) -> Exception:
+    """The refusal of records that no cycle comes near: with the gain as its cause where another one explains them."""
+    if (factor := gain_that_fits(question)) is not None:
+        return _other_gain(question, factor)
     data = question.records[0]
     return InputError(
-        f"gain = {data.gain:g}: does not fit {data.name}: the nearest cycle of the {question.model} servo is off by "
-        f"{left:.0%} of the amplitude; {_what_else(data)}"
+        f"{data.name}: does not fit the {question.model} servo at gain {data.gain:g}, of amplitude "
+        f"{data.amplitude:.4g} rad and period {data.period:.4g} s: {how}; {_what_else(data)}"
     )
 
 
-def _no_start(question: Question) -> Exception:
+def _other_gain(question: Question, factor: float) -> Exception:
     data = question.records[0]
     return InputError(
-        f"gain = {data.gain:g}: does not fit {data.name}: with no friction that its amplitude {data.amplitude:.4g} rad "
-        f"and period {data.period:.4g} s allow does the {question.model} servo hunt there; "
-        f"{_what_else(data)}"
+        f"gain = {data.gain:g}: does not fit {data.name}: no friction explains it there, but one does at "
+        f"{factor:.2g} times that gain, {data.gain * factor:.2g} V/rad; are gain, motor gain and inertia right?"
     )
 
 
 def _what_else(data: Data) -> str:
     """What to look at where no cycle fits."""
     encoder = of_few_steps(data.amplitude, data.quantum)
-    return f"suspect {encoder}" if encoder else "are gain, servo and units right?"
+    return (f"suspect {encoder}" if encoder else "are gain, servo and units right?") + maybe_cut_off(data)
+
+
+def maybe_cut_off(data: Data) -> str:
+    """That counts may be cut off, where many are the last one: with few samples in a slip that looks like a rest."""
+    flat = flat_share(data.position) if data.quantum else 0.0
+    if flat < CLIPPED_SHARE:
+        return ""
+    return f"; {flat:.0%} of the samples are the last count at an end: if that is no rest, record with a larger range"

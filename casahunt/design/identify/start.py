@@ -27,6 +27,9 @@ from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_
 STATIC, COULOMB, VISCOUS, STRIBECK = (
     "friction.static", "friction.coulomb", "friction.viscous", "friction.stribeck_velocity"
 )  # fmt: skip
+MOTOR_GAIN = "servo.motor_gain"
+MOTOR_FACTORS = (1.0, 0.03, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 30.0)
+"""Of the motor gain that is stated, where it is tried: with it goes all torque, so whoever errs there errs by far."""
 INNER, INNER_TIME = 0.8, 2 * math.asin(0.8) / math.pi
 """Part of the amplitude within which a slip is timed, and the part of its duration that it is there."""
 FACTORS = (1.0, 0.3, 3.0)
@@ -75,7 +78,14 @@ def _slip(data: Data) -> float:
 
 def trials(question: Question) -> Iterator[dict[str, float]]:
     """Values of the free parameters that the balances allow, from the first record."""
-    data, servo, free = question.records[0], question.servo, question.free
+    servo = question.servo
+    for factor in MOTOR_FACTORS if MOTOR_GAIN in question.free else (1.0,):
+        yield from _balanced(question, servo.replace(**{MOTOR_GAIN: factor * servo.motor_gain}))
+
+
+def _balanced(question: Question, servo: Servo) -> Iterator[dict[str, float]]:
+    """Trials at the motor gain of a servo."""
+    data, free = question.records[0], question.free
     kp, kd, ki = servo.torque_gains(data.gain)
     a, half = data.amplitude, data.period / 2
     area = half * float(np.mean(np.abs(data.shape)))

@@ -36,9 +36,10 @@ def suitable(record: Record) -> Measurement:
             f"{found.amplitude:.3g} rad; the set point must stand still, so cut the record or subtract the set point"
         )
     if (end := clipped_at(record, found.quantum)) is not None:
+        share = float(np.mean(record.position == end))
         raise InputError(
-            f"{record.name}: its positions are clipped at {end:.6g} rad, where {np.mean(record.position == end):.0%} of "
-            "the samples lie exactly; record with a larger range"
+            f"{record.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly; "
+            "record with a larger range"
         )
     return found
 

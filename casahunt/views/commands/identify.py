@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import to_absolute_error
-from ...design.identify.identify import FREE, Identification, identify
+from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
 from ...errors import NoOrbit
@@ -151,7 +151,8 @@ def not_explained(found: Identification) -> str:
         f"the {found.model} model does not explain the record{'s' * (len(found.records) > 1)}: what is left is "
         f"{found.judgement.systematic:.2g} of the amplitude and no noise (misfit {found.judgement.misfit:.3g}, 1 of "
         "noise alone); the values are its nearest, their intervals widened; draw it with --plot, and try another "
-        "--model, more --free parameters, or the filter and sampling of the record"
+        f"--model, more --free parameters, or the filter and sampling of the record"
+        + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
 
 

@@ -15,6 +15,7 @@ from casahunt.design.identify import fit as fitting
 from casahunt.design.identify import identify as rooms
 from casahunt.design.identify import intervals, judgement
 from casahunt.design.identify import noise as likeliest_noise
+from casahunt.design.identify.best import best_of_starts
 from casahunt.design.identify.climb import climb, expected
 from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Point, Question, at
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
@@ -69,7 +70,7 @@ def test_a_curved_valley_is_followed_to_its_end():
     ends = []
     for servo in (*made.starts, made.servo):
         asked = question(made.record, servo, made.gain)
-        point, noises = rooms._best(asked)
+        point, noises = best_of_starts(asked)
         assert expected(point) < LITTLE_TO_GAIN
         ends.append(point.deviance)
     assert max(ends) - min(ends) < ALIKE
@@ -78,7 +79,7 @@ def test_a_curved_valley_is_followed_to_its_end():
 def test_what_is_expected_of_a_step_is_what_it_gains(record):
     """Near the optimum, where the deviance is a parabola."""
     asked = question(record, Servo(), GAIN)
-    best, noises = rooms._best(asked)
+    best, noises = best_of_starts(asked)
     assert expected(best) < LITTLE_TO_GAIN
     away = at(asked, best.z + np.array([0, 0, 0, 0, 1e-4, 0]), noises, best)
     assert expected(away) == pytest.approx(away.deviance - climb(asked, away, noises).deviance, rel=0.1)
@@ -101,7 +102,7 @@ def test_what_may_be_nothing_is_followed_to_nothing(record):
     """Viscous friction held at none is a place on its profile, and the others are where its derivatives lead."""
     asked = question(record, Servo(), GAIN)
     assert asked.lowest[2] == ALL_BUT_NOTHING and asked.lowest[3] == NEXT_TO_NOTHING
-    best, noises = rooms._best(asked)
+    best, noises = best_of_starts(asked)
     z = np.where(np.arange(best.z.size) == 2, ALL_BUT_NOTHING, best.z)
     point = climb(asked, at(asked, z, noises, best, stretched=True), noises, stretched=True, held=2)
     assert asked.values(point.z)["friction.viscous"] < 1e-4 and expected(point, 2) < LITTLE_TO_GAIN
@@ -110,7 +111,7 @@ def test_what_may_be_nothing_is_followed_to_nothing(record):
 def test_an_interval_does_not_go_beyond_nothing(record):
     """The rise that the deviance has at no viscous friction, and a little more: the interval has no lower end."""
     asked = asked_about(data_of(record, suitable(record), GAIN), Servo(), FREE[1:3], CYCLE_SHARE)
-    best, noises = rooms._best(asked)
+    best, noises = best_of_starts(asked)
     z = np.where(np.arange(best.z.size) == 1, ALL_BUT_NOTHING, best.z)
     none = climb(asked, at(asked, z, noises, best, stretched=True), noises, stretched=True, held=1)
     none = climb(asked, at(asked, none.z, noises, none), noises, held=1, settled=1e-4)
@@ -189,7 +190,7 @@ def test_the_interval_is_where_the_deviance_of_other_servos_says(record):
     data = data_of(record, suitable(record), GAIN)
     free = ("friction.stribeck_velocity",)
     asked = asked_about(data, servo, free, CYCLE_SHARE)
-    best, noises = rooms._best(asked)
+    best, noises = best_of_starts(asked)
     asked, best = rooms.sharpened(asked, best, noises)
     found = intervals.profile(asked, best, noises, 0, 3.85)
     for end in (found.low, found.high):
@@ -292,7 +293,7 @@ def test_parts_of_a_period_are_those_of_the_cycle(record):
     taken from where the cycle begins, not from where the record does.
     """
     asked = question(record, Servo(), GAIN)
-    best, noises = rooms._best(asked)
+    best, noises = best_of_starts(asked)
     ((_, part), *_), (x,) = next(judgement._channels(asked, best, noises)), best.positions
     slips = np.abs(np.diff(x)) > 0.05 * np.ptp(x)
     assert slips.mean() < 0.05 and np.unique(part[1:][slips]).size >= judgement.PARTS_OF_PERIOD / 4

@@ -178,13 +178,36 @@ def test_a_record_that_cannot_be_fitted_is_refused(capsys, tmp_path, kind):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.slow
-def test_a_gain_that_does_not_fit_is_refused(capsys, file, tmp_path):
-    assert cli.main(["identify", str(file), "--gain", "0.0005", "--free", "friction.static",
-                     "--out", str(tmp_path / "new"), "--quiet"]) == 2  # fmt: skip
+@pytest.mark.parametrize("factor", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.1, 2.0, 10.0))])
+def test_a_gain_that_does_not_fit_is_refused(capsys, tmp_path, file, factor):
+    """It is the gain, since another one explains the record; and it is the right one that is named."""
+    words = ["--gain", str(GAIN * factor), "--out", str(tmp_path / "new"), "--plot", str(tmp_path / "new.png")]
+    assert cli.main(["identify", str(file), *words, "--json", "--quiet"]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.count("\n") == 1 and "gain = 0.0005: does not fit" in err
-    assert not (tmp_path / "new").exists()
+    assert out == "" and err.count("\n") == 1 and f"gain = {GAIN * factor:g}: does not fit" in err
+    at = float(err.partition("times that gain, ")[2].partition(" V/rad")[0])
+    assert at == pytest.approx(GAIN, rel=0.06)  # two digits
+    assert not (tmp_path / "new").exists() and not (tmp_path / "new.png").exists()
+
+
+@pytest.mark.slow
+def test_a_gain_far_from_all_that_fits_is_refused(capsys, file):
+    """Two hundred times too small, beyond what is looked at: no other gain is named."""
+    assert cli.main(["identify", str(file), "--gain", "0.0005", "--free", "friction.static", "--quiet"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and "does not fit the switch servo at gain 0.0005" in err
+
+
+@pytest.mark.slow
+def test_without_inertia_a_record_does_not_tell_the_gain():
+    """K -> c K, F -> c F, J -> c J leaves a motion as it is: exactly, so with J known too no fit can see it."""
+    other = Servo().replace(**{name: 2 * value for name, value in TRUE.items() if "stribeck" not in name})
+    other = other.replace(**{"servo.inertia": 2 * Servo().inertia})
+    one, two = find_orbit(Servo(), "switch", GAIN), find_orbit(other, "switch", 2 * GAIN)
+    assert two.period == pytest.approx(one.period, rel=1e-9) and two.amplitude == pytest.approx(one.amplitude, rel=1e-9)
+    seen = identify([made()], other, 2 * GAIN, advise=False)
+    assert seen.judgement.explained
+    assert seen.values["friction.static"] == pytest.approx(2 * 0.53, rel=0.02)
 
 
 @pytest.mark.parametrize(

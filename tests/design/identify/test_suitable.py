@@ -7,6 +7,7 @@ import pytest
 
 from casahunt import InputError, Record, Servo, find_orbit
 from casahunt.design.identify.suitable import suitable
+from scripts.peers.hunting_record import measured, positions
 
 ORBIT = find_orbit(Servo(), "switch", 0.04)
 TIMES = np.arange(0.0, 6 * ORBIT.period, 0.02)
@@ -35,3 +36,26 @@ def test_noisy_positions_cut_off_at_one_end_or_both(low, high):
     y = cycle(TIMES) + 1e-4 * np.random.default_rng(0).normal(size=TIMES.size)
     suitable(Record(TIMES, y, "made"))
     assert "are clipped at" in refused(np.clip(y, low * ORBIT.amplitude, high * ORBIT.amplitude))
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.0005])
+@pytest.mark.parametrize(("low", "high"), [(-0.9, 0.9), (-0.6, 0.6), (-2.0, 0.7), (-0.7, 2.0)])
+def test_what_is_cut_off_has_corners_where_what_rests_has_none(quantum, low, high):
+    """Clean positions and counts (one in 130 of the amplitude): the rest of a servo that sticks is as flat."""
+    times = np.arange(0.0, 5 * ORBIT.period, 0.005)
+    seen = cycle(times) + 0.3
+    rounded = quantum * np.round(seen / quantum) if quantum else seen
+    suitable(Record(times, rounded, "made"))
+    y = np.clip(rounded, 0.3 + low * ORBIT.amplitude, 0.3 + high * ORBIT.amplitude)
+    assert "are clipped at" in refused(quantum * np.round(y / quantum) if quantum else y, times)
+
+
+@pytest.mark.parametrize("counts", [0.0, 2000.0, 20000.0])
+def test_a_record_that_rests_at_its_ends_is_not_refused(counts):
+    """Records by scipy of servos that stick for most of a period, or hardly at all."""
+    for static, gain in ((0.53, 0.04), (0.53, 0.3), (0.46, 0.04), (0.8, 0.1)):
+        servo = Servo().replace(**{"friction.static": static})
+        orbit = find_orbit(servo, "switch", gain)
+        t = np.arange(0.0, 6 * orbit.period, orbit.period / 700)
+        x = positions(servo, "switch", gain, orbit.amplitude, t)
+        suitable(Record(t, measured(x, 0.0, counts, 0.1, np.random.default_rng(0)), "made"))

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from command_line import one_json, run
 
-from casahunt import Drive, Friction, InputError, Options, Pid, Record, Servo, find_orbit, identify, simulate_sampled
-from casahunt.design.identify.fit import Question
-from casahunt.design.identify.identify import _no_fit, data_of
+from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
+from casahunt.design.identify.identify import _what_else, data_of
 from casahunt.design.identify.suitable import suitable
 from casahunt.design.identify.suspect import suspicion
 from casahunt.design.record.measure import measure
@@ -58,8 +57,7 @@ def test_steps_of_an_encoder(capsys, tmp_path):
                      "static = 0.4\ncoulomb = 0.3\nstribeck_velocity = 0.05\nviscous = 0.02\n")  # fmt: skip
     code, out, _ = run(capsys, "record", path, servo, "--gain", 1, "--quiet", "--json")
     assert one_json(out)["suspect"] == said
-    assert "suspect the encoder" in str(_no_fit(Question((data_of(record, suitable(record), 1.0),), AS_BUILT, "switch",
-                                                         (), Options(), np.zeros(0), np.zeros(0)), 0.9))  # fmt: skip
+    assert "suspect the encoder" in _what_else(data_of(record, suitable(record), 1.0))
     with pytest.raises(InputError, match="suspect the encoder"):  # and what a fit leaves is not taken for noise
         identify([record], AS_BUILT, 1.0, advise=False)
 

@@ -1,0 +1,83 @@
+"""The likeliest model of records, of all starts; and whether it is at another gain that a model explains them.
+
+    K -> c K,  F -> c F,  J -> c J    leaves every motion as it is
+
+So where inertia matters a wrong gain is seen, and where it does not any gain explains a record, with a friction that is
+wrong by the same factor: then positions do not tell.  It is the gain that does not fit where no friction explains a
+record, and one does once the motor gain, with which all torque goes, is free too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from ...servo.servo import flatten
+from .climb import MOST_FIT_STEPS, ROUGHLY_SETTLED, climb
+from .fit import Point, Question, at, sharpened
+from .judgement import judged
+from .likelihood import Noise
+from .noise import with_noise
+from .start import MOTOR_GAIN, lowest_of, scales_of, starts
+
+FIRST_STEPS = 40
+"""Of the stretched fit: one that takes more leads nowhere."""
+ONE_POINT, RIVAL = 1.0, 30.0
+"""Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
+OTHER_GAIN = 1.25
+"""Factor from which on a gain is another one: less makes up for what a model lacks, such as a filter or a delay."""
+FARTHEST_GAIN = 100.0
+"""And up to which it is one that was mistaken: three times the factors that are tried (start.py)."""
+FEWEST_COUNTS = 10.0
+"""Of the amplitude, below which rounding decides how a servo hunts, and a gain that fits says nothing."""
+
+
+def best_of_starts(question: Question, most: int = MOST_FIT_STEPS) -> tuple[Point, list[Noise]] | None:
+    """The likeliest point of those that the starts lead to, and the noise of each record.
+
+    Starts are gone from until two of them lead to one point, with rounding as an error like any other; what may then
+    still be the likeliest is told by the counts.  None where no start hunts.
+    """
+    plain = [Noise(data.size, 0.0) for data in question.records]
+    ends: list[Point] = []
+    for z in starts(question):
+        point = at(question, z, plain, stretched=True)
+        if point is not None:
+            point = climb(question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED)
+            point = at(question, point.z, plain, point)
+        if point is None:
+            continue
+        point = climb(question, point, plain, most=most, settled=ROUGHLY_SETTLED)
+        again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
+        ends.append(point)
+        if again:
+            break
+    if not ends:
+        return None
+    ends.sort(key=lambda end: end.deviance)
+    likely = [ends[0]]
+    for end in ends[1:]:
+        if ONE_POINT < end.deviance - likely[-1].deviance and end.deviance - ends[0].deviance < RIVAL:
+            likely.append(end)
+    found = [with_noise(question, end, plain) for end in likely]
+    return min(found, key=lambda each: each[0].deviance)
+
+
+def gain_that_fits(question: Question) -> float | None:
+    """The factor of the gain with which the model explains the records; None where none was found that is another.
+
+    Asked where it does not explain them as they are stated.
+    """
+    few = any(data.amplitude < FEWEST_COUNTS * data.quantum for data in question.records)
+    if few or MOTOR_GAIN in question.free:
+        return None
+    free, servo = (*question.free, MOTOR_GAIN), question.servo
+    scales, lowest = scales_of(question.records[0], servo, free), lowest_of(servo, free)
+    freed = replace(question, free=free, scales=scales, lowest=lowest)
+    found = best_of_starts(freed, FIRST_STEPS)
+    if found is None:
+        return None
+    freed, point = sharpened(freed, *found)
+    factor = freed.values(point.z)[MOTOR_GAIN] / flatten(servo)[MOTOR_GAIN]
+    other = math.log(OTHER_GAIN) < abs(math.log(factor)) < math.log(FARTHEST_GAIN)
+    return factor if other and judged(freed, point, found[1]).explained else None
