@@ -2,6 +2,7 @@
 
     python scripts/as_built.py order [--count 12]      as the sample time falls: fitted order of amplitude, period, fold
     python scripts/as_built.py encoder [--count 100]   by the counts of the amplitude: how often it hunts, how different
+    python scripts/as_built.py remedies [--count 6]    which remedies of the continuous loop end hunting as built
 
 order: the sample time is a part of the time 1/omega of the loop, omega^2 = kp/J; no encoder, so that only sampling
 differs.  The continuous cycle is found_orbit's, the fold find_fold's.  A motion as built starts on the cycle and is
@@ -11,6 +12,11 @@ it is compared with the end of stable_range's first range, beyond which motions 
 
 encoder: a servo at a part of its fold gain hunts in the continuous loop with an amplitude A.  A count of the encoder is
 A/c, c from `COUNTS`; the set point lies anywhere between two.  The same motion is computed with and without.
+
+remedies: the servo of problems/as_built.toml at gain 1, and servos of random_servos.py (by kp, ki, kd) at half of their
+fold gain that 1 ms suits: 1/omega and kp/ki as `FEWEST_OF_LOOP` and `LONGEST_RESET` say.  Each remedy has the size that
+`remedies` recommends, and the drive 1 ms and each encoder of `ENCODERS` (0: none), without and with a dead band of the
+integrator of `NARROW_BAND` counts besides.  It holds where all motions of `as_built` come to rest or die out.
 """
 
 from __future__ import annotations
@@ -27,9 +33,25 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from casahunt import Drive, Friction, NoOrbit, Pid, Servo, find_fold, find_orbit, simulate_sampled, stable_range  # noqa: E402
+from casahunt import (  # noqa: E402
+    Drive,
+    Friction,
+    InputError,
+    NoOrbit,
+    Pid,
+    Servo,
+    find_fold,
+    find_orbit,
+    remedies,
+    simulate_sampled,
+    stable_range,
+)  # fmt: skip
+from casahunt.servo.drive import BANDS, with_remedy  # noqa: E402
 from casahunt.servo.sampled.cause import told_apart  # noqa: E402
+from casahunt.servo.sampled.check import BY_BADNESS, _motions  # noqa: E402
 from casahunt.servo.sampled.verdict import turning_points  # noqa: E402
+from casahunt.views.commands.remedies import DRIVE_PARTS, PLAIN_NUMBERS  # noqa: E402
+from scripts.random_servos import draw  # noqa: E402
 
 Array = np.ndarray
 
@@ -43,6 +65,13 @@ FOLD_STEPS, LOWEST, HIGHEST = 11, 0.7, 1.15
 """Halvings of the range, in gains of the continuous fold, in which the fold gain as built is looked for."""
 ENCODER_SAMPLE = 0.01
 """Sample time by 1/omega beside an encoder."""
+
+ENCODERS = (0, 2000, 20000)
+"""Counts per revolution of the remedies' drives."""
+NARROW_BAND = 0.55
+"""Counts: no reading of any set point is nearer to it on both sides."""
+FEWEST_OF_LOOP, LONGEST_RESET = 10.0, 1.0
+"""Samples in 1/omega, at least; kp/ki [s], at most: slower ones hunt by minutes."""
 
 
 def servo_of(seed: int) -> Servo:
@@ -160,10 +189,66 @@ def encoder(count: int, seed: int) -> Iterator[tuple[float, str, float]]:
             yield counts, told_apart(motion.verdict, free.verdict)[0] if hunts else motion.verdict.kind, float(off)
 
 
+def servos_to_cure(count: int, seed: int) -> Iterator[tuple[str, Servo, float]]:
+    """(name, servo, gain) of the one that is known, and of random ones."""
+    known = Servo(
+        inertia=0.012, motor_gain=4.2, controller=Pid(kp=1, ki=8, kd=0.05),
+        friction=Friction(static=0.40, coulomb=0.30, stribeck_velocity=0.05, viscous=0.02),
+    )  # fmt: skip
+    yield "known", known, 1.0
+    number, found = 0, 1
+    while found < count:
+        number += 1
+        servo = Servo().replace(**draw(seed, number, "pid"))
+        try:
+            gain = 0.5 * find_fold(servo, "switch").gain
+            find_orbit(servo, "switch", gain)
+        except NoOrbit:
+            continue
+        kp, _, ki = servo.torque_gains(gain)
+        if math.sqrt(servo.inertia / kp) >= FEWEST_OF_LOOP * 1e-3 and kp / ki <= LONGEST_RESET:
+            found += 1
+            yield f"{number:5d}", servo, gain
+
+
+def cured_as_built(row: Any, servo: Servo, gain: float, drive: Drive) -> str:
+    """The worst verdict of the loop as built with a remedy."""
+    size, pid = row.recommended, servo.controller.pid()
+    if row.name in PLAIN_NUMBERS:
+        servo = servo.replace(**{f"controller.{name}": value for name, value in
+                                 ({**vars(pid), PLAIN_NUMBERS[row.name]: size}).items()})  # fmt: skip
+    elif row.name == "gain":
+        gain = size
+    else:
+        drive = with_remedy(drive, DRIVE_PARTS[row.name], size)
+    return max((motion.verdict.kind for motion in _motions(servo, gain, drive)), key=BY_BADNESS.index)
+
+
+def cured(count: int, seed: int) -> Iterator[tuple[str, str, int, bool, str]]:
+    """(servo, remedy, encoder, whether there is a narrow dead band besides, verdict)."""
+    for name, servo, gain in servos_to_cure(count, seed):
+        found = remedies(servo, "switch", gain)
+        counts = find_orbit(servo, "switch", gain).amplitude / (2 * math.pi / 2000)
+        print(f"servo {name}: hunts by {counts:.3g} counts of 2000", flush=True)
+        for row in (row for row in found.remedies if row.ends_hunting and row.name != "dither"):
+            for encoder in ENCODERS:
+                drive = Drive(sample_time=1e-3, encoder=encoder)
+                for besides in (False, True):
+                    band = DRIVE_PARTS.get(row.name) in BANDS
+                    if besides and (band or not encoder):
+                        continue
+                    more = with_remedy(drive, "dead_band", NARROW_BAND * drive.count) if besides else drive
+                    try:
+                        kind = cured_as_built(row, servo, gain, more)
+                    except InputError as error:
+                        kind = f"none: {error}"
+                    yield name, row.name, encoder, besides, kind
+
+
 def main() -> int:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("order", "encoder"))
+    parser.add_argument("what", choices=("order", "encoder", "remedies"))
     parser.add_argument("--count", type=int)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -176,6 +261,8 @@ def main() -> int:
                 print(f"{name} {what:10s} {' '.join(f'{value:+9.2e}' for value in row)}  {p:5.2f}", flush=True)
         print("median orders: " + ", ".join(map("{:.2f}".format, np.nanmedian(orders, 0))))
         return 0
+    if options.what == "remedies":
+        return print_cured(options.count or 6, options.seed)
     rows = list(encoder(options.count or 300, options.seed))
     print("counts  rests  not decided  hunts  by quantisation  difference of the means: median  90 %")
     for counts in COUNTS:
@@ -188,6 +275,23 @@ def main() -> int:
             f"{len(hunting):6d} {causes.count('quantisation'):16d} {np.nanmedian(off):32.3f} "
             f"{np.nanquantile(off, 0.9):5.3f}"
         )
+    return 0
+
+
+def print_cured(count: int, seed: int) -> int:
+    """Print all verdicts, and how often a remedy holds + is undecided/of how many servos."""
+    rows = []
+    for row in cured(count, seed):
+        rows.append(row)
+        print("  {:18s} {:6d} {:8s} {}".format(row[1], row[2], "+ band" if row[3] else "", row[4]), flush=True)
+    print("remedy            " + "".join(f"{n or 'exact':>10} {'+ band' if n else '':6s}" for n in ENCODERS))
+    for name in dict.fromkeys(row[1] for row in rows):
+        cells = []
+        for at, band in ((n, b) for n in ENCODERS for b in (False, True)):
+            own = [row[4] for row in rows if row[1:4] == (name, at, band)]
+            holds, open_ = (sum(kind in kinds for kind in own) for kinds in (BY_BADNESS[:2], ("undecided",)))
+            cells.append(f"{holds}+{open_}/{len(own)}" if own else "")
+        print(f"{name:18s}" + " ".join(f"{cell:>8s}" for cell in cells))
     return 0
 
 

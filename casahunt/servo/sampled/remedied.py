@@ -18,8 +18,8 @@ n_k: samples since the reading changed, n_{-1} = 0 and a_{-1} = a_0.  A drive kn
 stands still where its reading stays.  All these come before the sum, the derivative and the torque of controller.py.
 
 Where the servo is stuck, a_k has stayed for a sample, f_k has come to a_k to the last digit, and a freeze, if there is
-one, has begun, everything but w and d is constant: the signs, whether hysteresis integrates, and so e and z.  Up to there
-a stick is followed sample by sample, from there on as controller.py does, and with its proof of rest.
+one, has begun, everything but w and d is constant: the signs, whether hysteresis integrates, and so e and z.  Up to
+there a stick is followed sample by sample, from there on as controller.py does, and with its proof of rest.
 """
 
 from __future__ import annotations

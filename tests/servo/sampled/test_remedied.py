@@ -26,7 +26,7 @@ def sums(readings, start=0.0, **remedies):
 
 
 def test_a_reset_acts_where_the_error_changes_its_sign_and_zero_has_none():
-    assert sums([1, 0, 1, 0, -1, 0, 0, -1, 2], 0.0, reset=0.5) == [1, 1, 2, 2, 0, 0, 0, -1, 1.5]
+    assert sums([3, 0, 3, -1, 0, 0, -1, 2], 0.0, reset=0.5) == [3, 3, 6, 2, 2, 2, 1, 2.5]
     assert sums([0, 0, 1], 4 * T, reset=0.5) == [4, 4, 5]
 
 
@@ -115,6 +115,15 @@ def test_a_freeze_that_is_still_to_come_is_no_rest():
     controller = Remedied(SERVO, 1.0, Drive(sample_time=1e-3, dwell=0.01), 0.0, 0.01, 0.0)
     rests = [controller.sample(0.01) < math.inf and controller.stays_within(0.01, 0.4) for _ in range(12)]
     assert rests == [False] * 9 + [True] * 3
+
+
+def test_it_is_not_steady_before_the_stop_is_seen():
+    """Stuck since the last sample, whose reading changed: the next one, which finds it stopped, resets the sum."""
+    controller = Remedied(SERVO, 1.0, Drive(sample_time=T, reset_at_stop=0.5), 0.0, 1.0, 0.0)
+    controller.sample(1.0), controller.sample(2.0)
+    assert not controller.steady(2.0)
+    controller.sample(2.0)
+    assert controller.steady(2.0) and controller.w == pytest.approx(3.5 * T)
 
 
 def test_lugre_friction_without_an_encoder_never_stops():

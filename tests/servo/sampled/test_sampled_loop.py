@@ -95,6 +95,8 @@ DRIVES = (
     Drive(sample_time=1e-3, encoder=2000, leak=0.5, integration="trapezoid"),
     Drive(sample_time=1e-3, encoder=2000, reset=0.8, hysteresis=0.008, integration="trapezoid", dwell=2.0),
     Drive(sample_time=1e-3, encoder=2000, delay=2e-3, error_filter_time=0.01, leak=0.01, reset_at_stop=0.9),
+    Drive(sample_time=1e-3, encoder=2000, dwell=0.5),
+    Drive(sample_time=1e-3, encoder=200, reset_at_stop=0.5),
     Drive(sample_time=1e-3, shifted_dead_band=1e-3, compensated=0.3, error_dead_band=1e-3, remaining_gain=0.5),
 )
 
