@@ -211,8 +211,8 @@ def servos_to_cure(count: int, seed: int) -> Iterator[tuple[str, Servo, float]]:
             yield f"{number:5d}", servo, gain
 
 
-def cured_as_built(row: Any, servo: Servo, gain: float, drive: Drive) -> str:
-    """The worst verdict of the loop as built with a remedy."""
+def cured_as_built(row: Any, servo: Servo, gain: float, drive: Drive) -> tuple[str, float]:
+    """The worst verdict of the loop as built with a remedy; the largest amplitude of what hunts [rad]."""
     size, pid = row.recommended, servo.controller.pid()
     if row.name in PLAIN_NUMBERS:
         servo = servo.replace(**{f"controller.{name}": value for name, value in
@@ -221,11 +221,13 @@ def cured_as_built(row: Any, servo: Servo, gain: float, drive: Drive) -> str:
         gain = size
     else:
         drive = with_remedy(drive, DRIVE_PARTS[row.name], size)
-    return max((motion.verdict.kind for motion in _motions(servo, gain, drive)), key=BY_BADNESS.index)
+    seen = [motion.verdict for motion in _motions(servo, gain, drive)]
+    hunts = [one.amplitude for one in seen if one.kind == "hunting"]
+    return max((one.kind for one in seen), key=BY_BADNESS.index), max(hunts, default=0.0)
 
 
-def cured(count: int, seed: int) -> Iterator[tuple[str, str, int, bool, str]]:
-    """(servo, remedy, encoder, whether there is a narrow dead band besides, verdict)."""
+def cured(count: int, seed: int) -> Iterator[tuple[str, str, int, bool, str, float]]:
+    """(servo, remedy, encoder, whether there is a narrow dead band besides, verdict, counts that it hunts by)."""
     for name, servo, gain in servos_to_cure(count, seed):
         found = remedies(servo, "switch", gain)
         counts = find_orbit(servo, "switch", gain).amplitude / (2 * math.pi / 2000)
@@ -239,10 +241,10 @@ def cured(count: int, seed: int) -> Iterator[tuple[str, str, int, bool, str]]:
                         continue
                     more = with_remedy(drive, "dead_band", NARROW_BAND * drive.count) if besides else drive
                     try:
-                        kind = cured_as_built(row, servo, gain, more)
+                        kind, left = cured_as_built(row, servo, gain, more)
                     except InputError as error:
-                        kind = f"none: {error}"
-                    yield name, row.name, encoder, besides, kind
+                        kind, left = f"none: {error}", math.nan
+                    yield name, row.name, encoder, besides, kind, left / (drive.count or 1.0)
 
 
 def main() -> int:
@@ -283,7 +285,8 @@ def print_cured(count: int, seed: int) -> int:
     rows = []
     for row in cured(count, seed):
         rows.append(row)
-        print("  {:18s} {:6d} {:8s} {}".format(row[1], row[2], "+ band" if row[3] else "", row[4]), flush=True)
+        left = f"{row[5]:.3g} counts" if row[2] and row[5] else ""
+        print(f"  {row[1]:18s} {row[2]:6d} {'+ band' if row[3] else '':8s} {row[4]:10s} {left}", flush=True)
     print("remedy            " + "".join(f"{n or 'exact':>10} {'+ band' if n else '':6s}" for n in ENCODERS))
     for name in dict.fromkeys(row[1] for row in rows):
         cells = []

@@ -24,3 +24,15 @@ def test_many_counts_leave_stiction_the_cause():
     assert {row[1] for row in fine} == {"stiction"} and np.median([row[2] for row in fine]) < 0.02
     coarse = [row[1] for row in rows if row[0] <= 2]
     assert coarse.count("quantisation") > 0.7 * len(coarse)
+
+
+@pytest.mark.slow
+def test_what_lets_it_rest_in_a_band_holds_as_built_and_what_does_not_needs_one():
+    """Between two counts no reading is zero, so that a servo that may rest with none but a zero error never rests."""
+    rows = list(as_built.cured(1, 0))
+    kinds = {row[1:4]: row[4] for row in rows}
+    for name in ("dead band", "shifted dead band", "hysteresis", "leak", "freeze"):
+        assert {kinds[name, encoder, False] for encoder in as_built.ENCODERS} == {"at rest"}
+    for name in ("gain", "reset", "derivative", "integral"):
+        assert kinds[name, 2000, False] == "hunting"
+    assert kinds["gain", 2000, True] == kinds["derivative", 2000, True] == "at rest"
