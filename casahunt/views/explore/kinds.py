@@ -18,19 +18,19 @@ import numpy as np
 from ...checks import to_error
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
-from ...design.remedies.border import BORDERS, Scales, border
+from ...design.remedies.border import BORDERS, Border, Scales, border
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
 from ...servo.delayed_loop import Margins, margins
 from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
-from ...servo.parts import Loop, fold_in, loop_cycle, loop_motion
+from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
 from ...servo.parts.linear import linear_margins
 from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.units import GAIN_UNIT
-from .numbers import brief, curve, ends_at, hunts, seen_number, sentence_of, shown_number
+from .numbers import brief, curve, ends_at, hunts, refused, seen_number, sentence_of, shown_number
 from .state import GAIN, Problem
 
 PERIODS_OF_A_STEP, RESETS_OF_A_STEP = 3.0, 100.0
@@ -76,7 +76,8 @@ class ServoAnswers:
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
         if isinstance(why, ComesToRest):
             self.said = "No hunting was found: from every start that was tried it comes to rest."
-        return {"verdict": "rests" if proved else "unknown", "sentence": self.said, "why": str(why)}
+            return {"verdict": "unknown", "sentence": self.said, "evidence": str(why)}
+        return {"verdict": "rests" if proved else "unknown", "sentence": self.said, **refused(why)}
 
     def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any) -> dict[str, Any]:
         stable = bool(orbit.stable) if orbit.multipliers.trusted else None
@@ -255,7 +256,7 @@ class LoopAnswers(ServoAnswers):
             fold = self._fold()
             shown = self._gain_border(fold.value, fold.value_error)
         except NoOrbit as why:
-            shown["why"] = str(why)
+            shown |= refused(why)
         return shown | (self._remedy_border() if self.problem.remedy is not None else {})
 
     def _fold(self) -> Fold[Any]:
@@ -279,7 +280,7 @@ class LoopAnswers(ServoAnswers):
             memory["border"] = border(without, remedy, start, scales, ROUGH)
         found = memory["border"]
         if found.kind not in BORDERS:
-            return {"remedy_why": found.why or f"hunting goes on up to {brief(found.size)} {remedy.unit}".rstrip()}
+            return no_size(remedy, found)
         present = self.loop.value(remedy.size)
         more = ends_at(f"the {remedy.name}", remedy.unit, found.size, present, remedy.sense)
         return {
@@ -297,6 +298,16 @@ class LoopAnswers(ServoAnswers):
             fold = self.memory.get(("fold", low))
             self.memory["diagram", low] = branches_shown(branch.orbits, None if fold is None else fold.orbit)
         return {**self.memory["diagram", low], "present": self.problem.gain}
+
+
+def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
+    """What is said where no size of a remedy was found that ends hunting."""
+    if math.isnan(found.size):
+        return {"remedy_why": f"not found: there is no hunting even with little {remedy.name}", "evidence": found.why}
+    size = f"{brief(found.size)} {remedy.unit}".rstrip()
+    if found.kind == "none":
+        return {"remedy_why": f"hunting goes on up to {size}"}
+    return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.why}
 
 
 def cycle_beside(loop: Loop, bare: Any) -> Any:

@@ -192,6 +192,7 @@
     if (what.sentence) byId("sentence").textContent = what.sentence;
     if (stage === "hunts") byId("why").textContent = what.why || "";
     numbers(stage);
+    evidence();
     for (const [key, figures] of CURVES[stage] || []) for (const name of figures) draw(name, key, what[key], inPlace(what));
     if (stage === "step") locate("set point", Number(new URLSearchParams(address).get("step")));
     if (stage === "border") locate("border", what.gain ? what.gain.value : null);
@@ -201,6 +202,11 @@
     }
     if (stage === "hunts") locate("present", gainNow());
     if (stage === "hunts" || stage === "diagram") mark();
+  };
+  const evidence = () => {
+    const said = [...new Set(Object.values(shown).map((what) => what.evidence).filter(Boolean))];
+    byId("evidence").hidden = !said.length;
+    byId("evidence").querySelector("ul").replaceChildren(...said.map((one) => element("li", {}, one)));
   };
   // The present cycle as a point, and where there is none, nothing to be seen at its gain: it belongs to the picture.
   const mark = () => {
