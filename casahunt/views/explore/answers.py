@@ -60,6 +60,8 @@ class Answers:
                 found = {"why": f"given up after {LONGEST_STAGE:g} s; {GOES_ON}"}
             except ArithmeticError as why:  # an extreme servo, beyond what was thought of
                 found = {"why": f"could not be computed: {why}"}
+            if stage == "diagram" and "why" in found and "stable" not in found:
+                found = kind.so_far() | found
             if stage == "hunts" and "sentence" not in found:
                 found |= {"verdict": "unknown", "sentence": "Whether it hunts is not known."}
             yield stage, found

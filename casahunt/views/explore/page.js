@@ -199,9 +199,21 @@
     if (stage === "diagram") {
       draw("diagram", "stable", what.stable, what.why);
       draw("diagram", "unstable", what.unstable, what.why);
+      unfinished(what);
     }
     if (stage === "hunts") locate("present", gainNow());
     if (stage === "hunts" || stage === "diagram") mark();
+  };
+  // A curve that is not followed to its end: where, in the picture, and why, below it.
+  const unfinished = (what) => {
+    const at = what.unfinished, missing = byId("diagram-figure").querySelector(".missing");
+    missing.classList.toggle("below", Boolean(at));
+    if (at) missing.textContent = what.why;
+    const source = model("diagram", "unfinished"), words = model("diagram", "unfinished words");
+    if (!source) return;
+    source.data = at || {gain: [], amplitude: []};
+    if (at) { words.x = at.gain[0]; words.y = at.amplitude[0]; }
+    words.visible = Boolean(at);
   };
   const evidence = () => {
     const said = [...new Set(Object.values(shown).map((what) => what.evidence).filter(Boolean))];

@@ -368,6 +368,33 @@ def test_a_stage_that_goes_on_for_ever_is_given_up(monkeypatch):
     assert "collocation intervals" in told["step"]["evidence"] and told["linear"]["phase_margin"]["value"] > 0
 
 
+@pytest.mark.parametrize("state", [TABLE1, DEAD_BAND])
+def test_a_diagram_that_is_given_up_shows_what_is_known_so_far(monkeypatch, shown, state):
+    """Its curve begins as the whole one does, ends at a point that is marked, and a sentence says why."""
+    whole = shown(state, "diagram")["diagram"]
+    counted = []
+
+    class Limited(list):
+        def append(self, orbit):
+            counted.append(orbit)
+            if len(counted) == 12:
+                raise effort.OutOfTime
+            super().append(orbit)
+
+    begin = kinds.ServoAnswers.__init__
+
+    def limited(self, *arguments):
+        begin(self, *arguments)
+        self.drawn = Limited()
+
+    monkeypatch.setattr(kinds.ServoAnswers, "__init__", limited)
+    told = shown(state, "diagram")["diagram"]
+    assert "given up after" in told["why"]
+    known = [x for x in told["stable"]["gain"] if x is not None]
+    assert len(known) == 11 and known == [x for x in whole["stable"]["gain"] if x is not None][:11]
+    assert told["unfinished"]["gain"] == [known[-1]] and "unfinished" not in whole
+
+
 def test_a_stage_that_takes_too_long_is_given_up(monkeypatch, shown):
     monkeypatch.setattr(stages, "LONGEST_STAGE", 0.0)
     told = shown(TABLE1, "hunts", "linear", "step")
