@@ -150,9 +150,10 @@ class _CycleSearch(Returning):
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
         except NotFound as why:
             refusals = [] if isinstance(why, AtRest) else self.refusals
-            tried = "".join(f"; {refusal}" for refusal in dict.fromkeys(refusals))
-            sentence = f"no cycle of {self.system.name} was found: {why} (followed for {why.followed:.6g}){tried}"
-            raise (ComesToRest if isinstance(why, AtRest) else NoOrbit)(sentence, Status.NOT_FOUND) from None
+            evidence = "; ".join([f"followed for {why.followed:.6g}", *map(str, dict.fromkeys(refusals))])
+            kind = ComesToRest if isinstance(why, AtRest) else NoOrbit
+            sentence = f"no cycle of {self.system.name} was found: {why}"
+            raise kind(sentence, Status.NOT_FOUND, evidence=evidence) from None
 
     def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, accept."""

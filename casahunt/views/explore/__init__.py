@@ -10,6 +10,7 @@ presets.py    servos to begin with
 controls.py   what there is to turn, with units and ranges
 copies.py     a state as a command line, as Python, as a file
 numbers.py    numbers and sentences as they are shown
+curves.py     branches of cycles and friction, as curves
 kinds.py      the stages of a servo and of a loop of parts
 answers.py    what the page shows, in stages
 worker.py     a process that answers the newest question

@@ -21,11 +21,13 @@ from typing import Any
 from ... import effort
 from ...errors import InputError, NoOrbit
 from .kinds import LoopAnswers, ServoAnswers
+from .numbers import refused
 from .state import SET_POINT, State
 
 STAGES = ("hunts", "linear", "border", "step", "diagram")
 MOST_WORK_OF_A_STAGE, LONGEST_STAGE = 2e5, 10.0
 """Work (effort.py) of a stage, five seconds of a processor for a servo; and its seconds, of which a loop needs more."""
+GOES_ON = "the command line goes on longer"
 MOST_KEPT = 16
 """Servos, at whatever gain or whatever size of a remedy, of which borders and diagrams are kept."""
 
@@ -50,12 +52,16 @@ class Answers:
                 limited = effort.counting_work(None, limit=MOST_WORK_OF_A_STAGE, dropped=dropped)
                 with limited, effort.until(LONGEST_STAGE):
                     found = getattr(kind, stage)()
-            except (NoOrbit, InputError, effort.GivenUp) as why:
-                found = {"why": str(why)}
+            except (NoOrbit, InputError) as why:
+                found = refused(why)
+            except effort.GivenUp as why:
+                found = {"why": f"given up, because it takes too long here; {GOES_ON}", "evidence": str(why)}
             except effort.OutOfTime:
-                found = {"why": f"given up after {LONGEST_STAGE:g} s; the command line goes on longer"}
+                found = {"why": f"given up after {LONGEST_STAGE:g} s; {GOES_ON}"}
             except ArithmeticError as why:  # an extreme servo, beyond what was thought of
                 found = {"why": f"could not be computed: {why}"}
+            if stage == "diagram" and "why" in found and "stable" not in found:
+                found = kind.so_far() | found
             if stage == "hunts" and "sentence" not in found:
                 found |= {"verdict": "unknown", "sentence": "Whether it hunts is not known."}
             yield stage, found

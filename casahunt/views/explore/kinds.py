@@ -3,7 +3,6 @@
     step          followed for three periods, or a hundred reset times where there is no cycle
     diagram       from a twentieth of the fold gain, or from below the present one, round the fold and back;
                   of a loop from a power of two below the present gain, or of four below that
-    friction      F(v) = g(v) sgn v + sigma2 v, where it is Stribeck's
 """
 
 from __future__ import annotations
@@ -15,22 +14,24 @@ from typing import Any
 
 import numpy as np
 
+from ... import effort
 from ...checks import to_error
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
-from ...design.remedies.border import BORDERS, Scales, border
+from ...design.remedies.border import BORDERS, Border, Scales, border
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
 from ...servo.delayed_loop import Margins, margins
 from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
-from ...servo.parts import Loop, fold_in, loop_cycle, loop_motion
+from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
 from ...servo.parts.linear import linear_margins
 from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.units import GAIN_UNIT
-from .numbers import brief, curve, ends_at, hunts, seen_number, sentence_of, shown_number
+from .curves import branches_shown, friction_curve, left_open
+from .numbers import brief, curve, ends_at, hunts, refused, seen_number, sentence_of, shown_number
 from .state import GAIN, Problem
 
 PERIODS_OF_A_STEP, RESETS_OF_A_STEP = 3.0, 100.0
@@ -42,14 +43,14 @@ BELOW_THE_FOLD, BELOW_THE_GAIN = 20.0, 2.0
 of the latter which is at least so many times below its gain."""
 DRAWN_CYCLES, DIAGRAM_STEP, MOST_DIAGRAM_POINTS = Options(tol=1e-4, provisional=True), 0.3, 120
 """Of the cycles of a diagram, whose errors nobody reads."""
+UNFINISHED = ("stuck", "points")
+"""Ends of a branch behind which it goes on."""
 LOWER_GAINS = (1.0, 0.25, 0.0625)
 """Parts of that gain at which a cycle of a loop is looked for in turn."""
 FAR_ABOVE = 1e3
 """A branch of a loop is followed up to so many times the gain."""
 ROUGH = Options(tol=1e-6)
 """Tolerance of the numbers of a loop."""
-DRAWN_SPEEDS, SPEED_POINTS = 10.0, 200
-"""Of the friction curve: up to so many Stribeck velocities."""
 
 
 class ServoAnswers:
@@ -60,6 +61,7 @@ class ServoAnswers:
         self.memory = memory(GAIN)
         self.orbit: Orbit | None = None
         self.said = ""
+        self.drawn: list[Any] = []
 
     def hunts(self) -> dict[str, Any]:
         """Does it hunt."""
@@ -76,7 +78,8 @@ class ServoAnswers:
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
         if isinstance(why, ComesToRest):
             self.said = "No hunting was found: from every start that was tried it comes to rest."
-        return {"verdict": "rests" if proved else "unknown", "sentence": self.said, "why": str(why)}
+            return {"verdict": "unknown", "sentence": self.said, "evidence": str(why)}
+        return {"verdict": "rests" if proved else "unknown", "sentence": self.said, **refused(why)}
 
     def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any) -> dict[str, Any]:
         stable = bool(orbit.stable) if orbit.multipliers.trusted else None
@@ -146,10 +149,28 @@ class ServoAnswers:
         start = self._start()
         if ("diagram", start) not in self.memory:
             first = find_orbit(servo, model, start, options=Options(tol=DRAWN_CYCLES.tol))
+            self.drawn.append(first)
             steps = walk(first, low=start, high=start * HIGHEST, options=DRAWN_CYCLES, largest_step=DIAGRAM_STEP)
+            ended = self._drawn_to_end(steps)
             fold = self.memory["fold"].orbit if "fold" in self.memory else None
-            self.memory["diagram", start] = branches_shown([first, *steps], fold)
+            self.memory["diagram", start] = branches_shown(self.drawn, fold) | (
+                left_open(self.drawn) if getattr(ended, "kind", "stuck") in UNFINISHED else {}
+            )
         return {**self.memory["diagram", start], "present": gain}
+
+    def _drawn_to_end(self, steps: Any) -> Any:
+        """Draw the orbits of a walk; returns why it ends."""
+        while True:
+            try:
+                self.drawn.append(next(steps))
+            except StopIteration as end:
+                return end.value
+
+    def so_far(self) -> dict[str, Any]:
+        """What is known of the diagram where it was given up; {} where that is no curve."""
+        if len(self.drawn) < 2:
+            return {}
+        return {**branches_shown(self.drawn), **left_open(self.drawn), "present": self.problem.gain}
 
     def _start(self) -> float:
         """The gain at which the diagram begins: the same for most gains, so that a move along it computes nothing."""
@@ -255,7 +276,7 @@ class LoopAnswers(ServoAnswers):
             fold = self._fold()
             shown = self._gain_border(fold.value, fold.value_error)
         except NoOrbit as why:
-            shown["why"] = str(why)
+            shown |= refused(why)
         return shown | (self._remedy_border() if self.problem.remedy is not None else {})
 
     def _fold(self) -> Fold[Any]:
@@ -279,7 +300,7 @@ class LoopAnswers(ServoAnswers):
             memory["border"] = border(without, remedy, start, scales, ROUGH)
         found = memory["border"]
         if found.kind not in BORDERS:
-            return {"remedy_why": found.why or f"hunting goes on up to {brief(found.size)} {remedy.unit}".rstrip()}
+            return no_size(remedy, found)
         present = self.loop.value(remedy.size)
         more = ends_at(f"the {remedy.name}", remedy.unit, found.size, present, remedy.sense)
         return {
@@ -292,11 +313,27 @@ class LoopAnswers(ServoAnswers):
         foot = self._foot()
         low = foot.problem.value(GAIN)
         if ("diagram", low) not in self.memory:
+            self.drawn.append(foot)
             branch = follow(foot, GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN_CYCLES, monitors=(),
-                            largest_step=DIAGRAM_STEP, max_points=MOST_DIAGRAM_POINTS)  # fmt: skip
+                            largest_step=DIAGRAM_STEP, max_points=MOST_DIAGRAM_POINTS,
+                            progress=self.drawn.append)  # fmt: skip
+            if branch.end.kind == "time":  # the stage's own, which is not to be remembered
+                raise effort.OutOfTime
             fold = self.memory.get(("fold", low))
-            self.memory["diagram", low] = branches_shown(branch.orbits, None if fold is None else fold.orbit)
+            self.memory["diagram", low] = branches_shown(branch.orbits, None if fold is None else fold.orbit) | (
+                left_open(branch.orbits) if branch.end.kind in UNFINISHED else {}
+            )
         return {**self.memory["diagram", low], "present": self.problem.gain}
+
+
+def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
+    """What is said where no size of a remedy was found that ends hunting."""
+    if math.isnan(found.size):
+        return {"remedy_why": f"not found: there is no hunting even with little {remedy.name}", "evidence": found.why}
+    size = f"{brief(found.size)} {remedy.unit}".rstrip()
+    if found.kind == "none":
+        return {"remedy_why": f"hunting goes on up to {size}"}
+    return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.why}
 
 
 def cycle_beside(loop: Loop, bare: Any) -> Any:
@@ -314,35 +351,6 @@ def on_the_cycle(orbit: Any) -> dict[str, float]:
     states = (stuck or orbit.arcs[0]).states
     state = dict(zip(orbit.problem.system.states, map(float, states[0, states.shape[1] // 2]), strict=True))
     return state if stuck is None else state | {"x2": 0.0}  # not the rounding of zero, which would slip
-
-
-def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
-    """Amplitude against gain of cycles along a branch, as two curves: attracting and not.
-
-    fold: the first one of the branch, where it is known; it is put in if the branch goes no further up.
-    """
-    gains = np.array([orbit.problem.value("gain") for orbit in orbits])
-    amplitudes = np.array([orbit.amplitude for orbit in orbits])
-    stable = np.array([orbit.seen_stable for orbit in orbits])
-    if fold is not None and gains.max() < fold.problem.value(GAIN):
-        turn = int(np.argmax(gains))
-        turn += bool(amplitudes[turn] > fold.amplitude)
-        gains = np.insert(gains, turn, fold.problem.value("gain"))
-        amplitudes, stable = np.insert(amplitudes, turn, fold.amplitude), np.insert(stable, turn, False)
-    curves = {}
-    for name, on in (("stable", stable), ("unstable", ~stable)):
-        # where the one becomes the other the point belongs to both: the curves have no gap
-        near = on | (np.roll(on, 1) & (np.arange(on.size) > 0)) if name == "stable" else on
-        curves[name] = curve(gain=np.where(near, gains, np.nan), amplitude=np.where(near, amplitudes, np.nan))
-    return curves
-
-
-def friction_curve(numbers: Any) -> dict[str, Any]:
-    """Friction torque against velocity, with the jump at standstill."""
-    Fs, Fc, vs = (numbers[name] for name in ("static", "coulomb", "stribeck_velocity"))
-    v = np.linspace(0, DRAWN_SPEEDS * vs, SPEED_POINTS)
-    F = Fc + (Fs - Fc) * np.exp(-((v / vs) ** 2)) + numbers["viscous"] * v
-    return curve(velocity=[*-v[::-1], *v], torque=[*-F[::-1], *F])
 
 
 def margins_shown(found: Margins) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """How the page says what was computed: numbers to the digits that their errors vouch for, and the sentences.
 
     number   {"value", "error", "text"}: error absolute, null where none is estimated; text without the unit
-    why      {"why"}: in the place of what was not found
+    why      {"why", "evidence"}: in the place of what was not found, and what supports it, where that is known
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import finite_or_none, to_error
+from ...errors import NoOrbit
 
 SHOWN_DIGITS = 6
 """Of a number on the page, at most; the servo is known to fewer."""
@@ -40,6 +41,13 @@ def seen_number(value: float) -> dict[str, Any]:
 def brief(value: float) -> str:
     """A number in a sentence."""
     return f"{value:.{MARGIN_DIGITS}g}"
+
+
+def refused(why: Exception) -> dict[str, Any]:
+    """The sentence of a refusal, its evidence apart from it."""
+    if not isinstance(why, NoOrbit):
+        return {"why": str(why)}
+    return {"why": why.plain} | ({"evidence": why.evidence} if why.evidence else {})
 
 
 def curve(**columns: Any) -> dict[str, list[float | None]]:

@@ -192,15 +192,33 @@
     if (what.sentence) byId("sentence").textContent = what.sentence;
     if (stage === "hunts") byId("why").textContent = what.why || "";
     numbers(stage);
+    evidence();
     for (const [key, figures] of CURVES[stage] || []) for (const name of figures) draw(name, key, what[key], inPlace(what));
     if (stage === "step") locate("set point", Number(new URLSearchParams(address).get("step")));
     if (stage === "border") locate("border", what.gain ? what.gain.value : null);
     if (stage === "diagram") {
       draw("diagram", "stable", what.stable, what.why);
       draw("diagram", "unstable", what.unstable, what.why);
+      unfinished(what);
     }
     if (stage === "hunts") locate("present", gainNow());
     if (stage === "hunts" || stage === "diagram") mark();
+  };
+  // A curve that is not followed to its end: where, in the picture, and why, below it.
+  const unfinished = (what) => {
+    const at = what.unfinished, missing = byId("diagram-figure").querySelector(".missing");
+    missing.classList.toggle("below", Boolean(at));
+    if (at) missing.textContent = what.why;
+    const source = model("diagram", "unfinished"), words = model("diagram", "unfinished words");
+    if (!source) return;
+    source.data = at || {gain: [], amplitude: []};
+    if (at) { words.x = at.gain[0]; words.y = at.amplitude[0]; }
+    words.visible = Boolean(at);
+  };
+  const evidence = () => {
+    const said = [...new Set(Object.values(shown).map((what) => what.evidence).filter(Boolean))];
+    byId("evidence").hidden = !said.length;
+    byId("evidence").querySelector("ul").replaceChildren(...said.map((one) => element("li", {}, one)));
   };
   // The present cycle as a point, and where there is none, nothing to be seen at its gain: it belongs to the picture.
   const mark = () => {

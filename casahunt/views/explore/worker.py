@@ -11,6 +11,7 @@ started, with the newest question.
 from __future__ import annotations
 
 import ctypes
+import logging
 import multiprocessing
 import sys
 import threading
@@ -24,6 +25,7 @@ from ... import effort, interrupts
 from .answers import Answers
 from .state import state_of_address
 
+_LOG = logging.getLogger(__name__)
 Heard = Callable[[int, str, dict[str, Any]], None]
 """(number of the question, stage, what it shows): stage "done" after the last one."""
 DONE = "done"
@@ -86,14 +88,16 @@ class Worker:
         self._context = multiprocessing.get_context("spawn")
         self._newest = self._context.RawValue(ctypes.c_int64, 0)
         self._question: tuple[int, str] | None = None
+        self._asked = ""
         self._lock = threading.Lock()
-        self._closed = False
+        self._closed = self._silent = False
         self._start()
 
     def ask(self, number: int, address: str) -> None:
         """A question that is the newest from here on; the one before is dropped.  Numbers grow."""
         with self._lock:
             self._newest.value, self._question, self._spoke = number, (number, address), time.monotonic()
+            self._asked = address
             with suppress(OSError, ValueError):  # it has just ended: `_listen` starts another one and asks again
                 self._pipe.send(self._question)
 
@@ -101,7 +105,7 @@ class Worker:
         """End a worker that is silent for too long: another one goes on.  To be called now and then."""
         with self._lock:
             if self._question is not None and time.monotonic() - self._spoke > LONGEST_SILENCE:
-                self._spoke = time.monotonic()
+                self._spoke, self._silent = time.monotonic(), True
                 self._process.kill()
 
     def close(self) -> None:
@@ -128,6 +132,15 @@ class Worker:
     def hears(self, heard: Heard) -> None:
         """Let somebody else hear the answers from here on."""
         self._heard = heard
+
+    def _ending(self) -> str:
+        """Why the process has ended, and behind which question."""
+        code, asked = self._process.exitcode, f"asked last: {self._asked}"
+        if self._silent:
+            return f"a worker was silent for {LONGEST_SILENCE:g} s and was ended ({asked})"
+        if code == 0:
+            return f"a worker had {MOST_MEGABYTES:g} MB of memory and ended ({asked})"
+        return f"a worker broke off with exit code {code} ({asked})"
 
     def _start(self) -> None:
         ours, theirs = self._context.Pipe()
@@ -158,6 +171,8 @@ class Worker:
             self._process.join(TO_END)
             meant = self._process.exitcode == 0
             again, number = self._question, self._newest.value
+            _LOG.warning("%s; another one takes its place", self._ending())
+            self._silent = False
             self._start()
             if meant and again is not None:
                 self._pipe.send(again)

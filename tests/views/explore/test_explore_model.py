@@ -241,7 +241,8 @@ def test_torque_along_a_loop_is_that_of_the_servo(told, shown):
 def test_where_it_does_not_hunt_the_evidence_is_said(shown):
     told = shown(turned(TABLE1, gain=1.0), "hunts", "border")
     assert told["hunts"]["verdict"] == "rests" and told["hunts"]["sentence"] == "It does not hunt at this gain."
-    assert "in a fold" in told["hunts"]["why"] and "amplitude" not in told["hunts"]
+    assert told["hunts"]["why"].endswith("it can hunt up to gain 0.6473 V/rad, and not above")
+    assert "in a fold" in told["hunts"]["evidence"] and "amplitude" not in told["hunts"]
     assert told["border"]["ratio"]["value"] < 1
 
 
@@ -260,6 +261,7 @@ def test_what_is_not_found_is_a_sentence_in_its_place(shown):
     """No hunting was found is not: there is none."""
     told = shown(turned(TABLE1.choose("remedy", "leak"), leak=0.5), "hunts", "diagram")
     assert told["hunts"]["verdict"] == "unknown" and told["hunts"]["sentence"].startswith("No hunting was found")
+    assert "why" not in told["hunts"] and "followed for" in told["hunts"]["evidence"]
     assert "why" in told["diagram"]
 
 
@@ -362,7 +364,35 @@ def test_nobody_waits_for_an_answer_that_is_dropped():
 def test_a_stage_that_goes_on_for_ever_is_given_up(monkeypatch):
     monkeypatch.setattr(stages, "MOST_WORK_OF_A_STAGE", 50)
     told = dict(Answers().of(TABLE1))
-    assert "given up" in told["step"]["why"] and told["linear"]["phase_margin"]["value"] > 0
+    assert told["step"]["why"] == "given up, because it takes too long here; the command line goes on longer"
+    assert "collocation intervals" in told["step"]["evidence"] and told["linear"]["phase_margin"]["value"] > 0
+
+
+@pytest.mark.parametrize("state", [TABLE1, DEAD_BAND])
+def test_a_diagram_that_is_given_up_shows_what_is_known_so_far(monkeypatch, shown, state):
+    """Its curve begins as the whole one does, ends at a point that is marked, and a sentence says why."""
+    whole = shown(state, "diagram")["diagram"]
+    counted = []
+
+    class Limited(list):
+        def append(self, orbit):
+            counted.append(orbit)
+            if len(counted) == 12:
+                raise effort.OutOfTime
+            super().append(orbit)
+
+    begin = kinds.ServoAnswers.__init__
+
+    def limited(self, *arguments):
+        begin(self, *arguments)
+        self.drawn = Limited()
+
+    monkeypatch.setattr(kinds.ServoAnswers, "__init__", limited)
+    told = shown(state, "diagram")["diagram"]
+    assert "given up after" in told["why"]
+    known = [x for x in told["stable"]["gain"] if x is not None]
+    assert len(known) == 11 and known == [x for x in whole["stable"]["gain"] if x is not None][:11]
+    assert told["unfinished"]["gain"] == [known[-1]] and "unfinished" not in whole
 
 
 def test_a_stage_that_takes_too_long_is_given_up(monkeypatch, shown):

@@ -253,7 +253,10 @@ def test_fifty_quick_moves(page):
 
 def test_what_is_not_found_is_said_in_its_place(page):
     page.type("gain", 1.0)
-    assert page.text("#sentence").startswith("It does not hunt") and "in a fold" in page.text("#why")
+    assert page.text("#sentence").startswith("It does not hunt")
+    assert page.text("#why").endswith("it can hunt up to gain 0.6473 V/rad, and not above")
+    page.at.locator("#evidence summary").click()
+    assert "in a fold" in page.text("#evidence")
     for place in ("#number-amplitude dd", "#number-period dd", "#angle-figure .missing", "#phase-figure .missing"):
         assert page.text(place) == "none: it does not hunt"
     page.moved(lambda: page.at.locator("#c-remedy").select_option("leak"))

@@ -94,11 +94,12 @@ def test_one_that_has_grown_ends_behind_an_answer(monkeypatch):
     assert said[-1] == DONE and len(questions) == 2
 
 
-def test_one_that_ends_as_it_should_is_replaced_and_asked_again(worker, heard):
+def test_one_that_ends_as_it_should_is_replaced_and_asked_again(worker, heard, caplog):
     before = worker.process_id
     worker._pipe.send(None)
     worker.ask(105, "gain=0.26")
     assert until_done(heard, 105)["hunts"]["verdict"] == "hunts" and worker.process_id != before
+    assert "MB of memory and ended (asked last: gain=0.26); another one" in caplog.text
 
 
 def test_what_rests_says_nothing(worker, heard):
@@ -109,19 +110,20 @@ def test_what_rests_says_nothing(worker, heard):
 
 
 @pytest.mark.slow
-def test_one_that_ends_is_replaced(worker, heard):
+def test_one_that_ends_is_replaced(worker, heard, caplog):
     """Its question is not asked again, which may have ended it; the next one is answered."""
     worker.ask(120, "model=lugre&friction.viscous=0.123&remedy=dead+band&dead_band=0.01")
     heard.get(timeout=LONG)
     before = worker.process_id  # one that had grown was replaced before it asked
     os.kill(before, getattr(signal, "SIGKILL", signal.SIGTERM))
     assert "broke off" in until_done(heard, 120)[DONE]["why"]
+    assert "a worker broke off with exit code" in caplog.text and "friction.viscous=0.123" in caplog.text
     worker.ask(121, "gain=0.25")
     assert until_done(heard, 121)["hunts"]["verdict"] == "hunts" and worker.process_id != before
 
 
 @pytest.mark.slow
-def test_one_that_is_silent_is_ended(worker, heard, monkeypatch):
+def test_one_that_is_silent_is_ended(worker, heard, monkeypatch, caplog):
     before = worker.process_id
     worker.tend()  # it has no question: nothing happens
     assert worker.process_id == before
@@ -129,4 +131,5 @@ def test_one_that_is_silent_is_ended(worker, heard, monkeypatch):
     monkeypatch.setattr(module, "LONGEST_SILENCE", -1.0)
     worker.tend()
     assert "broke off" in until_done(heard, 130)[DONE]["why"]
+    assert "a worker was silent" in caplog.text
     assert worker.process_id != before
