@@ -26,7 +26,7 @@ from ...results import tables_of
 from ...servo.find_orbit import find_orbit
 from ...servo.servo import flatten
 from ...servo.units import unit_of
-from ..answers.answer import Answer
+from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
     add_command,
     add_gain,
@@ -49,6 +49,8 @@ SIGN = "# casahunt identify"
 FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
 """What --out writes, and what stands in each: the intervals, as `uncertainty`, `tune` and `remedies` take them, and the
 servo with the values found."""
+FITTED_DIGITS = 6
+"""Of a value in the details."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
 
 
@@ -150,8 +152,8 @@ def not_explained(found: Identification) -> str:
     return (
         f"the {found.model} model does not explain the record{'s' * (len(found.records) > 1)}: what is left is "
         f"{found.judgement.systematic:.2g} of the amplitude and no noise (misfit {found.judgement.misfit:.3g}, 1 of "
-        "noise alone); the values are its nearest, their intervals widened; draw it with --plot, and try another "
-        f"--model, more --free parameters, or the filter and sampling of the record"
+        "noise alone); the values are its nearest, and less certain than they look; draw it with --plot, and try "
+        "another --model, more --free parameters, or the filter and sampling of the record"
         + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
 
@@ -160,35 +162,44 @@ def identified_lines(found: Identification, suspect: str) -> Iterator[str]:
     """What was found, as text; and what is to be suspected."""
     data, judgement = found.records, found.judgement
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
-    yield f"{found.model} servo identified from {many}, {sum(d.times.size for d in data)} samples"
-    yield ROW.format("", "value", "low", "high", "unit (95 % intervals)")
-    for name, value in found.values.items():
-        low, high = found.intervals[name]
-        width = (high - low if math.isfinite(high) else value) / 20
-        texts = [to_absolute_error(each, width, most=6) if math.isfinite(each) else "" for each in (value, low, high)]
-        yield ROW.format(name, *texts, unit_of(name)).rstrip()
-    verdict = "the model explains the record" if judgement.explained else "the model does NOT explain the record"
-    yield f"  {verdict}: what it leaves beside noise is {judgement.systematic:.2g} of the amplitude"
+    does = "explains" if judgement.explained else "does NOT explain"
+    yield f"{found.model} servo from {many}: the model {does} what was recorded"
+    yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
-        yield "  the fit has NOT CONVERGED: values are those where it stopped, without intervals"
-    for d, noise, torque, orbit in zip(data, found.noises, found.torque_noises, found.orbits, strict=True):
-        rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
-        rounded += "" if torque is None else f", torque with noise {torque:.2g} N m"
-        yield (
-            f"  gain {d.gain:.6g} V/rad: noise {noise.sigma:.2g} rad{rounded}; fitted amplitude {orbit.amplitude:.4g} "
-            f"rad, period {orbit.period:.5g} s"
-        )
+        yield "  the values are NOT settled: they are those where the search stopped, and nobody knows how far off"
+    else:
+        yield "  from, to: the true value lies there in 95 of 100 cases, if the servo is as the model has it"
+    yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude"
     for powers in found.untold:
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:
-        yield f"  a further record at gain {found.further[0]:.3g} V/rad would tell most"
+        yield f"  to know more, record at gain {found.further[0]:.3g} V/rad too"
     if suspect:
         yield f"  {suspect}"
+
+
+def _rows(found: Identification, most: int) -> Iterator[str]:
+    """The table of the parameters, with so many digits."""
+    yield ROW.format("", "value", "from", "to", "unit")
+    for name, value in found.values.items():
+        low, high = found.intervals[name]
+        width = (high - low if math.isfinite(high) else value) / 20
+        numbers = (value, low, high)
+        texts = [to_absolute_error(each, width, most=most) if math.isfinite(each) else "" for each in numbers]
+        yield ROW.format(name, *texts, unit_of(name)).rstrip()
 
 
 def identified_details(found: Identification) -> Iterator[str]:
     """What the fit has left, and what another record would tell."""
     judgement = found.judgement
+    yield from _rows(found, FITTED_DIGITS)
+    for d, noise, torque, orbit in zip(found.records, found.noises, found.torque_noises, found.orbits, strict=True):
+        rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
+        rounded += "" if torque is None else f", torque with noise {torque:.2g} N m"
+        yield (
+            f"  gain {d.gain:.6g} V/rad: {d.times.size} samples, noise {noise.sigma:.2g} rad{rounded}; fitted "
+            f"amplitude {orbit.amplitude:.6g} rad, period {orbit.period:.6g} s"
+        )
     yield f"  misfit {judgement.misfit:.3g} (1 of noise alone)"
     if judgement.factor > 1:
         yield f"  intervals widened by {math.sqrt(judgement.factor):.3g}: the residuals scatter more than noise does"

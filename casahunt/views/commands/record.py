@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import known_decimals, moderate, to_absolute_error, to_error
+from ...checks import known_decimals, moderate, to_absolute_error
 from ...design.identify.identify import Identification, identify
 from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
@@ -34,7 +34,7 @@ from ...errors import NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
-from ..answers.answer import HARD_SPACE, Answer, exactly
+from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, rhythm
 from .arguments import (
     add_command,
     add_reading,
@@ -52,6 +52,8 @@ from .progress import progress, tell
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
+RECORD_DIGITS = 6
+"""Of a measured number in the details."""
 LARGE, MANY = 2e7, 1_000_000
 """Bytes that take more than two seconds to read, and samples that take as long to measure."""
 
@@ -102,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
         _record(options.file, record, found, orbit, failure, set_point, wall_s) | {"suspect": suspect or None},
         Answer(
             [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
-            _details(orbit),
+            _details(found, orbit),
         ),
         table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
         picture=("simulation.folded_record", found, orbit) if found.periods.size else (),
@@ -144,12 +146,10 @@ def _lines(
     if record.reading is not None:
         yield f"  {record.reading.sentence}"
     if m.periods.size:
-        yield from _beside(m, orbit)
+        yield from _beside(m, orbit, PLAIN_DIGITS)
     elif orbit:
-        amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
-        frequency = to_error(1 / orbit.period, orbit.period_error, most=6)
-        yield f"  predicted: amplitude {amplitude} rad, frequency {frequency} Hz"
-    level = to_absolute_error(m.mean_level, m.amplitude_error, most=6) if m.periods.size else f"{m.mean_level:.6g}"
+        yield f"  predicted: amplitude {angle(orbit.amplitude)}, once in {rhythm(orbit.period)}"
+    level = to_absolute_error(m.mean_level, m.amplitude_error if m.periods.size else 0.0, most=PLAIN_DIGITS)
     offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
     yield f"  mean position {level} rad{offset}, drift {m.drift:.2g} rad/s"
     if m.periods.size:
@@ -160,22 +160,24 @@ def _lines(
         yield f"  predicted by the {orbit.model} model at gain {orbit.gain:.10g} V/rad"
 
 
-def _details(orbit: HuntingOrbit | None) -> Iterator[str]:
-    """What is known of the prediction besides."""
+def _details(m: Measurement, orbit: HuntingOrbit | None) -> Iterator[str]:
+    """Measured and predicted numbers in more digits, and what is known of the prediction besides."""
+    if m.periods.size:
+        yield from _beside(m, orbit, RECORD_DIGITS)
     if orbit:
         yield from exactly(orbit)
 
 
-def _beside(m: Measurement, orbit: HuntingOrbit | None) -> Iterator[str]:
-    """The table of measured and predicted numbers, each to the digits that its error vouches for."""
+def _beside(m: Measurement, orbit: HuntingOrbit | None, most: int) -> Iterator[str]:
+    """The table of measured and predicted numbers, each to the digits that its error vouches for, so many at most."""
     beside = f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""
     yield f"  {'':9}  {'measured':>12}  {'error':>8}  {'scatter':>8}{beside}  unit"
     for row in _rows(m, orbit):
-        measured = to_absolute_error(row["measured"], row["error"], most=6)
+        measured = to_absolute_error(row["measured"], row["error"], most=most)
         beside = ""
         if orbit:
-            predicted = to_absolute_error(row["predicted"], row["predicted_error"], most=6)
-            ratio = f"{row['ratio']:.{known_decimals(row['error'] / abs(row['measured']), 4)}f}"
+            predicted = to_absolute_error(row["predicted"], row["predicted_error"], most=most)
+            ratio = f"{row['ratio']:.{known_decimals(row['error'] / abs(row['measured']), PLAIN_DIGITS - 1)}f}"
             beside = f"  {predicted:>12}  {ratio:>7}"
         errors = f"{row['error']:8.2g}  {row['scatter']:8.2g}"
         yield f"  {row['quantity']:9}  {measured:>12}  {errors}{beside}  {row['unit']}"
