@@ -19,6 +19,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 from . import effort, interrupts
@@ -168,7 +169,11 @@ def _parsed(words: list[str]) -> argparse.Namespace:
         for word in words[1 : words.index("--") if "--" in words else None]:
             if word.startswith("--") and word != "--help":
                 _known(word.partition("=")[0], names)
-    options, unknown = parser.parse_known_args(words)
+    try:
+        options, unknown = parser.parse_known_args(words)
+    except InputError:
+        _keys_known(words)  # a misspelt key too, but of a file, whose loop has names of its own
+        raise
     if unknown:
         if unknown[0].startswith("-"):
             raise InputError(f"unknown option {unknown[0]!r} (see casahunt {words[0]} --help)")
@@ -185,6 +190,19 @@ def _known(option: str, names: list[str]) -> None:
         if key := next((key for key in KEYS if key.split(".")[1] == name), ""):
             raise InputError(f"unknown option {option!r}: a number of the servo file is given by --set {key}=VALUE")
     choice_of("option", option, names)
+
+
+def _keys_known(words: list[str]) -> None:
+    """Raises InputError: a key of --set is none of a servo's, and no file is named that might have others."""
+    from .servo.drive import DRIVE_KEYS, DRIVE_TABLE
+    from .servo.servo import KEYS
+
+    if any(word.endswith(".toml") for word in words):
+        return
+    keys = [word for before, word in pairwise(words) if before == "--set"]
+    keys += [word.removeprefix("--set=") for word in words if word.startswith("--set=")]
+    for key in keys:
+        choice_of("key", key.partition("=")[0].strip(), [*KEYS, *(f"{DRIVE_TABLE}.{name}" for name in DRIVE_KEYS)])
 
 
 def _joined(words: list[str]) -> list[str]:

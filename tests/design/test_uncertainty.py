@@ -339,6 +339,7 @@ def test_no_uncertainty(given, sentence):
     ("text", "sentence"),
     [
         ("", "must hold one table"),
+        ("[servo]\ninertia = 0.02\n", r"'servo'.*such a file reads \[interval\], below it lines like '.friction\.st"),
         ("[interval]\n", "either intervals"),
         ("[intervals]\n", "did you mean 'interval'"),
         ("interval = 3\n", "must be a table"),

@@ -173,3 +173,20 @@ def test_fold_text(capsys):
     assert one_json(run(capsys, "fold", "--json", "--set", "friction.stribeck_velocity=0.03")[1])["gain"] == (
         pytest.approx(gain, rel=1e-5)
     )
+
+
+def test_the_servo_file_stands_alone_or_behind_its_option_once(capsys, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(dump(Servo().replace(**{"servo.inertia": 0.02})))
+    answers = [run(capsys, "loop", *words, "--gain", 0.1) for words in ([path], ["--servo", path], [])]
+    assert answers[0] == answers[1] and answers[0][0] == 0 and answers[2][1] != answers[0][1]
+    code, out, err = run(capsys, "loop", path, "--servo", path, "--gain", 0.1)
+    assert (code, out) == (2, "") and "one servo file is enough" in err
+
+
+@pytest.mark.parametrize("how", [["--set", "friction.statik=1"], ["--set=friction.statik=1"]])
+def test_a_misspelt_key_is_named_before_what_is_missed(capsys, how):
+    code, out, err = run(capsys, "orbit", *how)
+    assert (code, out) == (2, "") and "did you mean 'friction.static'" in err
+    assert "gain: must be given" in run(capsys, "orbit", "--set", "friction.static=1")[2]
+    assert "gain: must be given" in run(capsys, "orbit", "loop.toml", "--set", "weight.mass=1")[2]

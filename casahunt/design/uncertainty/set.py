@@ -33,6 +33,8 @@ Array = np.ndarray
 
 SIGMAS = 3.0
 """Half width of a covariance's box in standard deviations, where none is given: 99.7 % of one parameter."""
+LOOKS_LIKE = """[interval], below it lines like '"friction.static" = [0.52, 0.54]' or '"friction.viscous" = "10%"'"""
+"""The three lines of an uncertainty file, for who gives another one."""
 TYPED_ROUNDING = 1e-10
 """Relative asymmetry, and negative eigenvalue of the correlations, that a typed covariance may have."""
 STATIC, COULOMB = "friction.static", "friction.coulomb"
@@ -207,11 +209,14 @@ def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
 
 def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
     for section, table in tree.items():
-        choice_of("section", section, ("interval", "covariance"))
+        try:
+            choice_of("section", section, ("interval", "covariance"))
+        except InputError as error:
+            raise InputError(f"{error}; such a file reads {LOOKS_LIKE}") from None
         if not isinstance(table, dict):
             raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
     if len(tree) != 1:
-        raise InputError("must hold one table, either [interval] or [covariance]")
+        raise InputError(f"must hold one table, either [interval] or [covariance], such as {LOOKS_LIKE}")
     if "interval" in tree:
         intervals: dict[str, Any] = {}
         for key, value in tree["interval"].items():  # friction.static without quotes is a table in a table

@@ -61,6 +61,15 @@ class _Help(argparse.HelpFormatter):
             self._action_max_length += self._indent_increment
 
 
+class _Once(argparse.Action):
+    """The servo file, which stands alone or behind its option, once."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        if getattr(namespace, self.dest, None) is not None:
+            raise InputError(f"servo = {values}: must be left out, one servo file is enough")
+        setattr(namespace, self.dest, values)
+
+
 class Parser(argparse.ArgumentParser):
     """Argument errors in the form of all other input errors; required options under a heading of their own."""
 
@@ -127,7 +136,10 @@ def add_command(
     if records:
         command.add_argument("records", nargs="+", metavar="F.csv", help=records)
     file_of: dict[str, Any] = {"metavar": "SERVO.toml", "help": "servo file; default: Table 1 of the report"}
-    command.add_argument("--servo", **file_of) if records else command.add_argument("servo", nargs="?", **file_of)
+    if not records:
+        command.add_argument("servo", nargs="?", action=_Once, **file_of | {"default": argparse.SUPPRESS})
+        file_of["help"] = "the same, as an option"
+    command.add_argument("--servo", dest="servo", action=_Once, **file_of)
     if tol:
         command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
     command.add_argument(
