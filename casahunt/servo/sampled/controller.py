@@ -72,7 +72,8 @@ class Controller:
         self.w = self.kept * self.w + (self.T * (z + self.z) / 2 if self.half else self.T * z)
         self.d += self.share * ((e - self.e) / self.T - self.d)
         self.e, self.z = e, z
-        return self._to_step(more - (self.kp * e + self.ki * self.w + self.kd * self.d))
+        u = more - (self.kp * e + self.ki * self.w + self.kd * self.d)
+        return self._to_step(u) if self.step else u
 
     def steady(self, x: float) -> bool:
         """Whether from the next sample on e and z stay what `seen` says, as long as the servo does not move."""
@@ -86,8 +87,8 @@ class Controller:
         if z != 0 and not self.leak:
             return False
         last = z / self.leak if self.leak else w
-        corners = (self._to_step(-(self.kp * e + self.ki * a + self.kd * b)) for a in (w, last) for b in (d, 0.0))
-        return max(map(abs, corners)) <= limit
+        corners = [-(self.kp * e + self.ki * a + self.kd * b) for a in (w, last) for b in (d, 0.0)]
+        return max(map(abs, map(self._to_step, corners) if self.step else corners)) <= limit
 
     def ahead(self, x: float, count: int) -> tuple[Array, Array, Array]:
         """(w, d, u) of the next samples if the servo does not move, (count,) each; where `steady`."""
@@ -113,4 +114,4 @@ class Controller:
         return e, z, w, self.d + self.share * ((e - self.e) / self.T - self.d)
 
     def _to_step(self, u: float) -> float:
-        return self.step * math.floor(u / self.step + 0.5) if self.step else u
+        return self.step * math.floor(u / self.step + 0.5)
