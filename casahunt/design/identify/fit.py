@@ -107,20 +107,22 @@ class Question:
     def numbers(self, z: Array) -> Array:
         """(k,) the free parameters of the unknowns."""
         own = z[: len(self.free)]
-        return np.asarray(self.scales * np.where(self.bends, np.exp(np.where(self.bends, own, 0.0)), own))
+        return np.asarray(self.scales * np.where(self.bends, np.logaddexp(0.0, own), own))
 
     def unknowns(self, q: Array) -> Array:
         """(k,) the unknowns of free parameters."""
         own = np.maximum(q / self.scales, self.lowest)
-        return np.asarray(np.where(self.bends, np.log(np.where(self.bends, own, 1.0)), own))
+        return np.asarray(np.where(self.bends, own + np.log(-np.expm1(-own)), own))
 
     def slopes(self, z: Array) -> Array:
         """(k,) derivatives of the free parameters by their unknowns."""
-        return np.asarray(np.where(self.bends, self.numbers(z), self.scales))
+        return np.asarray(self.scales * np.where(self.bends, -np.expm1(-self.numbers(z) / self.scales), 1.0))
 
     def steps(self, z: Array) -> Array:
         """(k,) what a change of an unknown is measured by: so many times `MOST_OF_A_STEP` may it change in a step."""
-        return np.where(self.bends, -math.log1p(-MOST_OF_A_STEP) / MOST_OF_A_STEP, np.maximum(z[: len(self.free)], 1.0))
+        linear = np.maximum(z[: len(self.free)], 1.0)
+        shrinks = -math.log1p(-MOST_OF_A_STEP) / MOST_OF_A_STEP
+        return np.where(self.bends, np.maximum(self.numbers(z) / self.slopes(z), shrinks), linear)
 
     def values(self, z: Array) -> dict[str, float]:
         """The free parameters by name."""
