@@ -24,7 +24,7 @@ from casahunt.design.identify.likelihood import Noise
 from casahunt.design.identify.start import lowest_of, scales_of, starts
 from casahunt.design.identify.suitable import suitable
 from casahunt.servo.servo import flatten
-from scripts.identify import ALIKE, Made
+from scripts.identify import ALIKE, SAME, Made
 from scripts.peers.hunting_record import measured, positions
 
 GAIN, PERIOD, AMPLITUDE = 0.1, 11.36, 0.0177
@@ -154,7 +154,7 @@ def test_what_a_narrow_peak_hides_has_no_end():
         assert found.status is Status.CONVERGED and math.isinf(found.intervals["friction.static"][1])
         assert all(low <= truth[name] <= high for name, (low, high) in found.intervals.items())
     for name, (low, high) in one.intervals.items():
-        size = 0.02 * (min(high, 2 * one.values[name]) - low)
+        size = SAME * (min(high, 2 * one.values[name]) - low)
         assert other.intervals[name] == pytest.approx((low, high), abs=size), name
 
 
