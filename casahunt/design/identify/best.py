@@ -43,7 +43,9 @@ def best_of_starts(question: Question, most: int = MOST_FIT_STEPS) -> tuple[Poin
     for z in starts(question):
         point = at(question, z, plain, stretched=True)
         if point is not None:
-            point = climb(question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED)
+            point = climb(
+                question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED, far=True
+            )  # fmt: skip
             point = at(question, point.z, plain, point)
         if point is None:
             continue

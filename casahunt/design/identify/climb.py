@@ -20,6 +20,8 @@ from .likelihood import Noise
 
 LEAST_DAMPING, MOST_DAMPING, DAMPING_HALVINGS = 1e-13, 1e8, 6
 """And halvings of the logarithm between, which know it to a factor of two."""
+FIRST_DAMPING = 1e-3
+"""Of steps that start far off."""
 SHORTEST_STEP = 1e-6
 """Relative change of the parameters below which no step is tried."""
 POOR_STEP, REACH_CUT, REACH_GROWTH = 0.25, 0.3, 3.0
@@ -49,11 +51,13 @@ def climb(
     held: int | None = None,
     settled: float = FIT_SETTLED,
     most: int = MOST_FIT_STEPS,
+    far: bool = False,
 ) -> Point:
-    """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is."""
+    """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is;
+    far: they are far off, and steps that are too long are cut instead of damped."""
     reach = MOST_OF_A_STEP
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
-        dz = _within(point, reach, held)
+        dz = _cut(point, step(point, FIRST_DAMPING, held), reach) if far else _within(point, reach, held)
         hoped, most, last = _gain(point, dz), most - 1, math.inf
         trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):
@@ -64,7 +68,10 @@ def climb(
         length, part = _length(point, dz), -1.0
         if trial is not None and trial.deviance <= point.deviance:
             part, point = (point.deviance - trial.deviance) / hoped, trial
-        reach = REACH_CUT * length if part < POOR_STEP else min(REACH_GROWTH * reach, MOST_OF_A_STEP)
+        if part < POOR_STEP:
+            reach = REACH_CUT * length
+        else:
+            reach = min(REACH_GROWTH * reach, MOST_OF_A_STEP)
     return point
 
 
@@ -102,6 +109,11 @@ def _within(point: Point, reach: float, held: int | None) -> Array:
     """The step of least damping that changes no parameter by more: damping shortens it along what is hardly known, and
     it goes all the way across."""
     _, dz = _damped(point, held, lambda dz: _length(point, dz) <= reach)
+    return _cut(point, dz, reach)
+
+
+def _cut(point: Point, dz: Array, reach: float) -> Array:
+    """A step no longer than the reach."""
     return dz * min(1.0, reach / max(_length(point, dz), SHORTEST_STEP))
 
 

@@ -1,7 +1,7 @@
 """The computed cycle laid over records: what they say against it, and how that changes with the unknowns.
 
     y_i = b + x1(t_i - tau; q) + noise,      unknowns z = (z_1 ... z_k | tau_1/T_1, b_1/a_1 | tau_2/T_2, ...)
-    q_j = s_j z_j,      or q_j = s_j exp(z_j) of what bends the friction;      q_j >= s_j l_j
+    q_j = s_j z_j,      or q_j = s_j ln(1 + e^z_j) of what bends the friction;      q_j >= s_j l_j
 
 So most parameters are linear in their unknowns, down to where the one is next to nothing: friction enters a cycle
 linearly, and what a record cannot tell apart, such as Coulomb and viscous friction, lies on a straight line.  Where a
@@ -46,7 +46,8 @@ ALL_BUT_NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
 """Unknown below which a parameter is not followed: it is next to none there; and one that must not be none, whose
 cycles are ever harder to find: it is a fiftieth of what was stated."""
 BENDING = ("friction.stribeck_velocity",)
-"""Parameters whose unknowns are logarithms: scales of a velocity, in which friction is not linear."""
+"""Parameters whose unknowns are logarithms where they are small: scales of a velocity, in which friction is not
+linear."""
 HALVED_STEPS = 2
 """Of a step along which the cycle is not found from the last one."""
 
@@ -101,26 +102,29 @@ class Question:
 
     @property
     def bends(self) -> Array:
-        """(k,) which unknowns are logarithms."""
+        """(k,) which unknowns are logarithms where they are small."""
         return np.array([name in BENDING for name in self.free])
 
     def numbers(self, z: Array) -> Array:
         """(k,) the free parameters of the unknowns."""
         own = z[: len(self.free)]
-        return np.asarray(self.scales * np.where(self.bends, np.exp(np.where(self.bends, own, 0.0)), own))
+        return np.asarray(self.scales * np.where(self.bends, np.logaddexp(0.0, own), own))
 
     def unknowns(self, q: Array) -> Array:
         """(k,) the unknowns of free parameters."""
         own = np.maximum(q / self.scales, self.lowest)
-        return np.asarray(np.where(self.bends, np.log(np.where(self.bends, own, 1.0)), own))
+        bent = np.where(self.bends, np.maximum(own, np.finfo(float).tiny), 1.0)
+        return np.asarray(np.where(self.bends, own + np.log(-np.expm1(-bent)), own))
 
     def slopes(self, z: Array) -> Array:
         """(k,) derivatives of the free parameters by their unknowns."""
-        return np.asarray(np.where(self.bends, self.numbers(z), self.scales))
+        return np.asarray(self.scales * np.where(self.bends, -np.expm1(-self.numbers(z) / self.scales), 1.0))
 
     def steps(self, z: Array) -> Array:
         """(k,) what a change of an unknown is measured by: so many times `MOST_OF_A_STEP` may it change in a step."""
-        return np.where(self.bends, -math.log1p(-MOST_OF_A_STEP) / MOST_OF_A_STEP, np.maximum(z[: len(self.free)], 1.0))
+        linear = np.maximum(z[: len(self.free)], 1.0)
+        shrinks = -math.log1p(-MOST_OF_A_STEP) / MOST_OF_A_STEP
+        return np.where(self.bends, np.maximum(self.numbers(z) / self.slopes(z), shrinks), linear)
 
     def values(self, z: Array) -> dict[str, float]:
         """The free parameters by name."""

@@ -224,5 +224,7 @@ def marginal_information(question: Question, point: Point) -> Array:
     H, k = point.curvature, len(question.free)
     rest = H[k:, k:]
     J = H[:k, :k] - H[:k, k:] @ np.linalg.lstsq(rest, H[k:, :k], rcond=1e-13)[0]
-    by_logarithm = np.where(question.bends, 1.0, np.maximum(point.z[:k], NEXT_TO_NOTHING))
+    by_logarithm = np.where(
+        question.bends, question.numbers(point.z) / question.slopes(point.z), np.maximum(point.z[:k], NEXT_TO_NOTHING)
+    )
     return np.asarray(J * by_logarithm[:, None] * by_logarithm)

@@ -21,6 +21,8 @@ WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
 MOST_NOISE_STEPS, LONGEST_NOISE_STEP, NOISE_APART = 12, 0.5, 0.01
 """Of the logarithm of the noise, to where that is likeliest; and between two whose deviances are compared."""
+SHORTEST_NOISE_STEP = 0.02
+"""Half of one that was taken in vain, below which there is none."""
 SETTLED_PART = 0.1
 """Of what another noise is expected to gain, to which the model with it is found."""
 LESS_LIKELY = 0.05
@@ -44,7 +46,7 @@ def with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tup
     if not counted:
         found = [likeliest(d.position, x, 0.0, d.size) for d, x in zip(question.records, point.positions, strict=True)]
         return at(question, point.z, found, point) or point, found
-    before = None
+    before, longest = None, LONGEST_NOISE_STEP
     for _ in range(MOST_NOISE_STEPS):
         size = np.log([n.sigma for n in found])
         slope, bend = _noise_slopes(question, point, found)
@@ -52,14 +54,17 @@ def with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tup
             moved = np.abs(size - before[0]) > 0
             secant = np.divide(slope - before[1], size - before[0], out=bend.copy(), where=moved)
             bend = np.where(secant > 0, secant, bend)
-        step = np.clip(-slope / bend, -LONGEST_NOISE_STEP, LONGEST_NOISE_STEP)
+        step = np.clip(-slope / bend, -longest, longest)
         trial = [_scaled(n, math.exp(each)) for n, each in zip(found, step, strict=True)]
         gain = -float(slope @ (np.log([n.sigma for n in trial]) - size)) / 2
+        if gain <= LESS_LIKELY or longest < SHORTEST_NOISE_STEP:
+            break
         settled = min(max(SETTLED_PART * gain, FIT_SETTLED), ROUGHLY_SETTLED)
-        again = at(question, point.z, trial, point) if gain > LESS_LIKELY else None
+        again = at(question, point.z, trial, point)
         other = None if again is None else climb(question, again, trial, settled=settled)
         if other is None or other.deviance > point.deviance:
-            break
+            longest = float(np.abs(step).max()) / 2
+            continue
         before, point, found = (size, slope), other, trial
     return climb(question, point, found), found
 
