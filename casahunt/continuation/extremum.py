@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 from ..checks import choice_of
@@ -35,6 +36,7 @@ def largest(
     to: float = math.inf,
     options: Options | None = None,
     max_points: int = 200,
+    progress: Callable[[AnyOrbit], None] | None = None,
 ) -> Fold[AnyOrbit]:
     """The largest value of a parameter on the branch of a cycle: the first fold on the way up.
 
@@ -50,6 +52,8 @@ def largest(
         `tol` bounds the relative errors; default the tolerance to which the orbit is known, or 1e-8.
     max_points
         number of orbits after which the search ends.
+    progress
+        called with every orbit on the way to the fold, and with the first one behind it.
 
     Returns
     -------
@@ -69,7 +73,7 @@ def largest(
     >>> round(largest(orbit, "g").value, 4)  # the same fold, in another parameter
     13.751
     """
-    return _extremum(start, vary, 1.0, to, options, max_points)
+    return _extremum(start, vary, 1.0, to, options, max_points, progress)
 
 
 def smallest(
@@ -79,12 +83,13 @@ def smallest(
     to: float = -math.inf,
     options: Options | None = None,
     max_points: int = 200,
+    progress: Callable[[AnyOrbit], None] | None = None,
 ) -> Fold[AnyOrbit]:
     """The smallest value of a parameter on the branch of a cycle: the first fold on the way down.
 
     Parameters
     ----------
-    start, vary, to, options, max_points
+    start, vary, to, options, max_points, progress
         as in `largest`.
 
     Returns
@@ -104,10 +109,13 @@ def smallest(
     >>> round(smallest(orbit, "a").value, 8)  # g (1 - r) pi/((1 + r) omega^2) is exact
     0.00856084
     """
-    return _extremum(start, vary, -1.0, to, options, max_points)
+    return _extremum(start, vary, -1.0, to, options, max_points, progress)
 
 
-def _extremum(start: Any, vary: str, sense: float, to: float, options: Options | None, max_points: int) -> Any:
+def _extremum(
+    start: Any, vary: str, sense: float, to: float, options: Options | None, max_points: int,
+    progress: Callable[[Any], None] | None,
+) -> Any:  # fmt: skip
     """The fold at which the parameter is largest (sense = +1) or smallest (-1)."""
     began = time.perf_counter()
     special = start if isinstance(start, SpecialPoint) else None
@@ -116,13 +124,14 @@ def _extremum(start: Any, vary: str, sense: float, to: float, options: Options |
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     if special is None:
         orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)
-        special = _met(orbit, vary, sense, to, options, max_points)
+        special = _met(orbit, vary, sense, to, options, max_points, progress)
     return confirmed(special, vary, options, began, sense)
 
 
 def _met(
-    orbit: AnyOrbit, vary: str, sense: float, to: float, options: Options, max_points: int
-) -> SpecialPoint[AnyOrbit]:
+    orbit: AnyOrbit, vary: str, sense: float, to: float, options: Options, max_points: int,
+    progress: Callable[[AnyOrbit], None] | None,
+) -> SpecialPoint[AnyOrbit]:  # fmt: skip
     """The first fold on the way of a parameter up or down, located; the way itself takes less accuracy."""
     here = parameter_value(orbit, vary)
     if not (to - here) * sense > 0:
@@ -141,6 +150,8 @@ def _met(
             word = "largest" if sense > 0 else "smallest"
             sentence = f"{orbit.problem.title} has no {word} {vary} on this branch between {here:.6g} and {to:.6g}"
             raise NoOrbit(f"{sentence}: {end.value}", Status.NOT_FOUND) from None
+        if progress is not None:
+            progress(after)
         if (special := fold_between(before, after, vary, finer(options), sense)) is not None:
             return special
         before = after

@@ -11,6 +11,7 @@ from casahunt import InputError, NoOrbit
 from casahunt.continuation import follow, largest, smallest
 from casahunt.continuation.special_points import SpecialPoint
 from casahunt.hybrid import Mode, System
+from casahunt.hybrid.examples import ball
 from casahunt.orbits import Options, find_cycle
 from problems import bouncing_ball
 
@@ -96,3 +97,12 @@ def test_a_value_of_zero():
     assert fold.sensitivities == pytest.approx({"m": 1.0, "beta": 0.1}, rel=1e-8)
     assert np.isfinite(fold.error_estimate) and fold.error_estimate < 1e-9
     assert "lam = " in str(fold)
+
+
+def test_the_way_to_a_fold_is_told():
+    """Each orbit of the branch, up to the first one behind the fold: no value lies beyond that of the fold."""
+    orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    told = []
+    fold = smallest(orbit, "a", progress=told.append)
+    values = [each.problem.value("a") for each in told]
+    assert len(values) > 1 and min(values) >= fold.value * (1 - 1e-6) and values[0] < orbit.problem.value("a")

@@ -10,7 +10,7 @@ fold in two.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,7 +163,7 @@ def unstable_cycle(cycle: SystemOrbit, vary: str = "gain", *, options: Options |
 
 def fold_in(
     cycle: SystemOrbit, vary: str, *, sense: int = 1, to: float | None = None, options: Options | None = None,
-    max_points: int = 200,
+    max_points: int = 200, progress: Callable[[SystemOrbit], None] | None = None,
 ) -> Fold[SystemOrbit]:  # fmt: skip
     """Where the branch of a cycle turns back in a parameter: `largest` or `smallest`.
 
@@ -175,7 +175,7 @@ def fold_in(
         +1 on the way up, -1 on the way down.
     to
         value beyond which no fold is sought.
-    options, max_points
+    options, max_points, progress
         as of `casahunt.continuation.largest`.
 
     Returns
@@ -194,7 +194,7 @@ def fold_in(
     0.45736
     """
     extremum, far = (largest if sense > 0 else smallest), sense * math.inf if to is None else to
-    return extremum(cycle, vary, to=far, options=options, max_points=max_points)
+    return extremum(cycle, vary, to=far, options=options, max_points=max_points, progress=progress)
 
 
 @dataclass(frozen=True, eq=False)

@@ -284,7 +284,9 @@ class LoopAnswers(ServoAnswers):
         foot = self._foot()
         key = "fold", foot.problem.value(GAIN)
         if key not in self.memory:
-            self.memory[key] = fold_in(foot, GAIN, options=ROUGH)
+            way = [foot]
+            self.memory[key] = fold_in(foot, GAIN, options=ROUGH, progress=way.append)
+            self.memory["way", key[1]] = way
         found: Fold[Any] = self.memory[key]
         return found
 
@@ -313,16 +315,17 @@ class LoopAnswers(ServoAnswers):
         foot = self._foot()
         low = foot.problem.value(GAIN)
         if ("diagram", low) not in self.memory:
-            self.drawn.append(foot)
-            branch = follow(foot, GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN_CYCLES, monitors=(),
-                            largest_step=DIAGRAM_STEP, max_points=MOST_DIAGRAM_POINTS,
-                            progress=self.drawn.append)  # fmt: skip
+            way = self.memory.get(("way", low), [foot])  # what led to the fold is the first part of the branch
+            self.drawn += way
+            branch = follow(way[-1], GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN_CYCLES, monitors=(),
+                            previous=way[-2] if len(way) > 1 else None, largest_step=DIAGRAM_STEP,
+                            max_points=MOST_DIAGRAM_POINTS, progress=self.drawn.append)  # fmt: skip
             if branch.end.kind == "time":  # the stage's own, which is not to be remembered
                 raise effort.OutOfTime
             fold = self.memory.get(("fold", low))
-            self.memory["diagram", low] = branches_shown(branch.orbits, None if fold is None else fold.orbit) | (
-                left_open(branch.orbits) if branch.end.kind in UNFINISHED else {}
-            )
+            self.memory["diagram", low] = branches_shown(
+                [*way[:-1], *branch.orbits], None if fold is None else fold.orbit
+            ) | (left_open(branch.orbits) if branch.end.kind in UNFINISHED else {})
         return {**self.memory["diagram", low], "present": self.problem.gain}
 
 

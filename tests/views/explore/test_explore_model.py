@@ -6,6 +6,7 @@ import contextlib
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit, Servo, Status, effort, find_fold, find_orbit, margins, remedies
@@ -372,12 +373,10 @@ def test_a_stage_that_goes_on_for_ever_is_given_up(monkeypatch):
 def test_a_diagram_that_is_given_up_shows_what_is_known_so_far(monkeypatch, shown, state):
     """Its curve begins as the whole one does, ends at a point that is marked, and a sentence says why."""
     whole = shown(state, "diagram")["diagram"]
-    counted = []
 
     class Limited(list):
         def append(self, orbit):
-            counted.append(orbit)
-            if len(counted) == 12:
+            if len(self) == 11:
                 raise effort.OutOfTime
             super().append(orbit)
 
@@ -393,6 +392,20 @@ def test_a_diagram_that_is_given_up_shows_what_is_known_so_far(monkeypatch, show
     known = [x for x in told["stable"]["gain"] if x is not None]
     assert len(known) == 11 and known == [x for x in whole["stable"]["gain"] if x is not None][:11]
     assert told["unfinished"]["gain"] == [known[-1]] and "unfinished" not in whole
+
+
+def test_a_diagram_begins_with_what_has_led_to_its_fold(shown):
+    """The same branch as one that is followed from its foot, both ways, though its points are others."""
+    behind, alone = (shown(DEAD_BAND, *names)["diagram"] for names in (("hunts", "border", "diagram"), ("diagram",)))
+    for name in ("stable", "unstable"):
+        curves = []
+        for told in (behind, alone):
+            points = [(g, a) for g, a in zip(told[name]["gain"], told[name]["amplitude"], strict=True) if g is not None]
+            curves.append(np.log(np.array(sorted(points))).T)
+        (g, a), (gains, amplitudes) = curves
+        inside = g < gains.max() - 0.05  # next to the fold chords are no curve
+        assert a[inside] == pytest.approx(np.interp(g[inside], gains, amplitudes), abs=0.02)
+        assert g.min() == pytest.approx(gains.min(), abs=1e-6) and g.max() == pytest.approx(gains.max(), abs=0.01)
 
 
 def test_a_stage_that_takes_too_long_is_given_up(monkeypatch, shown):
