@@ -9,6 +9,9 @@ import re
 import pytest
 from command_line import one_json, run
 
+from casahunt.servo.sampled.check import AsBuilt
+from casahunt.views.commands import remedies as remedies_command
+
 SERVO = """
 [servo]
 inertia = 0.012
@@ -173,8 +176,23 @@ def test_a_gain_that_hunts_as_built_is_not_recommended_alone(capsys, built):
 def test_the_remedy_named_first_says_whether_it_was_checked(capsys, built):
     only = ("--only", "dither,leak")
     _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--quiet")
-    said = "in the loop as built: dither was not checked; every motion comes to rest with leak"
-    assert said in " ".join(out.split())
+    said = " ".join(out.split())
+    assert "in the loop as built: every motion comes to rest with leak (see below); dither was not checked" in said
+
+
+def test_the_cheapest_that_holds_as_built_is_named(capsys, built, monkeypatch):
+    """Not a cheaper one that hunts on there; where none holds, the cheapest, which does not do."""
+    words = ("remedies", built, "--gain", 1, "--only", "leak,dead band", "--quiet")
+    hunts = AsBuilt("hunting", "it is hunting", math.nan, None)
+    does = {"leak": hunts, "dead band": AsBuilt("at rest", "it rests", math.nan, None)}
+    monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: does)
+    said = " ".join(run(capsys, *words)[1].split())
+    assert "cheapest remedy that holds in the loop as built: dead band, 0.01714 rad (0.01714 rad at rest" in said
+    assert "every motion comes to rest with dead band (see below); leak does not do" in said
+    assert one_json(run(capsys, *words, "--json")[1])["best"] == "dead band"
+    monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: dict.fromkeys(does, hunts))
+    said = " ".join(run(capsys, *words)[1].split())
+    assert "cheapest remedy: leak, 1.04 1/s" in said and "(see below); leak does not do" in said
 
 
 def test_a_servo_without_a_drive_is_told_nothing_of_it(capsys):

@@ -117,12 +117,16 @@ def remedies(
                 progress(rows[-1])
     loop, orbit = asked.loop, asked.orbit
     rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
-    best = _best(rows, error, torque, of_a_set=asked.uncertain is not None)
+    best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
     return Cures(loop, asked.model, loop.value("gain"), orbit.amplitude, orbit.period, tuple(rows), best, margin)
 
 
-def _best(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
-    """The cheapest within the demands; of a set one of which is known what the worst servo needs, if there is one."""
+def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
+    """The name of the cheapest within the demands; of a set one of which is known what the worst servo needs, if there
+    is one; "" where none is.
+
+    rows: the cheapest first; error: at rest, at most [rad], None for any; torque: at most [N m].
+    """
     within = [row for row in rows if row.ends_hunting and row.peak_torque <= torque
               and (error is None or row.recommended_rest_error <= error)]  # fmt: skip
     if of_a_set:

@@ -161,7 +161,7 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
         text = f"{late.size} swings in the second half of the motion, which get no smaller and repeat in no pattern"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
         return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)
-    text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s; try a longer time{end.waits}"
+    text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s; simulate a longer time{end.waits}"
     return SampledVerdict("undecided", text, swings=last)
 
 

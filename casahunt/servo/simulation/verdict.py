@@ -203,7 +203,7 @@ def _switch(motion: ObservedMotion, seen: Verdict, sticks: Array, error: float) 
     carried = (float(sticks[-1]), "") if stuck else crept(servo, gain, x) or _carried_on(motion)
     if carried is None:
         missing = f"the servo has not come to stick in {motion.times[-1]:.4g} s, nor did it when followed on"
-        return replace(seen, sentence=f"{missing}; try a longer time")
+        return replace(seen, sentence=f"{missing}; simulate a longer time")
     a, text = carried
     first = ahead = settles(servo, "switch", gain, a + error)
     motions, swings = ahead.motions, 0
@@ -245,7 +245,7 @@ def _at_cycle(motion: ObservedMotion, seen: Verdict, cycle: AttractingCycle, sti
         )  # fmt: skip
     text = (
         f"{count} stick positions in {end:.4g} s, the last one {distance:.1e} from that of a {what} of "
-        f"{cycle.amplitude:.6g} rad that draws it; try a longer time"
+        f"{cycle.amplitude:.6g} rad that draws it; simulate a longer time"
     )
     return _waiting(motion, replace(known, sentence=text))
 
@@ -388,7 +388,7 @@ def _open(motion: ObservedMotion, seen: Verdict, ahead: Ahead) -> Verdict:
     text = f"neither a cycle nor rest is certain after {motion.times[-1]:.4g} s"
     if motion.ended:
         text = f"it was followed only until {motion.ended}"
-    return _waiting(motion, replace(seen, sentence=f"{text} ({ahead.sentence}); try a longer time"))
+    return _waiting(motion, replace(seen, sentence=f"{text} ({ahead.sentence}); simulate a longer time"))
 
 
 def _waiting(motion: ObservedMotion, seen: Verdict) -> Verdict:

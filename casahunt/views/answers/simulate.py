@@ -76,7 +76,7 @@ def _because(found: Trajectory) -> str:
     known = f"it is on its way to a cycle of {short(verdict.limit)} rad" if verdict.limit > 0 else (
         f"it was followed only until {found.ended}" if found.ended else "it has shown neither hunting nor rest yet"
     )  # fmt: skip
-    return f"{known}{'; ' if stuck else ''}{stuck}; try a longer time"
+    return f"{known}{'; ' if stuck else ''}{stuck}; simulate a longer time"
 
 
 def elsewhere(other: OtherEnd, duration: float) -> str:

@@ -21,6 +21,8 @@ DOES = {
     "hunting": "hunts", "growing": "leaves the set point for good", "undecided": "was not followed to its end",
 }  # fmt: skip
 """What a motion does, by its verdict."""
+BINDS = {"hunting margin": "the distance that is kept from the gain where hunting ends"}
+"""What keeps the cost from being less, where its name does not say it."""
 PROVES_NOT = (
     "that nothing else moves it: flexibility, noise, backlash, saturation and friction outside of what was given are "
     "not in the model; checks by simulation are samples"
@@ -65,7 +67,7 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
             f"{now['gain']:.6g} V/rad: {now['times']:.3g} times that gain; {after[0]['start']} takes "
             f"{_peak(after[0])}, before {_peak(now['tasks'][0])}",
         )
-    yield item("limited by", ", ".join(record["binding"]) or "nothing")
+    yield item("why not less", ", ".join(BINDS.get(name, name) for name in record["binding"]) or "nothing")
     yield item("checked", f"{check['result']}, in ways that the search for it did not use")
     yield item("linear loop", _loops(check))
     yield item("simulated", f"it {_tasks(check['tasks'])}")

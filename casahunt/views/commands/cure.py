@@ -48,6 +48,7 @@ from .remedies import (
     remedies_as_built,
     remedy_details,
     remedy_lines,
+    that_holds,
 )
 
 FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"casahunt": "'}
@@ -88,10 +89,11 @@ def run(options: argparse.Namespace) -> int:
         progress=lambda row: tell(stream, as_it_is_found(row)), **limits,
     )  # fmt: skip
     built = remedies_as_built(options, cures, found.servo, gain)
+    cures = that_holds(cures, built, limits, of_a_set=True)
     suspect = identification.suspected(options, found)
     record = {
         "suspect": suspect or None,
-        "advice": advice_of(cures, limits, of_a_set=True), "gain": gain, "limits": limits,
+        "advice": advice_of(cures, limits, built, of_a_set=True), "gain": gain, "limits": limits,
         "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
         "remedies": cures.to_dict(),
         "as_built": built, "wall_s": time.perf_counter() - began,
@@ -105,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
             page = cure_page(whole, {"fit": png(fitted_records(found))})
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
             options.outputs.write(write_results, out, FILES, identification.texts_of(found) | own)
-    lines = [advice_of(cures, limits, of_a_set=True), *identification.identified_lines(found, suspect),
+    lines = [advice_of(cures, limits, built, of_a_set=True), *identification.identified_lines(found, suspect),
              *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built)]  # fmt: skip
     answer = Answer(lines, [*identification.identified_details(found), *remedy_details(cures)])

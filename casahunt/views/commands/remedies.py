@@ -20,7 +20,7 @@ from typing import Any
 from ...checks import to_absolute_error
 from ...design.remedies.cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
 from ...design.remedies.price import TASK_STEP
-from ...design.remedies.remedies import LARGER_SIZES, remedies
+from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError
 from ...export import plain
@@ -118,17 +118,19 @@ def run(options: argparse.Namespace) -> int:
             progress=lambda row: tell(stream, as_it_is_found(row)), **limits,
         )  # fmt: skip
 
-    if options.out is None:
+    def checked() -> tuple[Cures, dict[str, AsBuilt | str]]:
         found = computed()
         built = {} if loop is not None else remedies_as_built(options, found, servo, gain)
+        return that_holds(found, built, limits, of_a_set=uncertainty is not None), built
+
+    if options.out is None:
+        found, built = checked()
     else:
         with folder(options.out, FILES) as out:
-            found = computed()
-            built = {} if loop is not None else remedies_as_built(options, found, servo, gain)
+            found, built = checked()
             tell(stream, "drawing")
             given = flatten(servo) if loop is None else loop.parameters
-            record = _record(found, options, limits, given, uncertain=uncertainty is not None)
-            record |= {"as_built": plain(built)} if built else {}
+            record = _record(found, options, limits, given, built, uncertain=uncertainty is not None)
             from ..pictures import remedies as pictures_remedies
 
             page = remedies_page(record, pictures_remedies.page_images(found))
@@ -182,9 +184,10 @@ def built_lines(checked: Mapping[str, AsBuilt | str]) -> Iterator[str]:
 
 
 def _record(
-    found: Cures, options: argparse.Namespace, limits: dict[str, float], own: dict[str, float], *, uncertain: bool
-) -> dict[str, Any]:
-    """The object beside the page."""
+    found: Cures, options: argparse.Namespace, limits: dict[str, float], own: dict[str, float],
+    built: Mapping[str, AsBuilt | str], *, uncertain: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """The object beside the page; own: values of the servo or the loop."""
     record: dict[str, Any] = plain(found)
     for row, cure in zip(record["remedies"], found.remedies, strict=True):
         said = _why_not(cure) if not cure.ends_hunting else "" if cure.keeps_it_ended else _not_kept(cure)
@@ -195,9 +198,10 @@ def _record(
         for value in given if isinstance(given, list) else [given]:
             words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
     return record | {
-        "advice": advice_of(found, limits, of_a_set=uncertain), "limits": limits, "task_step": TASK_STEP,
+        "advice": advice_of(found, limits, built, of_a_set=uncertain), "limits": limits, "task_step": TASK_STEP,
         "uncertain": uncertain, "parts": [part.name for part in found.loop.present], "servo": own,
         "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
+        **({"as_built": plain(built)} if built else {}),
     }  # fmt: skip
 
 
@@ -237,7 +241,7 @@ def remedy_lines(
         f"{found.name} at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
-    yield f"  {advice_of(found, limits, of_a_set=of_a_set)}"
+    yield f"  {advice_of(found, limits, built or {}, of_a_set=of_a_set)}"
     if built:
         yield f"  {_advice_as_built(found, built)}"
     ending = [row for row in found.remedies if row.ends_hunting]
@@ -259,15 +263,34 @@ def remedy_lines(
         )  # fmt: skip
         yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
         yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size; settling likewise"
+        yield "  order          the cheapest first: error at rest, torque and settling time together"
+
+
+def that_holds(
+    found: Cures, built: Mapping[str, AsBuilt | str], limits: dict[str, float], *, of_a_set: bool
+) -> Cures:
+    """The table, its best the cheapest that comes to rest in the loop as built, where one does."""
+    does = [row for row in found.remedies if row.name in _at_rest(built)]
+    best = cheapest(does, limits.get("max_error"), limits.get("max_torque", math.inf), of_a_set=of_a_set)
+    return replace(found, best=best or found.best)
+
+
+def _at_rest(built: Mapping[str, AsBuilt | str]) -> list[str]:
+    """Names of the remedies with which every motion of the loop as built comes to rest, or dies out."""
+    return [name for name, seen in built.items() if not isinstance(seen, str) and seen.ends]
 
 
 def _advice_as_built(found: Cures, built: Mapping[str, AsBuilt | str]) -> str:
-    """Of the remedy that is named first, and of those that hold in the loop as built: the sentence below it."""
-    best, does = built.get(found.best), [n for n, seen in built.items() if not isinstance(seen, str) and seen.ends]
-    said = "in the loop as built: "
-    if best is not None and found.best not in does:
-        said += f"{found.best} {'was not checked' if isinstance(best, str) else 'does not do'}; "
-    return said + (f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT)
+    """Of those that hold in the loop as built, and of cheaper ones: the sentence below the one that names the best."""
+    does = _at_rest(built)
+    names = [row.name for row in found.remedies if row.name in built]
+    dearer = names[: names.index(found.best) + (found.best not in does)] if found.best in names else []
+    said = "in the loop as built: " + (
+        f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT
+    )
+    for name in dearer:
+        said += f"; {name} {'was not checked' if isinstance(built[name], str) else 'does not do'}"
+    return said
 
 
 def remedy_details(found: Cures) -> Iterator[str]:
@@ -320,13 +343,19 @@ def _after(row: Cure) -> str:
     return " or ".join(AFTERWARDS[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in ENDED)
 
 
-def advice_of(found: Cures, limits: dict[str, float], *, of_a_set: bool) -> str:
-    """The sentence that names one."""
+def advice_of(
+    found: Cures, limits: dict[str, float], built: Mapping[str, AsBuilt | str], *, of_a_set: bool
+) -> str:
+    """The sentence that names one; built: what `remedies_as_built` has found."""
     within = _within(limits)
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
         return f"none of these remedies ends it{within}"
     prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, "N m on a step")
-    costs = ", ".join(f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price))
+    costs = [f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price)]
+    if math.isfinite(best.settling):
+        costs.append(f"settles in {_settles(best.settling)} s")
     alone = "; what the worst servo of the set needs was not found" if of_a_set and math.isnan(best.worst_size) else ""
-    return f"cheapest remedy{within}: {best.name}, {_with(best.recommended, best.unit)} ({costs}){alone}"
+    holds = " that holds in the loop as built" if best.name in _at_rest(built) else ""
+    named = f"{best.name}, {_with(best.recommended, best.unit)}"
+    return f"cheapest remedy{holds}{within}: {named} ({', '.join(costs)}){alone}"

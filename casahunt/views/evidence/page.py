@@ -16,7 +16,7 @@ from ...checks import known_decimals
 from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS
-from ..answers.tune import DOES, loop_name, unless
+from ..answers.tune import BINDS, DOES, loop_name, unless
 from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
@@ -133,7 +133,8 @@ def _answer(p: _Page) -> list[str]:
             *[[name, p.known(key, unit_of(key), p.tol if key in free else 0.0) + ("" if key in free else ", as given")]
               for key, name in CONTROLLER.items() if key in record],
             ["cost", f"{html.escape(record['cost_meaning'])}: {p.known('cost_value', unit, p.gain_error)}" + only],
-            ["what keeps it from being less", ", ".join(map(words, record["binding"])) or "nothing"],
+            ["what keeps it from being less",
+             ", ".join(words(BINDS.get(name, name)) for name in record["binding"]) or "nothing"],
         ]),
     ]  # fmt: skip
 

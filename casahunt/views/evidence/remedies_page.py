@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...servo.parts.table import unit_of
+from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT
 from .fragments import Fragments, built_section, document, figure, made_line, table, words
 
@@ -65,9 +66,12 @@ def _answer(p: Fragments) -> list[str]:
     """The cheapest remedy, in one sentence."""
     record = p.record
     best = next((i for i, row in enumerate(record["remedies"]) if row["name"] == record["best"]), None)
+    seen = record.get("as_built", {}).get(record["best"])
+    holds = " that holds in the loop as built" if isinstance(seen, Mapping) and seen["kind"] in SETTLES else ""
     answer = "" if best is None else (
-        f"<p class=answer>{p.text('best')}, {_sized(p, best, 'recommended')} <small>the cheapest remedy</small></p>"
-    )  # fmt: skip
+        f"<p class=answer>{p.text('best')}, {_sized(p, best, 'recommended')} "
+        f"<small>the cheapest remedy{holds}</small></p>"
+    )
     return [
         f"<h1>What stops the hunting?</h1><p class=dim>casahunt remedies, {p.text('model')} friction</p>",
         made_line(p),

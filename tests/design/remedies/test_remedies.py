@@ -135,8 +135,8 @@ def test_what_the_worst_servo_needs_comes_before_what_is_cheaper(monkeypatch):
     assert remedies(Servo(), "switch", 0.04, only=["dead band", "leak"]).best == "dead band"
     alone = remedies(Servo(), "switch", 0.04, only=["dead band"], uncertainty=allowed)
     assert alone.best == "dead band"
-    assert "worst servo of the set needs was not found" in advice_of(alone, {}, of_a_set=True)
-    assert "worst" not in advice_of(both, {}, of_a_set=True)
+    assert "worst servo of the set needs was not found" in advice_of(alone, {}, {}, of_a_set=True)
+    assert "worst" not in advice_of(both, {}, {}, of_a_set=True)
 
 
 @pytest.mark.slow
