@@ -38,6 +38,12 @@ def test_noisy_positions_cut_off_at_one_end_or_both(low, high):
     assert "are clipped at" in refused(np.clip(y, low * ORBIT.amplitude, high * ORBIT.amplitude))
 
 
+def test_noise_that_is_cut_off_where_it_rests():
+    """Steps from and to the end are noise then, small beside those of a slip, as of a servo that rests there."""
+    noise = 1e-4 * np.random.default_rng(0).normal(size=TIMES.size)
+    assert "are clipped at" in refused(np.minimum(cycle(TIMES) + noise, ORBIT.amplitude + 2e-5))
+
+
 @pytest.mark.parametrize("quantum", [0.0, 0.0005])
 @pytest.mark.parametrize(("low", "high"), [(-0.9, 0.9), (-0.6, 0.6), (-2.0, 0.7), (-0.7, 2.0)])
 def test_what_is_cut_off_has_corners_where_what_rests_has_none(quantum, low, high):
