@@ -184,6 +184,24 @@ def test_the_servo_file_stands_alone_or_behind_its_option_once(capsys, tmp_path)
     assert (code, out) == (2, "") and "one servo file is enough" in err
 
 
+def test_a_servo_file_may_stand_behind_the_options_of_a_record(capsys, tmp_path):
+    servo, record = tmp_path / "mine.toml", tmp_path / "record.csv"
+    servo.write_text(dump(Servo()))
+    record.write_text("t,pos\n" + "".join(f"{0.1 * i:.1f},{math.sin(i):.6f}\n" for i in range(400)))
+    answers = [
+        run(capsys, "record", *words)
+        for words in ([record, servo, "--time-unit", "s"], [record, "--time-unit", "s", servo])
+    ]
+    assert answers[0] == answers[1] and answers[0][0] == 0
+    code, out, err = run(capsys, "record", record, "--time-unit", "s", servo, servo)
+    assert (code, out) == (2, "") and "one servo file is enough" in err
+
+
+def test_a_servo_file_among_the_records_is_told(capsys):
+    code, out, err = run(capsys, "identify", "drive.csv", "mine.toml", "--gain", 1)
+    assert (code, out) == (2, "") and "it is given as --servo mine.toml" in err
+
+
 @pytest.mark.parametrize("how", [["--set", "friction.statik=1"], ["--set=friction.statik=1"]])
 def test_a_misspelt_key_is_named_before_what_is_missed(capsys, how):
     code, out, err = run(capsys, "orbit", *how)
