@@ -94,6 +94,7 @@ def test_bounds_that_a_record_does_not_have_are_told(cured):
     page = cure_page(said, {"fit": b""})
     assert "do not bound every parameter" in page and "<span class=bad>the model does not explain" in page
     assert 'alt="the model does not explain the records"' in page
+    assert "of the amplitude is left" in page and "misfit" not in page  # which is 9 of a fit that explains too
 
 
 def test_a_fold_that_is_not_found_says_so(capsys, record, monkeypatch):

@@ -102,7 +102,7 @@ def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
 def parsed_unit(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
     """The unit that a person states: a name, or a number of seconds or radians.
 
-    text: such as "ms", "deg" or "0.00153398". Raises InputError: no finite number > 0, no known name, or one of two units.
+    text: such as "ms", "deg" or "0.00153398". Raises InputError: no finite number > 0, no known name, or that of two.
     """
     found = _one_alone(what, quantity, text)
     if found is not None:
