@@ -177,7 +177,9 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     if unknown:
         if unknown[0].startswith("-"):
             raise InputError(f"unknown option {unknown[0]!r} (see casahunt {words[0]} --help)")
-        raise InputError(f"{unknown[0]!r}: must be left out, one servo file is enough")
+        if len(unknown) > 1 or getattr(options, "servo", "") is not None:
+            raise InputError(f"{unknown[-1]!r}: must be left out, one servo file is enough")
+        options.servo = unknown[0]  # behind a file and options, where argparse no longer looks for it
     return options
 
 

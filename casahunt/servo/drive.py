@@ -162,5 +162,6 @@ def drive_of_table(table: Any, **changes: Any) -> Drive:
         choice_of("key", f"{DRIVE_TABLE}.{name}", [f"{DRIVE_TABLE}.{key}" for key in DRIVE_KEYS])
     values = {**table, **changes}
     if "sample_time" not in values:
-        raise InputError(f"{DRIVE_TABLE}.sample_time: must be given, the time [s] between two samples")
+        key = f"{DRIVE_TABLE}.sample_time"
+        raise InputError(f"{key}: must be given, the time [s] between two samples, such as --set {key}=0.001")
     return Drive(**values)

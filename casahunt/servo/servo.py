@@ -13,6 +13,7 @@ of `PID_PARAMETERS` by its gains.  The length tells which; what is neither contr
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -213,7 +214,9 @@ def toml_tables(text: bytes, what: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{what}: not valid TOML: {error}") from None
+        comma = re.search(rb"^[^#\n]*=\s*([-+]?\d+),(\d+)\s*(#.*)?$", text, re.MULTILINE)
+        why = f"; decimals take a point, {(comma[1] + b'.' + comma[2]).decode()}" if comma else ""
+        raise InputError(f"{what}: not valid TOML: {error}{why}") from None
     except RecursionError:
         raise InputError(f"{what}: cannot be read: its brackets are nested too deeply") from None
     except ValueError:  # Python's limit for the digits of an integer

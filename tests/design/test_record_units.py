@@ -59,7 +59,8 @@ def test_headers(tmp_path, header, second, radian):
         ("samples,theta [rad]", "column 'samples': 'samples' is a count, no unit; state how many s one count is"),
         ("t,position_counts", "'counts' is a count, no unit; state how many rad one count is, as --position-unit"),
         ("t,encoder counts", "'encoder counts' is a count, no unit"),
-        ("t,speed", "has no column 'position'"),
+        ("t,speed", "has no column 'position' (columns: t, speed); say which it is, as --position-column NAME"),
+        ("t,theta [Grad]", "'Grad' is degrees in some languages and gon in others; state which, as --pos"),
         ("Time (s),Position (mm)", "column 'Position (mm)': 'mm' is no unit of angle that is known (rad, mrad"),
         ("Time (m),Position", "column 'Time (m)': 'm' is no unit of time that is known (s, ms"),
         ("Time (deg),Position (s)", "'deg' is no unit of time"),
@@ -86,6 +87,17 @@ def test_what_nobody_states_is_said(tmp_path):
         record = read_record(file(tmp_path, header))
         assert record.reading.sentence.count("(the file states no unit)") == 2
         assert "taken as s" in record.reading.sentence and "taken as rad" in record.reading.sentence
+
+
+def test_a_unit_of_two_meanings_is_asked_for(tmp_path):
+    """A German "Grad" is a degree, the grad of a pocket calculator a gon: nine tenths of it."""
+    path = file(tmp_path, "Zeit [s],Istlage [Grad]")
+    for unit, size in (("deg", DEG), ("gon", 0.9 * DEG)):
+        assert read_record(path, time_column="1", position_column="2", position_unit=unit).position[0] == (
+            pytest.approx(size, rel=1e-15)
+        )
+    with pytest.raises(InputError, match="position-unit: 'grad' is degrees in some languages"):
+        read_record(path, time_column="1", position_column="2", position_unit="grad")
 
 
 def test_units_that_are_stated(tmp_path):

@@ -285,7 +285,13 @@ def test_value_in_a_file_out_of_range(file):
 def test_broken_toml(file, text):
     path = file(text)
     message = refusal(load, path)
-    assert repr(str(path)) in message and "not valid TOML" in message
+    assert repr(str(path)) in message and "not valid TOML" in message and "point" not in message
+
+
+@pytest.mark.parametrize("line", ["kd = 0,06", "kd = 0,06  # s", "kd=0,06"])
+def test_a_decimal_comma_is_told(file, line):
+    message = refusal(load, file(f"[controller]\nkp = 1\n{line}\n"))
+    assert "not valid TOML" in message and message.endswith("; decimals take a point, 0.06")
 
 
 @pytest.mark.parametrize(

@@ -184,6 +184,31 @@ def test_the_servo_file_stands_alone_or_behind_its_option_once(capsys, tmp_path)
     assert (code, out) == (2, "") and "one servo file is enough" in err
 
 
+def test_a_servo_file_may_stand_behind_the_options_of_a_record(capsys):
+    for words in (["mine.toml", "--gain", "1"], ["--gain", "1", "mine.toml"], ["--gain", "1", "--servo", "mine.toml"]):
+        assert cli._parsed(["record", "drive.csv", *words]).servo == "mine.toml"
+    code, out, err = run(capsys, "record", "drive.csv", "--gain", 1, "mine.toml", "yours.toml")
+    assert (code, out) == (2, "") and "'yours.toml': must be left out, one servo file is enough" in err
+
+
+def test_a_cycle_of_an_unstable_loop_is_not_all_that_happens(capsys):
+    """By Routh and Hurwitz it is stable above K kd km = J ki/kp - sigma2, K = 0.7037: below, a step runs away."""
+    words = [f"--set={key}={value}" for key, value in {
+        "servo.inertia": 0.0035, "servo.motor_gain": 0.9, "controller.kp": 2.5, "controller.ki": 30,
+        "controller.kd": 0.06, "friction.static": 0.12, "friction.coulomb": 0.08, "friction.viscous": 0.004,
+    }.items()]  # fmt: skip
+    for gain, away in ((0.70, True), (0.71, False)):
+        out = run(capsys, "orbit", "--gain", gain, *words)[1]
+        assert ("from far enough the servo leaves the set" in out) is away, gain
+    out = run(capsys, "simulate", "--gain", 0.5, "--time", 10, *words)[1]
+    assert "leaves the set point for good" in " ".join(out.split()) and "amplitude" not in out
+
+
+def test_a_servo_file_among_the_records_is_told(capsys):
+    code, out, err = run(capsys, "identify", "drive.csv", "mine.toml", "--gain", 1)
+    assert (code, out) == (2, "") and "it is given as --servo mine.toml" in err
+
+
 @pytest.mark.parametrize("how", [["--set", "friction.statik=1"], ["--set=friction.statik=1"]])
 def test_a_misspelt_key_is_named_before_what_is_missed(capsys, how):
     code, out, err = run(capsys, "orbit", *how)

@@ -64,6 +64,7 @@ def test_what_no_remedy_meets(capsys, record):
     words = "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--max-error", 0.001, "--quiet"
     code, out, err = run(capsys, *words)
     assert code == 1 and "friction.static" in out and "no remedy ends hunting with error at rest up to 0.001 rad" in err
+    assert "positions from column" in out  # which column and unit the friction hangs on is said
 
 
 def test_what_hunts_as_built_is_no_cure(capsys, record, monkeypatch):
@@ -93,6 +94,7 @@ def test_bounds_that_a_record_does_not_have_are_told(cured):
     page = cure_page(said, {"fit": b""})
     assert "do not bound every parameter" in page and "<span class=bad>the model does not explain" in page
     assert 'alt="the model does not explain the records"' in page
+    assert "of the amplitude is left" in page and "misfit" not in page  # which is 9 of a fit that explains too
 
 
 def test_a_fold_that_is_not_found_says_so(capsys, record, monkeypatch):
@@ -124,7 +126,7 @@ def test_a_servo_at_rest_has_nothing_to_cure(capsys, tmp_path):
 def test_a_fit_that_did_not_settle_is_no_servo(capsys, record, monkeypatch):
     """Nothing is computed of its values."""
     fit = SimpleNamespace(status=Status.FIT_NOT_CONVERGED)
-    monkeypatch.setattr(command.identification, "fit_of", lambda options: lambda: fit)
+    monkeypatch.setattr(command.identification, "fit_of", lambda options: (lambda: fit, []))
     code, out, err = run(capsys, "cure", record, "--gain", GAIN, "--quiet")
     assert code == 1 and not out and "the records were not fitted: " in err
 

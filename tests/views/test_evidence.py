@@ -16,6 +16,7 @@ from page_support import Reader, every_number_has_its_key
 
 import casahunt
 from casahunt.cli import main
+from casahunt.views.answers.tune import tuning_answer
 from casahunt.views.evidence import page as evidence
 from casahunt.views.evidence.page import evidence_page
 from casahunt.views.evidence.record import made as made_of
@@ -143,6 +144,16 @@ def test_every_row_of_numbers_has_its_unit(text):
         in_head = keys == ["gain"] or keys == ["before/gain"]
         assert unit.search(said.replace("\xa0", " ")) or any(key.startswith(PLAIN) for key in keys) or in_head, said
     assert head.search(text)
+
+
+def test_a_gain_before_that_nobody_gave_is_told(record):
+    """On the page and in the answer: a user's own gain is not half of the fold gain."""
+    said = "none was given: half of that where hunting ends"
+    for assumed in (True, False):
+        seen = record | {"before": record["before"] | {"assumed": assumed}}
+        answer = "\n".join(tuning_answer(seen, 1e-6, None, []).plain)
+        assert (said in evidence_page(seen, {})) is (said in answer) is assumed
+    assert record["before"]["assumed"] is False  # by the command, with --gain
 
 
 def test_numbers_have_the_digits_that_are_known(record):

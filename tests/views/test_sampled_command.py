@@ -85,6 +85,7 @@ def test_a_sample_time_of_zero_is_the_continuous_loop(capsys, built):
 def test_its_lines_name_cause_and_cure(capsys, built):
     _, out, _ = run(capsys, "simulate", built, "--gain", 4.458, "--time", 200, "--quiet")
     text = " ".join(out.split())
+    assert "half of its largest swing" in text  # the set point lies outside of it, so that it is no distance from there
     assert "the reading moves over 1" in text and "cause quantisation: without quantisation the same loop" in text
     assert "ends it a dead band of the integrator of 0.001571 rad, 0.5 counts" in text
     _, out, _ = run(capsys, "simulate", built, "--gain", 4.458, "--time", 200, "--dead-band", 0.001571, "--quiet")
@@ -152,6 +153,7 @@ def test_a_stribeck_velocity_that_is_taken_from_table_1_is_told(capsys, tmp_path
     path.write_text(re.sub("stribeck_velocity.*\n", "", SERVO))
     _, _, err = run(capsys, "orbit", path, "--gain", 1)
     assert err.count(f"{key} is not in the servo file: 0.02 rad/s of Table 1 is taken") == 1
+    assert f"try others with --set {key}=VALUE" in err
     for more in (["--quiet"], ["--set", f"{key}=0.05"]):
         _, _, err = run(capsys, "orbit", path, "--gain", 1, *more)
         assert key not in err

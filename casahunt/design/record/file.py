@@ -303,7 +303,7 @@ def _columns(name: str, head: _Head, time: str | None, position: str | None) -> 
             names, quantity = (_TIME, "time") if missing == "time" else (_POSITION, "angle")
             own = _matching(head.header, names, quantity)  # type: ignore[arg-type]
             if own is None:
-                raise InputError(f"{name}: has no column {missing!r} (columns: {', '.join(head.header)})")
+                raise _no_column(name, missing, head.header)
             taken = [i if i is not None else own for i in asked]
     return taken[0], taken[1]
 
@@ -319,8 +319,14 @@ def _named_columns(name: str, head: _Head) -> tuple[int, int]:
         return 0, 1
     for what, here in (("time", time), ("position", position)):
         if here is None:
-            raise InputError(f"{name}: has no column {what!r} (columns: {', '.join(head.header)})")
+            raise _no_column(name, what, head.header)
     return time or 0, position or 0
+
+
+def _no_column(name: str, what: str, header: Sequence[str]) -> InputError:
+    """That no column is called so, and how it is named."""
+    columns = ", ".join(header)
+    return InputError(f"{name}: has no column {what!r} (columns: {columns}); say which it is, as --{what}-column NAME")
 
 
 def _matching(header: Sequence[str], names: frozenset[str], quantity: Quantity) -> int | None:

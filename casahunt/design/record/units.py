@@ -42,6 +42,8 @@ _NAMES: dict[Quantity, dict[str, tuple[float, str]]] = {
     "current": {"A": (1.0, "a amp amps ampere amperes"), "mA": (1e-3, "ma milliamp milliamps")},
 }
 """Unit, its factor to s, rad, N m or A, and how it is written."""
+_AMBIGUOUS = {"grad": "is degrees in some languages and gon in others; state which, as {option} deg or {option} gon"}
+"""Names that are units of the quantity, and not one alone: what is said of them."""
 _COUNTED = frozenset(
     "sample samples count counts cts tick ticks step steps pulse pulses increment increments inc index lsb lsbs bit "
     "bits digit digits encoder".split()
@@ -70,11 +72,23 @@ class Unit:
 
 
 def _lookup(quantity: Quantity, text: str) -> Unit | None:
-    word = "".join(text.strip(" .").casefold().split())
+    word = _word(text)
     for name, (factor, spellings) in _NAMES[quantity].items():
         if word in [spelling.casefold() for spelling in spellings.split()]:
             return Unit(name, factor)
     return None
+
+
+def _one_alone(what: str, quantity: Quantity, text: str) -> Unit | None:
+    """As `_lookup`.  Raises InputError: the name stands for two units."""
+    if why := _AMBIGUOUS.get(_word(text)):
+        raise InputError(f"{what}: {text!r} {why.format(option=_OPTION[quantity])}")
+    return _lookup(quantity, text)
+
+
+def _word(text: str) -> str:
+    """A unit as it is compared."""
+    return "".join(text.strip(" .").casefold().split())
 
 
 def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
@@ -88,9 +102,9 @@ def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
 def parsed_unit(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
     """The unit that a person states: a name, or a number of seconds or radians.
 
-    text: such as "ms", "deg" or "0.00153398". Raises InputError: neither a known name nor a finite number > 0.
+    text: such as "ms", "deg" or "0.00153398". Raises InputError: no finite number > 0, no known name, or that of two.
     """
-    found = _lookup(quantity, text)
+    found = _one_alone(what, quantity, text)
     if found is not None:
         return found
     try:
@@ -123,14 +137,16 @@ def split_header(cell: str) -> tuple[list[str], str | None]:
 def stated_unit(quantity: Quantity, cell: str, *, what: str) -> Unit | None:
     """The unit in a column's header.
 
-    Returns unit; None where the header states none. Raises InputError: a unit is stated, but none of this quantity.
+    Returns unit; None where the header states none. Raises InputError: a unit is stated, but none of this quantity, or
+    two are called so.
     """
     stated = split_header(cell)[1]
     if not stated:
         return None
-    found = _lookup(quantity, stated)
+    named = f"{what}, column {cell.strip()!r}"
+    found = _one_alone(named, quantity, stated)
     if found is None:
-        raise _unknown(f"{what}, column {cell.strip()!r}", quantity, stated)
+        raise _unknown(named, quantity, stated)
     return found
 
 

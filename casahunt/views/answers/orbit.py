@@ -29,6 +29,11 @@ MEANS = {
 """By the same: what it means, where that is known."""
 UNSTABLE = "motions near it leave it, so that no servo stays on it; as a rule it is the border of hunting:"
 BOUNDS = "nearer to the set point it comes to rest, farther away it hunts; casahunt basin tries both"
+RUNS_AWAY = (
+    "the loop without dry friction is unstable at this gain (casahunt loop): from far enough the servo leaves the set "
+    "point for good; casahunt simulate shows it"
+)
+"""Said where friction holds a cycle in that the linear loop would leave."""
 SYMMETRY_BROKEN = "a cycle that reaches farther to one side may hunt in its place"
 
 

@@ -38,7 +38,7 @@ def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     if verdict.kind == "hunting":
         low, high = found.readings
         counts = f", {verdict.amplitude / q:.3g} counts; the reading moves over {high - low}" if q else ""
-        yield item("amplitude", f"{angle(verdict.amplitude)}{counts}")
+        yield item("amplitude", f"{angle(verdict.amplitude)}, half of its largest swing{counts}")
         of = "mean of two swings" if not verdict.pattern else f"of {verdict.pattern} swings"
         yield item("period", f"{short(verdict.period)} s ({of}), frequency {short(1 / verdict.period)} Hz")
     if cause is not None:

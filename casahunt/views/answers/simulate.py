@@ -38,9 +38,10 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     waits = "" if verdict.kind != "decaying" or math.isnan(verdict.waits) else "stuck for now, "
     yield f"{name}, {where}: {waits}{HEADS[verdict.kind]}{partly}"
     yield item("because", _because(found))
-    if math.isfinite(verdict.amplitude):
+    repeats = verdict.kind != "growing"  # a swing that grows has neither
+    if repeats and math.isfinite(verdict.amplitude):
         yield item("amplitude", angle(verdict.amplitude))
-    if math.isfinite(verdict.period):
+    if repeats and math.isfinite(verdict.period):
         yield item("period", rhythm(verdict.period))
     if other is not None:
         yield item("other starts", elsewhere(other, found.duration))

@@ -64,15 +64,15 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
         now, after = record["before"], check["tasks"]
         yield item(
             "in place of",
-            f"{now['gain']:.6g} V/rad: {now['times']:.3g} times that gain; {after[0]['start']} takes "
-            f"{_peak(after[0])}, before {_peak(now['tasks'][0])}",
+            f"{short(now['gain'])} V/rad{not_the_users(record)}: {now['times']:.3g} times that gain; "
+            f"{after[0]['start']} takes {_peak(after[0])}, before {_peak(now['tasks'][0])}",
         )
     yield item("why not less", ", ".join(BINDS.get(name, name) for name in record["binding"]) or "nothing")
     yield item("checked", f"{check['result']}, in ways that the search for it did not use")
     yield item("linear loop", _loops(check))
     yield item("simulated", f"it {_tasks(check['tasks'])}")
     if record["before"] is not None:
-        yield item("before", f"at gain {record['before']['gain']:.6g} it {_tasks(record['before']['tasks'])}")
+        yield item("before", f"at gain {short(record['before']['gain'])} V/rad it {_tasks(record['before']['tasks'])}")
     for sentence in check["against"]:
         yield item("against it", sentence)
     for sentence in check["unverified"]:
@@ -91,6 +91,11 @@ def unless(record: Mapping[str, Any]) -> str:
     if kind == "undecided":
         return "; whether it comes to rest in the loop as built was not seen, see below"
     return f", but not alone: in the loop as built it {DOES[kind]} there, see below"
+
+
+def not_the_users(record: Mapping[str, Any]) -> str:
+    """Whose the gain before is where none was given, in brackets; nothing where it was."""
+    return " (none was given: half of that where hunting ends)" if record["before"].get("assumed") else ""
 
 
 def _hunting(record: Mapping[str, Any]) -> str:

@@ -283,6 +283,7 @@ def _tell_what_is_taken(options: argparse.Namespace, servo: Servo, tables: dict[
     if own and not known and not hasattr(options, "sought") and not hasattr(options, "told"):
         options.told = True
         taken = f"{servo.friction.stribeck_velocity:g} rad/s of Table 1 is taken, and where hunting ends hangs on it"
+        taken += f"; try others with --set {STRIBECK}=VALUE, or find it from a record (casahunt identify)"
         say(progress(options), f"{STRIBECK} is not in the servo file: {taken}")
 
 

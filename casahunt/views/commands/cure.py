@@ -71,7 +71,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
-    began, fit = time.perf_counter(), identification.fit_of(options)
+    began, (fit, read) = time.perf_counter(), identification.fit_of(options)
     how, stream = how_of(options), progress(options)
     limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
@@ -107,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
             page = cure_page(whole, {"fit": png(fitted_records(found))})
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
             options.outputs.write(write_results, out, FILES, identification.texts_of(found) | own)
-    lines = [advice_of(cures, limits, built, of_a_set=True), *identification.identified_lines(found, suspect),
+    lines = [advice_of(cures, limits, built, of_a_set=True), *identification.identified_lines(found, suspect, read),
              *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built)]  # fmt: skip
     answer = Answer(lines, [*identification.identified_details(found), *remedy_details(cures)])

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
-from ...errors import NoOrbit
+from ...errors import InputError, NoOrbit
 from ...results import tables_of
 from ...servo.find_orbit import find_orbit
 from ...servo.servo import flatten
@@ -74,8 +74,14 @@ def add_sought(command: Any) -> None:
     command.add_argument("--free", dest="sought", action="append", metavar="NAME", help=free)
 
 
-def fit_of(options: argparse.Namespace) -> Callable[[], Identification]:
-    """The fit that the command line asks for, to be called.  Raises InputError: it is wrong, or a record is."""
+def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], list[str]]:
+    """The fit that the command line asks for, to be called, and how its records were read.
+
+    Raises InputError: the command line is wrong, or a record is.
+    """
+    for path in options.records:
+        if path.endswith(".toml"):
+            raise InputError(f"record {path!r}: is a servo file by its name; it is given as --servo {path}")
     model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
     gains = [positive("gain", gain) for gain in options.gain]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
@@ -86,7 +92,7 @@ def fit_of(options: argparse.Namespace) -> Callable[[], Identification]:
         tell(progress(options), f"fitting {len(free)} parameters to {many}")
         return identify(records, servo, gains, model, free=free, options=how)
 
-    return fit
+    return fit, [f"  {record.reading.sentence}" for record in records if record.reading is not None]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -94,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line or a record is wrong; NoOrbit: no fit.
     """
-    began, fit = time.perf_counter(), fit_of(options)
+    began, (fit, read) = time.perf_counter(), fit_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
@@ -105,7 +111,7 @@ def run(options: argparse.Namespace) -> int:
     give(
         options,
         {**found.to_dict(table=False), "suspect": suspect or None, "wall_s": time.perf_counter() - began},
-        Answer(identified_lines(found, suspect), identified_details(found)),
+        Answer(identified_lines(found, suspect, read), identified_details(found)),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
     if not found.status.ok:
@@ -158,12 +164,13 @@ def not_explained(found: Identification) -> str:
     )
 
 
-def identified_lines(found: Identification, suspect: str) -> Iterator[str]:
-    """What was found, as text; and what is to be suspected."""
+def identified_lines(found: Identification, suspect: str, read: Sequence[str] = ()) -> Iterator[str]:
+    """What was found, as text; what is to be suspected; and how the records were read."""
     data, judgement = found.records, found.judgement
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     does = "explains" if judgement.explained else "does NOT explain"
     yield f"{found.model} servo from {many}: the model {does} what was recorded"
+    yield from read
     yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
         yield "  the values are NOT settled: they are those where the search stopped, and nobody knows how far off"

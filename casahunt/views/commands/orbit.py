@@ -18,10 +18,11 @@ from ...orbits import Multipliers, Options, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, BranchName, find_orbit
 from ...servo.hunting import Model
+from ...servo.linear_loop import stable
 from ...servo.servo import Servo
 from ...servo.units import column
 from ..answers.answer import item
-from ..answers.orbit import SYMMETRY_BROKEN, difference, orbit_answer, past_a_symmetry_breaking
+from ..answers.orbit import RUNS_AWAY, SYMMETRY_BROKEN, difference, orbit_answer, past_a_symmetry_breaking
 from .arguments import add_command, add_solver, gain_of, how_of, left_out, loop_of, model_of, servo_of
 from .console import orbit_line
 from .loops import shared
@@ -98,6 +99,8 @@ def _of_a_servo(servo: Servo, model: Model, gain: float, branch: BranchName, how
         below.append(item("", "one of a pair: the other one is its mirror image"))
     if past_a_symmetry_breaking(orbit):
         below.append(item("beside it", f"{SYMMETRY_BROKEN}; --branch lopsided"))
+    if not stable(servo, gain):
+        below.append(item("farther away", RUNS_AWAY))
     name = f"{model} servo at gain {gain:.10g} V/rad"
     return _Found(orbit, name, tuple(below), {}, {"model": model, column("gain"): gain})
 

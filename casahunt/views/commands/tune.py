@@ -129,6 +129,7 @@ def run(options: argparse.Namespace) -> int:
             built = checked(options, tuning.servo, tuning.gain)
             record = evidence_record(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
             record |= as_record(built)
+            record["before"]["assumed"] = now is None
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)

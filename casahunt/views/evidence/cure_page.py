@@ -40,8 +40,8 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         "<h2>What the records tell</h2>",
         table(["parameter", "value", "95 % from", "to"],
               [_parameter(p, name) for name in record["identified"]["parameters"]]),
-        f"<p><span class={'good' if explained else 'bad'}>{verdict}</span>: misfit "
-        f"{p.n('identified/misfit', '.3g')}, 1 of noise alone.</p>",
+        f"<p><span class={'good' if explained else 'bad'}>{verdict}</span>: beside noise "
+        f"{p.n('identified/systematic', '.2g')} of the amplitude is left.</p>",
         *([f"<p class=bad>{p.text('suspect')}</p>"] if record["suspect"] else []),
         *[figure(CAPTION, verdict, data) for data in images.values()],
         *([] if record["bounded"] else [UNBOUNDED]),

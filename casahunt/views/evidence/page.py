@@ -16,7 +16,7 @@ from ...checks import known_decimals
 from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS
-from ..answers.tune import BINDS, DOES, loop_name, unless
+from ..answers.tune import BINDS, DOES, loop_name, not_the_users, unless
 from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
@@ -231,7 +231,8 @@ def _against_before(p: _Page) -> list[str]:
         return []
     old, new = (p.with_unit(f"{where}/tasks/0/peak_torque", "N m", ".3g") for where in ("before", "verification"))
     return [
-        f"<p>{p.n('before/times', '.3g')} times the gain before, {p.with_unit('before/gain', GAIN_UNIT, '.4g')}: "
+        f"<p>{p.n('before/times', '.3g')} times the gain before, {p.with_unit('before/gain', GAIN_UNIT, '.4g')}"
+        f"{not_the_users(p.record)}: "
         f"{p.text('verification/tasks/0/start')} takes {new} at most, before {old}.</p>"
     ]
 

@@ -61,7 +61,8 @@ def fitted_records(found: Identification, *, ax: Any = None) -> Array:
         handles.append(Line2D([], [], label=label, **dots | {"markersize": 4}))
     judgement = found.judgement
     verdict = "explains" if judgement.explained else "does not explain"
-    label = f"{NAMES[found.model]}, which {verdict} it (misfit {judgement.misfit:.3g}, 1 of noise alone)"
+    left = f"{judgement.systematic:.2g} of the amplitude is left beside noise"
+    label = f"{NAMES[found.model]}, which {verdict} it: {left}"
     handles.append(Line2D([], [], color=look.colour, linewidth=look.width, label=label))
     below.axhline(0, color=look.colour, linewidth=1.0, zorder=4)
     above.set(ylabel="position − mean [rad]")
