@@ -4,21 +4,25 @@
 
 So where inertia matters a wrong gain is seen, and where it does not any gain explains a record, with a friction that is
 wrong by the same factor: then positions do not tell.  It is the gain that does not fit where no friction explains a
-record, and one does once the motor gain, with which all torque goes, is free too.
+record, and one does once the motor gain, with which all torque goes, is free too; where the same model with F/c
+explains it at the gain as it is stated, that is what the starts have missed.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
 
 from ...servo.servo import flatten
 from .climb import MOST_FIT_STEPS, ROUGHLY_SETTLED, climb
-from .fit import Point, Question, at, sharpened
+from .fit import Array, Point, Question, at, sharpened
 from .judgement import judged
 from .likelihood import Noise
 from .noise import with_noise
-from .start import MOTOR_GAIN, lowest_of, scales_of, starts
+from .start import MOTOR_GAIN, STRIBECK, lowest_of, scales_of, starts
 
 FIRST_STEPS = 40
 """Of the stretched fit: one that takes more leads nowhere."""
@@ -28,6 +32,8 @@ OTHER_GAIN = 1.25
 """Factor from which on a gain is another one: less makes up for what a model lacks, such as a filter or a delay."""
 FARTHEST_GAIN = 100.0
 """And up to which it is one that was mistaken: three times the factors that are tried (start.py)."""
+NO_TORQUE = (STRIBECK, "servo.inertia", "controller.lead_time", "controller.integral_time")
+"""Parameters that no torque goes with: the others are divided by the factor where the gain is as it was stated."""
 FEWEST_COUNTS = 10.0
 """Of the amplitude, below which rounding decides how a servo hunts, and a gain that fits says nothing."""
 
@@ -38,18 +44,12 @@ def best_of_starts(question: Question, most: int = MOST_FIT_STEPS) -> tuple[Poin
     Starts are gone from until two of them lead to one point, with rounding as an error like any other; what may then
     still be the likeliest is told by the counts.  None where no start hunts.
     """
-    plain = [Noise(data.size, 0.0) for data in question.records]
+    plain = _plain(question)
     ends: list[Point] = []
     for z in starts(question):
-        point = at(question, z, plain, stretched=True)
-        if point is not None:
-            point = climb(
-                question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED, far=True
-            )  # fmt: skip
-            point = at(question, point.z, plain, point)
+        point = _end(question, z, most)
         if point is None:
             continue
-        point = climb(question, point, plain, most=most, settled=ROUGHLY_SETTLED)
         again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
         ends.append(point)
         if again:
@@ -65,8 +65,30 @@ def best_of_starts(question: Question, most: int = MOST_FIT_STEPS) -> tuple[Poin
     return min(found, key=lambda each: each[0].deviance)
 
 
-def gain_that_fits(question: Question) -> float | None:
-    """The factor of the gain with which the model explains the records; None where none was found that is another.
+def _plain(question: Question) -> list[Noise]:
+    """Noise of each record with rounding as an error like any other."""
+    return [Noise(data.size, 0.0) for data in question.records]
+
+
+def _end(question: Question, z: Array, most: int) -> Point | None:
+    """Where a start leads to with plain noise; None where it does not hunt."""
+    plain = _plain(question)
+    point = at(question, z, plain, stretched=True)
+    if point is not None:
+        point = climb(question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED, far=True)
+        point = at(question, point.z, plain, point)
+    return None if point is None else climb(question, point, plain, most=most, settled=ROUGHLY_SETTLED)
+
+
+class OtherGain(NamedTuple):
+    """The factor of the gain with which the model explains records, and unknowns from which it is tried without."""
+
+    factor: float
+    z: Array
+
+
+def gain_that_fits(question: Question) -> OtherGain | None:
+    """The other gain with which the model explains the records; None where none was found.
 
     Asked where it does not explain them as they are stated.
     """
@@ -80,6 +102,20 @@ def gain_that_fits(question: Question) -> float | None:
     if found is None:
         return None
     freed, point = sharpened(freed, *found)
-    factor = freed.values(point.z)[MOTOR_GAIN] / flatten(servo)[MOTOR_GAIN]
+    values = freed.values(point.z)
+    factor = values[MOTOR_GAIN] / flatten(servo)[MOTOR_GAIN]
     other = math.log(OTHER_GAIN) < abs(math.log(factor)) < math.log(FARTHEST_GAIN)
-    return factor if other and judged(freed, point, found[1]).explained else None
+    if not other or not judged(freed, point, found[1]).explained:
+        return None
+    own = [values[name] / (1.0 if name in NO_TORQUE else factor) for name in question.free]
+    return OtherGain(factor, np.concatenate([question.unknowns(np.array(own)), point.z[len(free) :]]))
+
+
+def explained_from(question: Question, z: Array) -> tuple[Point, list[Noise]] | None:
+    """The likeliest point to which these unknowns lead, if the model explains the records there, and the noise."""
+    point = _end(question, z, MOST_FIT_STEPS)
+    if point is None:
+        return None
+    point, noises = with_noise(question, point, _plain(question))
+    sharp, best = sharpened(question, point, noises)
+    return (point, noises) if judged(sharp, best, noises).explained else None

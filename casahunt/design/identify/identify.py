@@ -28,7 +28,7 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
-from .best import best_of_starts, gain_that_fits
+from .best import best_of_starts, explained_from, gain_that_fits
 from .climb import climb, expected
 from .clipped import CLIPPED_SHARE, flat_share
 from .fit import Array, Data, Point, Question, sharpened
@@ -270,22 +270,26 @@ def data_of(record: Record, m: Measurement, gain: float) -> Data:
 
 def fitted(question: Question, *, advise: bool = True) -> Identification:
     """The identification of suitable records.  Raises InputError: a gain that does not fit; NoOrbit: no fit."""
-    found = best_of_starts(question)
+    found, asked = best_of_starts(question), False
+    if found is None:
+        found, asked = _elsewhere(question), True
     if found is None:
         raise _does_not_fit(question, "it hunts with no friction that amplitude and period allow")
     best, noises = found
-    stated, asked = question, False
+    stated = question
     for _ in range(MOST_BETTER + 1):
         question, best = sharpened(question, best, noises)
         judgement = judged(question, best, noises)
         left = [np.std(d.position - x) / d.amplitude for d, x in zip(question.records, best.positions, strict=True)]
-        if max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS:
+        far = max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS
+        if (far or not judgement.explained) and not asked:
+            asked, found = True, _elsewhere(stated)
+            if found is not None:
+                question, (best, noises) = stated, found
+                continue
+        if far:
             off = max(*left, judgement.systematic)
             raise _does_not_fit(stated, f"its nearest cycle is off by {off:.0%} of the amplitude")
-        if not judgement.explained and not asked:
-            asked, factor = True, gain_that_fits(stated)
-            if factor is not None:
-                raise _other_gain(stated, factor)
         try:
             ends = _ends(question, best, noises, judgement.factor)
             break
@@ -333,10 +337,22 @@ def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: floa
         return None
 
 
+def _elsewhere(question: Question) -> tuple[Point, list[Noise]] | None:
+    """What explains records that the starts do not, with their noise; None where nothing was found.
+
+    Raises InputError: another gain explains them, and the one that is stated does not from there either.
+    """
+    other = gain_that_fits(question)
+    if other is None:
+        return None
+    found = explained_from(question, other.z)
+    if found is None:
+        raise _other_gain(question, other.factor)
+    return found
+
+
 def _does_not_fit(question: Question, how: str) -> Exception:
-    """The refusal of records that no cycle comes near: with the gain as its cause where another one explains them."""
-    if (factor := gain_that_fits(question)) is not None:
-        return _other_gain(question, factor)
+    """The refusal of records that no cycle comes near."""
     data = question.records[0]
     return InputError(
         f"{data.name}: does not fit the {question.model} servo at gain {data.gain:g}, of amplitude "
