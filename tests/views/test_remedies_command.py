@@ -37,6 +37,7 @@ def test_the_table_is_read_at_a_glance(capsys):
     assert "feedforward hunting goes on up to 1, the last size looked at: it makes the friction of the slipping" in said
     assert "may stand still, with the size to choose" in said
     assert "10 % more of the remedy" in said and "step of 1 rad" in said
+    assert "of that step stays within 2 % of the step" in said and "in place of the present ones: gain: K" in said
     assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1
     assert err == ""  # no milestones
 

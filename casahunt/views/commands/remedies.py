@@ -19,7 +19,7 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
-from ...design.remedies.price import TASK_STEP
+from ...design.remedies.price import SETTLED_WITHIN, TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError
@@ -61,6 +61,8 @@ SURELY_KNOWN = 1e-9
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
 """Limits that may be set, what they limit, and the unit."""
 
+OWN = {"gain": "K", "derivative": "kd", "integral": "ki"}
+"""Remedies that are numbers of the controller, and which."""
 ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
 HEADINGS = (
@@ -262,8 +264,13 @@ def remedy_lines(
             ", or than the worst servo of the set needs" if of_a_set else ""
         )  # fmt: skip
         yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
-        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size; settling likewise"
+        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size"
+        within = f"{100 * SETTLED_WITHIN:g} % of the step, or the error at rest"
+        yield f"  settles in     from then on the error of that step stays within {within}"
         yield "  order          the cheapest first: error at rest, torque and settling time together"
+        own = [f"{row.name}: {OWN[row.name]}" for row in ending if row.name in OWN]
+        if own:
+            yield f"  sizes          of the controller's own numbers, in place of the present ones: {', '.join(own)}"
 
 
 def that_holds(
