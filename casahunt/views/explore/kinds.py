@@ -31,7 +31,7 @@ from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.units import GAIN_UNIT
 from .curves import branches_shown, friction_curve, left_open
-from .numbers import brief, curve, ends_at, hunts, refused, seen_number, sentence_of, shown_number
+from .numbers import brief, curve, ends_at, hunts, ratio_shown, refused, seen_number, sentence_of, shown_number
 from .state import GAIN, Problem
 
 PERIODS_OF_A_STEP, RESETS_OF_A_STEP = 3.0, 100.0
@@ -60,7 +60,7 @@ class ServoAnswers:
         self.problem, self.remembered = problem, memory
         self.memory = memory(GAIN)
         self.orbit: Orbit | None = None
-        self.said = ""
+        self.said, self.verdict = "", "unknown"
         self.drawn: list[Any] = []
 
     def hunts(self) -> dict[str, Any]:
@@ -75,17 +75,20 @@ class ServoAnswers:
         return self._cycle(orbit, times, states, motor_torque(states, servo.parameters(gain)))
 
     def _no_cycle(self, why: NoOrbit, proved: bool) -> dict[str, Any]:
+        self.verdict = "rests" if proved else "unknown"
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
         if isinstance(why, ComesToRest):
+            self.verdict = "unknown"
             self.said = "No hunting was found: from every start that was tried it comes to rest."
-            return {"verdict": "unknown", "sentence": self.said, "evidence": str(why)}
-        return {"verdict": "rests" if proved else "unknown", "sentence": self.said, **refused(why)}
+            return {"verdict": self.verdict, "sentence": self.said, "evidence": str(why)}
+        return {"verdict": self.verdict, "sentence": self.said, **refused(why)}
 
     def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any) -> dict[str, Any]:
         stable = bool(orbit.stable) if orbit.multipliers.trusted else None
         self.said = hunts(orbit.amplitude, orbit.period, stable)
+        self.verdict = "hunts" if stable else "uneven" if stable is False else "can"
         return {
-            "verdict": "hunts" if stable else "uneven" if stable is False else "can", "sentence": self.said,
+            "verdict": self.verdict, "sentence": self.said,
             "amplitude": shown_number(orbit.amplitude, orbit.amplitude_error),
             "period": shown_number(orbit.period, orbit.period_error),
             "cycle": curve(time=times, angle=states[0], velocity=states[1], torque=torque),
@@ -138,7 +141,7 @@ class ServoAnswers:
         gain = self.problem.gain
         more = ends_at("the gain", GAIN_UNIT, value, gain)
         return {
-            "gain": shown_number(value, error), "ratio": shown_number(value / gain, error),
+            "gain": shown_number(value, error), "ratio": ratio_shown(value, gain, error, self.verdict),
             "sentence": sentence_of((self.said, more)),
         }  # fmt: skip
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from ...checks import finite_or_none, to_error
 from ...errors import NoOrbit
+from ..answers.answer import PLAIN_DIGITS
 
-SHOWN_DIGITS = 6
-"""Of a number on the page, at most; the servo is known to fewer."""
 MARGIN_DIGITS = 3
 """Of a ratio, and of numbers in sentences."""
 CURVE_DIGITS = 6
@@ -29,7 +28,7 @@ def shown_number(value: float, relative_error: float = math.nan) -> dict[str, An
     error = abs(value) * relative_error
     return {
         "value": finite_or_none(float(value)), "error": finite_or_none(error),
-        "text": to_error(value, relative_error, SHOWN_DIGITS),
+        "text": to_error(value, relative_error, PLAIN_DIGITS),
     }  # fmt: skip
 
 
@@ -82,6 +81,19 @@ def ends_at(what: str, unit: str, border: float, present: float, sense: int = 1)
     if ratio < 1:
         away = f"the present one is {brief(1 / ratio)} times that"
     return f"Hunting ends {'above' if sense > 0 else 'below'} {what} {size}: {away}."
+
+
+SAID_ABOVE = {"rests": ": it does not hunt", "unknown": ": no hunting was found"}
+"""What is said of a gain above the one at which hunting ends, by the verdict there."""
+
+
+def ratio_shown(border: float, present: float, relative_error: float, verdict: str) -> dict[str, Any]:
+    """The number by which the gain at which hunting ends is above the present one, or that by which it is below."""
+    shown = shown_number(border / present, relative_error)
+    if border >= present:
+        return shown | {"said": f"{shown['text']} times the present gain"}
+    above = to_error(present / border, relative_error, PLAIN_DIGITS)
+    return shown | {"said": f"the present gain is {above} times that{SAID_ABOVE.get(verdict, '')}"}
 
 
 def sentence_of(parts: Sequence[str]) -> str:

@@ -155,19 +155,21 @@
   };
   const NUMBERS = [
     ["hunts", "amplitude", "swing to either side", "rad"], ["hunts", "period", "period", "s"],
-    ["border", "gain", "hunting ends at gain", "V/rad"], ["border", "ratio", "that is, times the present gain", ""],
+    ["border", "gain", "hunting ends at gain", "V/rad"], ["border", "ratio", "how far off that is", ""],
     ["border", "size", "hunting ends at", ""], ["step", "peak", "largest torque of the step", "N m"],
     ["step", "voltage", "largest voltage", "V"], ["linear", "phase_margin", "phase margin, without dry friction", "°"],
     ["linear", "crossover", "crossover", "rad/s"],
   ];
   const inPlace = (what) => ({rests: "none: it does not hunt", unknown: "not found"})[what.verdict] || what.why;
   const numbers = (stage) => {
-    const what = shown[stage];
+    const what = shown[stage], said = new Set();
     for (const [place_of, [of, key, name, unit]] of NUMBERS.entries()) {
       if (of !== stage) continue;
       let box = byId(`number-${key}`);
       const why = key === "size" ? what.remedy_why : inPlace(what);
-      if (key === "size" && !what.size && !why) { if (box) box.remove(); continue; }
+      const again = !what[key] && what.why && stage !== "hunts" && said.has(why);  // one sentence for several: once
+      said.add(why);
+      if (again || key === "size" && !what.size && !why) { if (box) box.remove(); continue; }
       if (!box) {
         box = element("div", {id: `number-${key}`, "data-stage": stage, style: `order: ${place_of}`}, element("dt"), element("dd"));
         byId("numbers").append(box);
@@ -176,8 +178,8 @@
       term.textContent = key === "size" ? `hunting ends at ${what.size_name || "a size"}` : name;
       const found = what[key];
       value.classList.toggle("none", !found);
-      value.textContent = found ? `${found.text} ${key === "size" ? what.size_unit : unit}`.trim() : why || "none";
-      if (found && found.error) value.append(element("small", {}, `± ${found.error.toExponential(0)}`));
+      value.textContent = found ? found.said || `${found.text} ${key === "size" ? what.size_unit : unit}`.trim() : why || "none";
+      if (found && found.error) value.append(element("small", {}, `computed to ± ${found.error.toExponential(0)}`));
       if (key === "phase_margin" && what.factors && what.factors.length)
         value.append(element("small", {}, `${what.stable ? "stable" : "unstable"}; changes at ${what.factors.join(" and ")} times the gain`));
       if (key === "phase_margin" && what.stable === false && !(what.factors || []).length) value.append(element("small", {}, "unstable"));

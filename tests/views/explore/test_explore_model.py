@@ -206,10 +206,11 @@ def test_the_stages_show_what_the_library_says(told):
     assert tuple(told) == STAGES
     assert told["hunts"]["verdict"] == "hunts"
     assert told["hunts"]["amplitude"]["value"] == orbit.amplitude
-    assert float(told["hunts"]["period"]["text"]) == pytest.approx(orbit.period, rel=1e-5)
+    assert told["hunts"]["period"]["text"] == f"{orbit.period:.4g}"
     assert told["hunts"]["amplitude"]["error"] == pytest.approx(orbit.amplitude * orbit.amplitude_error)
     assert told["border"]["gain"]["value"] == fold.gain
     assert told["border"]["ratio"]["value"] == pytest.approx(fold.gain / FIRST_GAIN)
+    assert told["border"]["ratio"]["said"] == f"{fold.gain / FIRST_GAIN:.4g} times the present gain"
     assert told["linear"]["phase_margin"]["value"] == margins(servo, FIRST_GAIN).phase_margin
     kp = servo.torque_gains(FIRST_GAIN)[0]
     assert told["step"]["peak"]["value"] == pytest.approx(kp * 1.0, rel=1e-3)  # kp times the step, at its start
@@ -245,6 +246,8 @@ def test_where_it_does_not_hunt_the_evidence_is_said(shown):
     assert told["hunts"]["why"].endswith("it can hunt up to gain 0.6473 V/rad, and not above")
     assert "in a fold" in told["hunts"]["evidence"] and "amplitude" not in told["hunts"]
     assert told["border"]["ratio"]["value"] < 1
+    times = 1.0 / find_fold(table1.servo(), "switch").gain
+    assert told["border"]["ratio"]["said"] == f"the present gain is {times:.4g} times that: it does not hunt"
 
 
 def test_not_found_is_not_there_is_none(monkeypatch, shown):
@@ -320,6 +323,7 @@ def test_a_loop_above_its_fold_gain_has_the_border_and_diagram_of_those_below(sh
     above = shown(turned(TABLE1, gain=0.7, spring=0.01), "hunts", "border", "diagram")
     below = shown(turned(TABLE1, gain=0.5, spring=0.01), "border")
     assert above["hunts"]["verdict"] == "unknown" and above["border"]["ratio"]["value"] < 1
+    assert above["border"]["ratio"]["said"].endswith("times that: no hunting was found")  # less than that it does not
     assert above["border"]["gain"]["value"] == pytest.approx(below["border"]["gain"]["value"], rel=1e-8)
     drawn = [x for name in ("stable", "unstable") for x in above["diagram"][name]["gain"] if x is not None]
     assert max(drawn) == pytest.approx(above["border"]["gain"]["value"], rel=1e-5)
