@@ -156,7 +156,7 @@ async def opened() -> AsyncIterator[Page]:
         yield Page(process, socket)
     finally:
         process.terminate()
-        process.wait()
+        print(process.communicate()[0], end="")  # why workers were replaced
 
 
 def next_move(state: State, past: list[State], r: random.Random) -> State:

@@ -13,7 +13,6 @@ rule changes that alone; what is shown does not depend on the moves before.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -30,13 +29,35 @@ MOST_WORK_OF_A_STAGE, LONGEST_STAGE = 2e5, 10.0
 GOES_ON = "the command line goes on longer"
 MOST_KEPT = 16
 """Servos, at whatever gain or whatever size of a remedy, of which borders and diagrams are kept."""
+MOST_FOUND = 12
+"""Borders and diagrams that are kept of each: a person turns a gain for hours, and where there is no fold a diagram
+begins below it, wherever it is."""
+
+
+class Latest(dict[Any, Any]):
+    """A dictionary of no more than so many entries: those that were set or read last."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self._most = most
+
+    def __getitem__(self, key: Any) -> Any:
+        value = self.pop(key)
+        super().__setitem__(key, value)
+        return value
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        self.pop(key, None)
+        super().__setitem__(key, value)
+        while len(self) > self._most:
+            del self[next(iter(self))]
 
 
 class Answers:
     """Answers one state after the other, and remembers what does not depend on the gain."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[Any, Any] = OrderedDict()
+        self._kept = Latest(MOST_KEPT)
 
     def of(self, state: State, dropped: Callable[[], bool] | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """(stage, what it shows) of a state, in order.
@@ -70,9 +91,7 @@ class Answers:
         """What is known of the servo whatever the numbers `free` are."""
         values = tuple((key, value) for key, value in state.values.items() if key not in (*free, SET_POINT))
         key = (free, values, state.model, state.remedy, repr(state.parts))
-        self._kept.setdefault(key, {})
-        self._kept.move_to_end(key)
-        while len(self._kept) > MOST_KEPT:
-            self._kept.popitem(last=False)
+        if key not in self._kept:
+            self._kept[key] = Latest(MOST_FOUND)
         memory: dict[Any, Any] = self._kept[key]
         return memory

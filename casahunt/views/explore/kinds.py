@@ -288,9 +288,8 @@ class LoopAnswers(ServoAnswers):
         key = "fold", foot.problem.value(GAIN)
         if key not in self.memory:
             way = [foot]
-            self.memory[key] = fold_in(foot, GAIN, options=ROUGH, progress=way.append)
-            self.memory["way", key[1]] = way
-        found: Fold[Any] = self.memory[key]
+            self.memory[key] = fold_in(foot, GAIN, options=ROUGH, progress=way.append), way
+        found: Fold[Any] = self.memory[key][0]
         return found
 
     def _remedy_border(self) -> dict[str, Any]:
@@ -318,14 +317,14 @@ class LoopAnswers(ServoAnswers):
         foot = self._foot()
         low = foot.problem.value(GAIN)
         if ("diagram", low) not in self.memory:
-            way = self.memory.get(("way", low), [foot])  # what led to the fold is the first part of the branch
-            self.drawn += way
+            known = ("fold", low) in self.memory
+            fold, way = self.memory["fold", low] if known else (None, [foot])
+            self.drawn += way  # what led to the fold is the first part of the branch
             branch = follow(way[-1], GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN_CYCLES, monitors=(),
                             previous=way[-2] if len(way) > 1 else None, largest_step=DIAGRAM_STEP,
                             max_points=MOST_DIAGRAM_POINTS, progress=self.drawn.append)  # fmt: skip
             if branch.end.kind == "time":  # the stage's own, which is not to be remembered
                 raise effort.OutOfTime
-            fold = self.memory.get(("fold", low))
             self.memory["diagram", low] = branches_shown(
                 [*way[:-1], *branch.orbits], None if fold is None else fold.orbit
             ) | (left_open(branch.orbits) if branch.end.kind in UNFINISHED else {})

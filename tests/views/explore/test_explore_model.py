@@ -319,6 +319,33 @@ def test_a_move_computes_nothing_again_that_does_not_depend_on_it(
     assert dict(Answers().of(after)) == second  # and what is shown does not depend on what was asked before
 
 
+def test_what_is_kept_has_a_limit(monkeypatch):
+    """Where there is no fold a diagram begins below the gain, wherever that is turned."""
+
+    def nothing(*_):
+        raise NoOrbit("nobody knows", Status.NOT_FOUND)
+
+    monkeypatch.setattr("casahunt.views.explore.kinds.find_fold", nothing)
+    monkeypatch.setattr("casahunt.views.explore.kinds.walk", lambda *_, **__: iter(()))
+    monkeypatch.setattr(stages, "STAGES", ("diagram",))
+    asked = Answers()
+    for gain in range(stages.MOST_FOUND + 3):
+        list(asked.of(turned(TABLE1, gain=0.1 + 0.01 * gain)))
+    (memory,) = asked._kept.values()
+    assert len(memory) == stages.MOST_FOUND
+    for inertia in range(stages.MOST_KEPT + 3):
+        list(asked.of(turned(TABLE1, **{"inertia": 0.02 + 0.001 * inertia})))
+    assert len(asked._kept) == stages.MOST_KEPT
+
+
+def test_the_latest_are_those_set_or_read_last():
+    some = stages.Latest(2)
+    some["a"], some["b"] = 1, 2
+    assert some["a"] == 1
+    some["c"] = 3
+    assert dict(some) == {"a": 1, "c": 3}
+
+
 def test_a_loop_above_its_fold_gain_has_the_border_and_diagram_of_those_below(shown):
     above = shown(turned(TABLE1, gain=0.7, spring=0.01), "hunts", "border", "diagram")
     below = shown(turned(TABLE1, gain=0.5, spring=0.01), "border")

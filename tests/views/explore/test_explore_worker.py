@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import platform
 import queue
 import signal
 import time
@@ -92,6 +93,26 @@ def test_one_that_has_grown_ends_behind_an_answer(monkeypatch):
         pytest.skip("this system does not say how much memory a process has")
     module.serve(SimpleNamespace(recv=lambda: questions.pop(0), send=lambda answer: said.append(answer[1])), newest)
     assert said[-1] == DONE and len(questions) == 2
+
+
+def test_what_was_freed_is_given_back_behind_a_dropped_question_too(monkeypatch):
+    """Random moves drop nearly all: memory must not wait for an answer that is told to its end."""
+    newest, given, questions = SimpleNamespace(value=1), [], [(1, "gain=0.2"), None]
+    monkeypatch.setattr(module.interrupts, "serve", lambda: None)
+    monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)
+    monkeypatch.setattr(module, "_give_back", lambda: given.append(1))
+    module.serve(SimpleNamespace(recv=lambda: questions.pop(0), send=lambda _: setattr(newest, "value", 2)), newest)
+    assert given == [1]
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the C library is another one")
+def test_memory_is_what_is_resident_now():
+    """What was freed counts no more, though the C library would keep it: small blocks below one that stays."""
+    blocks = [bytes(1000) for _ in range(100_000)]
+    stays, full = bytes(1000), module._megabytes()
+    del blocks
+    module._give_back()
+    assert stays and module._megabytes() < full - 80
 
 
 def test_one_that_ends_as_it_should_is_replaced_and_asked_again(worker, heard, caplog):
