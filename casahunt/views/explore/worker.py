@@ -66,7 +66,7 @@ def serve(pipe: Any, newest: Any) -> None:
 
 
 def _give_back() -> None:
-    """Let the system have what was freed, which the C library keeps for later: a third of all; it takes a millisecond."""
+    """Let the system have what was freed, which the C library keeps for later: a third of all, in a millisecond."""
     with suppress(AttributeError, OSError, TypeError):  # not glibc's, or Windows, which has no library None
         ctypes.CDLL(None).malloc_trim(0)
 
