@@ -27,7 +27,7 @@ from ...servo.servo import LARGEST_TOML
 from .conversation import Conversation
 from .page import STATIC, page, static
 from .state import State
-from .worker import Worker
+from .worker import DONE, Worker
 
 THIS_MACHINE = "127.0.0.1"
 LOCAL_NAMES = ("127.0.0.1", "localhost", "[::1]")
@@ -39,8 +39,8 @@ MOST_PAGES = 6
 LONGEST_MESSAGE = int(2 * LARGEST_TOML)
 """Bytes of a message: a servo file, in JSON."""
 SPARE, SPARE_AFTER = 1, 3.0
-"""Workers that wait for a page, since a process takes a second to begin; and seconds after which the next one begins,
-so that it does not compete with a page's first answer."""
+"""Workers that wait for a page, since a process takes a second to begin.  The next one begins when a page has been
+answered, so that it does not compete with the first answer; or so many seconds after a page came that asks nothing."""
 TENDED_EVERY = 1000
 """Milliseconds between two looks at the workers."""
 FAREWELL = 0.1
@@ -144,10 +144,10 @@ class Server:
         self._pages.add(shown)
         worker = self._spare.pop() if self._spare else Worker(_to_nobody)
         worker.hears(shown.heard)
-        self.loop.call_later(SPARE_AFTER, self._one_more)
+        self.loop.call_later(SPARE_AFTER, self.one_more)
         return worker
 
-    def _one_more(self) -> None:
+    def one_more(self) -> None:
         """A worker for the page that comes next."""
         if len(self._spare) < SPARE and len(self._pages) < MOST_PAGES and not self._ended.is_set():
             self._spare.append(Worker(_to_nobody))
@@ -246,6 +246,8 @@ def _answers(server: Server) -> Any:
             if self.talk is not None:
                 with suppress(RuntimeError):  # the server has ended
                     server.loop.call_soon_threadsafe(partial(self.talk.answered, question, stage, shown))
+                    if stage == DONE:
+                        server.loop.call_soon_threadsafe(server.one_more)
 
         def _tell(self, message: dict[str, Any]) -> None:
             with suppress(websocket.WebSocketClosedError):

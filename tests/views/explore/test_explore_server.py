@@ -6,6 +6,7 @@ import contextlib
 import http.client
 import json
 import re
+import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -211,6 +212,28 @@ def test_two_pages_do_not_disturb_each_other(served):
         assert {message["n"] for message in said} == {n}
         told = {message["stage"]: message["shown"] for message in said if message["kind"] == "stage"}
         assert told["hunts"]["amplitude"]["value"] == casahunt.find_orbit(Servo(), "switch", gain).amplitude
+
+
+def test_behind_an_answer_a_worker_begins_for_the_next_page(monkeypatch):
+    """At once, not seconds later: a second page opened beside the first has one that is warm."""
+    monkeypatch.setattr(module, "SPARE_AFTER", 10 * LONG)
+    made = Server(FIRST, port=0)
+    made.start()
+
+    async def one():
+        async with connected(made) as socket:
+            while made._spare:  # the page has taken it
+                await asyncio.sleep(0.01)
+            await asked(socket, 1, ask="gain=0.2")
+            began = time.monotonic()
+            while not made._spare and time.monotonic() - began < LONG:
+                await asyncio.sleep(0.01)
+            return len(made._spare)
+
+    try:
+        assert asyncio.run(one()) == 1
+    finally:
+        made.close()
 
 
 def test_too_many_pages_are_told_so(served, monkeypatch):
