@@ -156,7 +156,8 @@ async def opened() -> AsyncIterator[Page]:
         yield Page(process, socket)
     finally:
         process.terminate()
-        print(process.communicate()[0], end="")  # why workers were replaced
+        said = process.communicate()[0].splitlines()
+        print(*(line for line in said if "takes its place" in line), sep="\n")  # why a worker was replaced
 
 
 def next_move(state: State, past: list[State], r: random.Random) -> State:
