@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
@@ -45,7 +46,8 @@ def marched(posed: Posed, start: Start) -> list[Start]:
     for _, _, segments in sorted(found, key=lambda way: way[:2]):
         label = tuple((s.mode, s.event) for s in segments)
         if label not in starts and len(starts) < RESTARTS:
-            starts[label] = start_of(posed, segments, start)
+            with suppress(ValueError):  # a stop that is left at once: the system has no phase from event to event
+                starts[label] = start_of(posed, segments, start)
     return list(starts.values())
 
 

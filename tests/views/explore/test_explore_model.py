@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from dataclasses import replace
+from urllib.parse import urlencode
 
 import numpy as np
 import pytest
@@ -461,3 +462,17 @@ def test_everything_has_an_answer(name, shown):
     told = shown(STATES[name])
     assert tuple(told) == STAGES and json.dumps(told, allow_nan=False)
     assert "sentence" in told["hunts"]
+
+
+@pytest.mark.slow
+def test_a_motion_that_is_no_cycle_of_the_system_ends_no_page():
+    """Between a stop and the breakaway at the same moment there is no phase; once the worker ended by that."""
+    pairs = {
+        "gain": 0.1, "servo.inertia": 0.009162, "servo.motor_gain": 4.94, "friction.static": 0.5245,
+        "friction.coulomb": 0.3034, "friction.stribeck_velocity": 0.06805, "friction.viscous": 0.0325,
+        "load_torque": -1.215, "spring": 1.173, "controller.kp": 1.171, "controller.ki": 6.13, "controller.kd": 0.05,
+        "reset_at_stop": 0.95, "remedy": "reset at a stop",
+    }  # fmt: skip
+    state = state_of_address(urlencode({"model": "switch", **pairs}))
+    said = dict(Answers().of(state))
+    assert said["hunts"]["sentence"].startswith("It hunts") and {"border", "diagram"} <= set(said)
