@@ -28,9 +28,9 @@ Array = np.ndarray
 
 TABLE_ENDS, TABLE_STEP = (-37.0, 9.0), 0.01
 """erfc underflows below; above, Phi is one.  The interpolation error is step^4/384, 3e-11."""
-LEAST_NOISE = 0.1
-"""Noise in units of the quantum below which it is not told from none: a sample is then 0.1 steps beside its count's
-border once in six."""
+LEAST_NOISE = 0.005
+"""Noise in units of the quantum below which it is not told from none: samples that rest this near to a border of their
+count would speak against their model.  Two rests are as near as three times that in 6 % of records without noise."""
 NOISE_ROUNDS, NOISE_SPAN = 40, 1e-3
 """Golden sections that take log sigma from a factor of 1e3 to 1e-5."""
 GOLDEN_PART = (math.sqrt(5) - 1) / 2

@@ -19,7 +19,7 @@ from .likelihood import LEAST_NOISE, Noise, likeliest
 
 WIDE_NOISE = 0.3
 """Noise in units of the quantum of the first fit to counts: with less they are walls, along which no step leads."""
-MOST_NOISE_STEPS, LONGEST_NOISE_STEP, NOISE_APART = 12, 0.5, 0.01
+MOST_NOISE_STEPS, LONGEST_NOISE_STEP, NOISE_APART = 24, 0.5, 0.01
 """Of the logarithm of the noise, to where that is likeliest; and between two whose deviances are compared."""
 SHORTEST_NOISE_STEP = 0.02
 """Half of one that was taken in vain, below which there is none."""

@@ -306,3 +306,30 @@ def test_parts_of_a_period_are_those_of_the_cycle(record):
     ((_, part), *_), (x,) = next(judgement._channels(asked, best, noises)), best.positions
     slips = np.abs(np.diff(x)) > 0.05 * np.ptp(x)
     assert slips.mean() < 0.05 and np.unique(part[1:][slips]).size >= judgement.PARTS_OF_PERIOD / 4
+
+
+@pytest.mark.parametrize("counts", [12.6, pytest.param(30.6, marks=pytest.mark.slow)])
+def test_counts_without_noise_that_rest_beside_a_border(counts):
+    """0.02 of a count below it: were they said to carry noise of a tenth of one, hundreds of samples would deny their
+    own servo."""
+    orbit = find_orbit(Servo(), "switch", GAIN)
+    times = np.arange(0.0, 6 * orbit.period, orbit.period / 300)
+    quantum = orbit.amplitude / counts
+    x = positions(Servo(), "switch", GAIN, orbit.amplitude, times) + 0.48 * quantum - orbit.amplitude % quantum
+    record = Record(times[300:], quantum * np.round(x[300:] / quantum), "counts")
+    servo = Servo().replace(**{"friction.static": 0.6, "friction.viscous": 0.07})
+    found = identify([record], servo, GAIN, advise=False)
+    assert found.status is Status.CONVERGED and found.judgement.explained
+    for name, (low, high) in found.intervals.items():
+        assert low <= flatten(Servo())[name] <= high, name
+
+
+@pytest.mark.slow
+def test_a_start_that_leads_nowhere_blames_no_gain():
+    """Servo 20 of scripts/identify.py from its second start, which ends far off; a gain of 28 times explains the record
+    too, and that friction, scaled back, is the servo's."""
+    made = Made(20, 0, "switch", (2000.0, 20000.0))
+    found = identify([made.record], made.starts[1], made.gain, advise=False)
+    assert found.status is Status.CONVERGED and found.judgement.explained
+    low, high = found.intervals["friction.static"]
+    assert low <= made.servo.friction.static <= high
