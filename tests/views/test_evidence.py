@@ -150,10 +150,10 @@ def test_a_gain_before_that_nobody_gave_is_told(record):
     """On the page and in the answer: a user's own gain is not half of the fold gain."""
     said = "none was given: half of that where hunting ends"
     for assumed in (True, False):
-        seen = record | {"before": record["before"] | {"assumed": assumed}}
+        seen = record | {"before_assumed": assumed}
         answer = "\n".join(tuning_answer(seen, 1e-6, None, []).plain)
         assert (said in evidence_page(seen, {})) is (said in answer) is assumed
-    assert record["before"]["assumed"] is False  # by the command, with --gain
+    assert record["before_assumed"] is False  # by the command, with --gain
 
 
 def test_numbers_have_the_digits_that_are_known(record):

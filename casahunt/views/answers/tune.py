@@ -95,7 +95,7 @@ def unless(record: Mapping[str, Any]) -> str:
 
 def not_the_users(record: Mapping[str, Any]) -> str:
     """Whose the gain before is where none was given, in brackets; nothing where it was."""
-    return " (none was given: half of that where hunting ends)" if record["before"].get("assumed") else ""
+    return " (none was given: half of that where hunting ends)" if record.get("before_assumed") else ""
 
 
 def _hunting(record: Mapping[str, Any]) -> str:

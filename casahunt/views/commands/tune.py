@@ -18,7 +18,7 @@ lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}
 tasks [{friction, start, time, verdict, reason, status, peak_torque, peak_voltage}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
 before {gain, times (by which the gain grows), lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or
---out is given;
+--out is given; before_assumed: whether that gain is half the fold's, because none was given (with --out);
 servo {key: value}: as given; rounds, evaluations, status, wall_s;
 where no gain will do, with --remedy: refused (why), and the keys of remedies.py;
 as_built, where the servo file has a table [drive]: what the tuned servo does in it (kind, dead_band, sentence);
@@ -128,8 +128,7 @@ def run(options: argparse.Namespace) -> int:
             before = before_tasks(tuning, now)
             built = checked(options, tuning.servo, tuning.gain)
             record = evidence_record(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
-            record |= as_record(built)
-            record["before"]["assumed"] = now is None
+            record |= as_record(built) | {"before_assumed": now is None}
             from ..pictures import tune as pictures_tune
 
             images = pictures_tune.evidence_images(tuning, before)
