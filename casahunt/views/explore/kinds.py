@@ -334,7 +334,8 @@ class LoopAnswers(ServoAnswers):
 def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
     """What is said where no size of a remedy was found that ends hunting."""
     if math.isnan(found.size):
-        return {"remedy_why": f"not found: no hunting cycle was found even with little {remedy.name}", "evidence": found.why}
+        why = f"not found: no hunting cycle was found even with little {remedy.name}"
+        return {"remedy_why": why, "evidence": found.why}
     size = f"{brief(found.size)} {remedy.unit}".rstrip()
     if found.kind == "none":
         return {"remedy_why": f"hunting goes on up to {size}"}
