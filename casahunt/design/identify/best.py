@@ -32,8 +32,6 @@ OTHER_GAIN = 1.25
 """Factor from which on a gain is another one: less makes up for what a model lacks, such as a filter or a delay."""
 FARTHEST_GAIN = 100.0
 """And up to which it is one that was mistaken: three times the factors that are tried (start.py)."""
-NO_TORQUE = (STRIBECK, "servo.inertia", "controller.lead_time", "controller.integral_time")
-"""Parameters that no torque goes with: the others are divided by the factor where the gain is as it was stated."""
 FEWEST_COUNTS = 10.0
 """Of the amplitude, below which rounding decides how a servo hunts, and a gain that fits says nothing."""
 
@@ -107,8 +105,13 @@ def gain_that_fits(question: Question) -> OtherGain | None:
     other = math.log(OTHER_GAIN) < abs(math.log(factor)) < math.log(FARTHEST_GAIN)
     if not other or not judged(freed, point, found[1]).explained:
         return None
-    own = [values[name] / (1.0 if name in NO_TORQUE else factor) for name in question.free]
+    own = [values[name] / (factor if _goes_with_torque(name) else 1.0) for name in question.free]
     return OtherGain(factor, np.concatenate([question.unknowns(np.array(own)), point.z[len(free) :]]))
+
+
+def _goes_with_torque(name: str) -> bool:
+    """Whether a parameter is one of F or J, which are divided by c where the gain is as it was stated."""
+    return name == "servo.inertia" or name.startswith("friction.") and name != STRIBECK
 
 
 def explained_from(question: Question, z: Array) -> tuple[Point, list[Noise]] | None:
