@@ -1,70 +1,24 @@
-"""What the page asks about and what it shows, without a browser: addresses, ranges, copies, stages."""
+"""What the page shows, without a browser: stages, copies, what is kept and what is given up."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-from dataclasses import replace
 from urllib.parse import urlencode
 
 import numpy as np
 import pytest
+from explore_support import STATES, TABLE1, turned
 
-from casahunt import InputError, NoOrbit, Servo, Status, effort, find_fold, find_orbit, margins, remedies
+from casahunt import NoOrbit, Servo, Status, effort, find_fold, find_orbit, margins, remedies
 from casahunt.cli import main
 from casahunt.servo.parts import fold_in, load_loop, loop_cycle
 from casahunt.views.explore import answers as stages
 from casahunt.views.explore import kinds
 from casahunt.views.explore.answers import STAGES, Answers
-from casahunt.views.explore.controls import HIDDEN, LUGRE_ALONE, choices_of, controls_of
 from casahunt.views.explore.copies import command_line, python, servo_file
-from casahunt.views.explore.presets import presets
-from casahunt.views.explore.state import (
-    FIRST_GAIN,
-    own_numbers,
-    remedies_for,
-    remedy_called,
-    state_of_address,
-    state_of_file,
-    state_of_servo,
-)
+from casahunt.views.explore.state import FIRST_GAIN, own_numbers, remedy_called, state_of_address
 from problems import table1
-
-LOOP = """
-[loop]
-parts = ["one inertia", "Switch friction", "PID by times", "integrator", "leak"]
-[values]
-gain = 0.04
-leak = 0.1
-"""
-TABLE = """
-[loop]
-parts = ["one inertia", {part = "friction table", velocity = [0.0, 0.02, 0.05, 1.0], torque = [0.5, 0.47, 0.44, 0.54]},
-         "PID by times", "integrator"]
-"""
-
-
-def turned(state, **values):
-    """The state with other numbers; dots are written as two underscores."""
-    return replace(state, values={**state.values, **{k.replace("__", "."): float(v) for k, v in values.items()}})
-
-
-TABLE1 = state_of_servo(table1.servo())
-
-
-def every_state():
-    yield "table 1", TABLE1
-    yield "by gains", TABLE1.choose("controller", "gains")
-    yield "load", turned(TABLE1, load_torque=0.1, spring=-0.2)
-    for model in ("switch", "lugre"):
-        for name in remedies_for(model):
-            yield f"{model} {name}", TABLE1.choose("model", model).choose("remedy", name)
-    yield "loop", state_of_file(LOOP)
-    yield "table", state_of_file(TABLE)
-    yield from presets().items()
-
-
-STATES = dict(every_state())
 
 
 @pytest.fixture(autouse=True)
@@ -82,86 +36,6 @@ def shown(monkeypatch):
         return dict(Answers().of(state))
 
     return show
-
-
-@pytest.mark.parametrize("name", STATES)
-def test_an_address_reproduces_its_state(name):
-    assert state_of_address(STATES[name].address()) == STATES[name]
-
-
-@pytest.mark.parametrize("name", STATES)
-def test_a_file_brings_the_same_problem_back(name):
-    """To the last bit: a servo its numbers, a loop its parts and theirs."""
-    problem = STATES[name].problem
-    again = state_of_file(servo_file(STATES[name]), gain=problem.gain).problem
-    if problem.loop is None:
-        assert again.servo == problem.servo and again.gain == problem.gain
-    else:
-        assert again.loop.present == problem.loop.present or name.startswith("table")
-        assert again.loop.parameters == problem.loop.parameters
-
-
-@pytest.mark.parametrize("name", STATES)
-def test_every_number_has_a_control(name):
-    state, made = STATES[name], controls_of(STATES[name])
-    hidden = {*HIDDEN, *(() if state.model == "lugre" else LUGRE_ALONE)} if not state.is_loop else set()
-    assert {control.key for control in made} == set(state.values) - hidden
-    for control in made:
-        assert control.low < control.high and control.low <= control.value <= control.high or control.zero
-        assert not control.log or control.low > 0
-
-
-def test_choices():
-    assert choices_of(TABLE1)["remedy"]["chosen"] == "" and not choices_of(STATES["loop"])
-    assert TABLE1.choose("remedy", "freeze").choose("model", "lugre").remedy == ""  # freeze is for Switch alone
-    assert TABLE1.choose("remedy", "leak").choose("model", "lugre").remedy == "leak"
-    assert TABLE1.choose("remedy", "leak").choose("remedy", "") == TABLE1
-    with pytest.raises(InputError, match="parts of a loop"):
-        STATES["loop"].choose("model", "lugre")
-
-
-def test_the_form_of_the_controller_changes_no_controller():
-    asked = turned(TABLE1, controller__lead_time=0.1, controller__integral_time=0.3)
-    gains = asked.choose("controller", "gains")
-    back = gains.choose("controller", "times")
-    for state in (gains, back):
-        problem = state.problem
-        assert problem.servo.torque_gains(problem.gain) == pytest.approx(
-            asked.problem.servo.torque_gains(asked.problem.gain), rel=1e-12
-        )
-    with pytest.raises(InputError, match="complex"):
-        STATES["canudas"].choose("controller", "times")
-
-
-@pytest.mark.parametrize(
-    "address, said",
-    [
-        ("gain=-1", "gain = -1: must be greater than 0"),
-        ("gain=nan", "gain = nan"),
-        ("gain=inf", "gain = inf"),
-        ("gain=fast", "gain = 'fast'"),
-        ("step=0", "step = 0"),
-        ("friction.static=0.1", "friction.static = 0.1: must be at least 0.44"),
-        ("friction.statik=1", "did you mean 'friction.static'"),
-        ("spring=inf", "spring = inf"),
-        ("model=dahl", "unknown model"),
-        ("remedy=hope", "unknown remedy"),
-        ("remedy=leak&leak=-1", "leak = -1: must be at least 0"),
-        ("model=lugre&remedy=freeze", "unknown remedy"),
-        ("part=one+inertia&part=nothing", "unknown part"),
-        ("part={&gain=1", "must be the name of a part"),
-        ("&".join(f"a{i}=1" for i in range(1000)), "at most 200"),
-    ],
-)
-def test_what_is_wrong_is_refused_in_a_sentence(address, said):
-    with pytest.raises(InputError, match=r"^.*" + said.replace("(", r"\(")):
-        assert state_of_address(address).problem
-
-
-def test_a_file_that_is_none_is_refused():
-    for text, said in (("[servo", "not valid TOML"), ("[x]\na = 1", "unknown section"), ("#" * 60000, "at most")):
-        with pytest.raises(InputError, match=said):
-            state_of_file(text)
 
 
 @pytest.mark.parametrize("name", ["table 1", "by gains", "canudas"])
