@@ -24,6 +24,9 @@ _QUOTED = 60
 _MISSPELT, _BEGUN = 3, 3
 """A misspelling has one wrong letter in so many, or one; letters of the beginning of a name that stand for it."""
 
+_SAME = {"breakaway": "static", "stiction": "static", "kinetic": "coulomb", "dynamic": "coulomb", "sliding": "coulomb"}
+"""Names that data sheets give to what has another one here."""
+
 
 def number(key: str, value: Any) -> float:
     """A finite number.
@@ -242,9 +245,12 @@ def choice_of(what: str, name: str, allowed: Iterable[str]) -> str:
     if not isinstance(name, str):
         raise InputError(f"{what} = {name!r}: must be one of {', '.join(names)}")
     given, *last = (n.rsplit(".", 1)[-1].lstrip("-").lower() for n in (name, *names))  # a section makes all alike
+    given = _SAME.get(given, given)
     far, near = min(((_misspelt(given, end), n) for n, end in zip(names, last, strict=True)), default=(math.inf, ""))
     hint = f"; did you mean {near!r}?" if math.isfinite(far) else ""
-    raise InputError(f"unknown {what} {name!r}{hint} (known: {', '.join(names)})")
+    section = name.partition(".")[0] + "."
+    beside = [n for n in names if n.startswith(section)] if "." in name else []
+    raise InputError(f"unknown {what} {name!r}{hint} (known: {', '.join(beside or names)})")
 
 
 def _misspelt(given: str, name: str) -> float:

@@ -44,6 +44,7 @@ NOT_NAN = "must be a finite number, not NaN or infinity"
 # What is wrong in every command: (words added, parts of the sentence).
 WRONG_EVERYWHERE = [
     (["--set", "friction.statik=1"], ["unknown key 'friction.statik'", "did you mean 'friction.static'?"]),
+    (["--set", "friction.breakaway=1"], ["did you mean 'friction.static'? (known: friction.static, friction.coulomb"]),
     (["--set", "static=0.5"], ["unknown key 'static'", "did you mean 'friction.static'?"]),
     (["--set", "gain=0.5"], ["unknown key 'gain'"]),
     (["--set", "friction.static"], ["--set 'friction.static': must have the form section.key=value"]),

@@ -189,7 +189,7 @@ def test_a_worst_servo_whose_fold_is_given_up_is_not_another_one(servo, fold, mo
     """The corner of a wide box, where slips are short; named is the interval to narrow."""
     monkeypatch.setattr(search, "MOST_WORK_OF_A_FOLD", {"switch": 100.0})
     wide = Uncertainty({"friction.static": (0.52, 0.54), "friction.stribeck_velocity": (0.002, 0.1)})
-    with pytest.raises(NoOrbit, match="worst servo of the box was not found: at .*work of .*of friction.stribeck_vel"):
+    with pytest.raises(NoOrbit, match="within the intervals was not found: at .*work of .*of friction.stribeck_vel"):
         worst_corner(servo, "switch", wide, options=QUICK, fold=fold)
 
 

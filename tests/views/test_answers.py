@@ -205,7 +205,7 @@ def test_a_log_has_milestones(clock):
 def test_a_diagram_in_a_log(capsys, tmp_path, undrawn):
     """One milestone, where hunting ends; with --details a line for each point."""
     words = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path]
-    assert run(capsys, *words)[2].splitlines() == ["switch: a branch of cycles turns back at gain 0.6473 V/rad"]
+    assert run(capsys, *words)[2].splitlines() == ["switch: cycles of one kind end at gain 0.6473 V/rad"]
     assert len(run(capsys, *words, "--details")[2].splitlines()) > 20
     assert run(capsys, *words, "--quiet")[2] == ""
 

@@ -193,8 +193,10 @@ def test_the_cheapest_that_holds_as_built_is_named(capsys, built, monkeypatch):
     assert "every motion comes to rest with dead band (see below); leak does not do" in said
     assert one_json(run(capsys, *words, "--json")[1])["best"] == "dead band"
     monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: dict.fromkeys(does, hunts))
-    said = " ".join(run(capsys, *words)[1].split())
+    code, out, err = run(capsys, *words)
+    said = " ".join(out.split())
     assert "cheapest remedy: leak, 1.04 1/s" in said and "(see below); leak does not do" in said
+    assert code == 1 and "leak does not do in the loop as built: it is hunting" in err
 
 
 def test_a_servo_without_a_drive_is_told_nothing_of_it(capsys):

@@ -315,7 +315,7 @@ def worst_corner(
         raise NoOrbit(f"no fold in the box was computed: {'; '.join(search.failures)}", Status.NOT_CONVERGED)
     if not search.sure(best):
         widest = search.names[int(np.argmax(search.high / np.maximum(search.low, LEAST_END * search.high)))]
-        advice = f"narrow the box, first the interval of {widest}"
-        raise NoOrbit(f"the worst servo of the box was not found: {search.given_up}; {advice}", Status.NOT_CONVERGED)
+        said = f"the worst servo within the intervals was not found: {search.given_up}"
+        raise NoOrbit(f"{said}; narrow the intervals, first that of {widest}", Status.NOT_CONVERGED)
     corner = {name: float(value) for name, value in zip(search.names, best.q, strict=True)}
     return WorstCase(servo.replace(**corner), best.fold, corner, search.evaluations, tuple(search.failures))

@@ -158,7 +158,7 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
     late = S[t[:-1] >= times[-1] / 2]
     if late.size >= ENDLESS and late[late.size // 2 :].max() >= SMALLER * late[: late.size // 2].max():
-        text = f"{late.size} swings in the second half of the motion, which get no smaller and repeat in no pattern"
+        text = f"{late.size} swings in the second half of the motion, which get no smaller and do not repeat"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
         return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)
     text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s; simulate a longer time{end.waits}"

@@ -44,6 +44,7 @@ from .remedies import (
     advice_of,
     as_it_is_found,
     built_lines,
+    fails_as_built,
     none_within,
     remedies_as_built,
     remedy_details,
@@ -123,11 +124,8 @@ def _judged(
         complain("casahunt cure", identification.not_explained(found))
     if not cures.best:
         complain("casahunt cure", none_within(limits))
-    seen = built.get(cures.best, "")
-    if not isinstance(seen, str) and seen.goes_on:
-        complain("casahunt cure", f"{cures.best} does not do in the loop as built: {seen.sentence}")
-        return 1
-    return 0 if found.judgement.explained and cures.best else 1
+    fails = fails_as_built("casahunt cure", cures, built)
+    return 0 if found.judgement.explained and cures.best and not fails else 1
 
 
 def _unbounded(found: Identification) -> Iterator[str]:

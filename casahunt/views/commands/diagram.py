@@ -348,7 +348,7 @@ def _met(model: Model, special: SpecialPoint[HuntingOrbit], stream: Progress | N
     """What is said of a special point."""
     if stream is not None and stream.every:
         return f"{model:7s} {special.meaning}"
-    return f"{model}: a branch of cycles turns back at gain {short(special.orbit.gain)} V/rad"
+    return f"{model}: cycles of one kind end at gain {short(special.orbit.gain)} V/rad"
 
 
 def _beside(branch: Branch, task: DiagramTask, stream: Progress | None) -> Branch:

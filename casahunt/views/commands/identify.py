@@ -157,9 +157,9 @@ def not_explained(found: Identification) -> str:
     """What is said of a model that leaves more than noise."""
     return (
         f"the {found.model} model does not explain the record{'s' * (len(found.records) > 1)}: what is left is "
-        f"{found.judgement.systematic:.2g} of the amplitude and no noise (misfit {found.judgement.misfit:.3g}, 1 of "
-        "noise alone); the values are its nearest, and less certain than they look; draw it with --plot, and try "
-        "another --model, more --free parameters, or the filter and sampling of the record"
+        f"{found.judgement.systematic:.2g} of the amplitude and no noise; the values are its nearest, and less certain "
+        "than they look; draw it with --plot, and try another --model, more --free parameters, or the filter and "
+        "sampling of the record"
         + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
 

@@ -29,7 +29,7 @@ from ...servo.drive import with_remedy
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
-from ..answers.answer import Answer
+from ..answers.answer import PLAIN_DIGITS, Answer
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
 from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
@@ -103,7 +103,7 @@ def add_demands(command: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code: 1 where no remedy is within the limits."""
+    """Compute and print; the exit code: 1 where no remedy is within the limits, or does in the loop as built."""
     model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options)
     loop = loop_of(options)
     if loop is not None:
@@ -145,7 +145,7 @@ def run(options: argparse.Namespace) -> int:
     if limits and not found.best:
         complain("casahunt remedies", none_within(limits))
         return 1
-    return 0
+    return fails_as_built("casahunt remedies", found, built)
 
 
 def remedies_as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: float) -> dict[str, AsBuilt | str]:
@@ -207,15 +207,24 @@ def _record(
     }  # fmt: skip
 
 
+def fails_as_built(program: str, found: Cures, built: Mapping[str, AsBuilt | str]) -> int:
+    """1, with what is said of it, where the loop as built hunts on with the remedy that is named; else 0."""
+    seen = built.get(found.best, "")
+    if isinstance(seen, str) or not seen.goes_on:
+        return 0
+    complain(program, f"{found.best} does not do in the loop as built: {seen.sentence}")
+    return 1
+
+
 def as_it_is_found(row: Cure) -> str:
     """A row as it is found, for the progress."""
-    return f"{row.name}: {_exact(row) if math.isfinite(row.size) else row.why}"
+    return f"{row.name}: {_exact(row, PLAIN_DIGITS) if math.isfinite(row.size) else row.why}"
 
 
-def _exact(row: Cure) -> str:
-    """The size to the digits that its error vouches for."""
+def _exact(row: Cure, most: int = 12) -> str:
+    """The size to the digits that its error vouches for, `most` at most."""
     error = max(row.size_error, SURELY_KNOWN * abs(row.size))
-    return _with(to_absolute_error(row.size, error), row.unit)
+    return _with(to_absolute_error(row.size, error, most), row.unit)
 
 
 def _with(number: str | float, unit: str) -> str:
