@@ -98,11 +98,13 @@ class AtOneGain:
 
 @dataclass(frozen=True, eq=False)
 class AtGain:
-    """A search for the stable cycle at one gain; `beside`, a motion of the Switch servo beside its cycle if known."""
+    """A search for the stable cycle at one gain; `beside`, a motion of the Switch servo beside its cycle if known; and
+    `start`, about where the cycle sticks [rad], 0 where nobody knows."""
 
     P: StickMap
     options: Options
     beside: HalfCycle | None = None
+    start: float = 0.0
 
     @property
     def newton(self) -> bool:
@@ -141,19 +143,21 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> A
 
 
 def quickly_at(
-    servo: Servo, model: Model, gain: float, *, options: Options, beside: HalfCycle | None = None
+    servo: Servo, model: Model, gain: float, *, options: Options, beside: HalfCycle | None = None, start: float = 0.0
 ) -> HuntingOrbit | None:
     """The stable cycle at a gain where one motion leads to it.
 
     servo, model, gain, options: as in `stable_at`; beside: a motion of the Switch servo beside its cycle at this gain,
-    with the slope of the map, where one is known.
+    with the slope of the map, where one is known; start: about where the cycle sticks [rad], where that is known.
     Returns the cycle; None where the careful way has to be gone, or where IPOPT is to work alone.
     """
     # Where Newton's method is lost, a lower gain costs less than IPOPT here.
     q = AtGain(StickMap(model, servo, gain), replace(options, solver="newton"), beside)
     if options.solver == "ipopt":
         return None
-    met = _at_once(q)
+    met = _at_once(replace(q, start=start)) if start else None
+    if met is None:
+        met = _at_once(q)
     if met is None and model == "switch":
         closer = q.rigid_cycle
         if beside is not None:
@@ -186,8 +190,8 @@ def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
     """A motion so close to the stable cycle that Newton is tried, or None."""
     if q.beside is not None and q.P.model == "switch" and (degree, kind) == SCHEMES["switch"]:
         return q.beside
-    a = q.P.typical if q.beside is None else q.beside.fixed
-    if q.P.model == "lugre":
+    a = q.start or (q.P.typical if q.beside is None else q.beside.fixed)
+    if q.P.model == "lugre" and not q.start:
         if q.beside is not None and 1 + q.beside.slope > SLOW_MAP:
             return _slowly_met(q, q.beside, degree, kind)
         a = _beside_the_rigid_cycle(q) if q.beside is None else OUTSIDE * a

@@ -7,6 +7,7 @@ torque.py     the torque of the motor, where it was measured
 fit.py        the computed cycle laid over records
 climb.py      the way to the likeliest unknowns
 noise.py      the likeliest noise, and the model with it
+matched.py    friction with which one swing is that of a record
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood
 judgement.py  misfit, what a record cannot tell, which further one would

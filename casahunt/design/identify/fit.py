@@ -172,7 +172,7 @@ def at(
     try:
         servo = question.servo_at(z)
         orbits = tuple(
-            _cycle(question, servo, z, data.gain, i, near) for i, data in enumerate(question.records)
+            _cycle(question, servo, z, i, near) for i in range(len(question.records))
         )  # fmt: skip
     except (NoOrbit, InputError):
         return None
@@ -206,14 +206,14 @@ def at(
     return Point(z, lowest, steps, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
 
 
-def _cycle(q: Question, servo: Servo, z: Array, gain: float, i: int, near: Point | None) -> HuntingOrbit:
+def _cycle(q: Question, servo: Servo, z: Array, i: int, near: Point | None) -> HuntingOrbit:
     k = len(q.free)
     if near is not None:
         if np.array_equal(z[:k], near.z[:k]):
             return near.orbits[i]
         with suppress(NoOrbit, InputError):
             return _followed(q, near.orbits[i], near.z, z, HALVED_STEPS)
-    return cycle_at(servo, q.model, gain, q.options)  # other phases, or too far: from nothing
+    return cycle_at(servo, q.model, q.records[i], q.options)  # other phases, or too far: from nothing
 
 
 def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvings: int) -> HuntingOrbit:
@@ -228,16 +228,17 @@ def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvin
     return _followed(q, half, middle, end, halvings - 1)
 
 
-def cycle_at(servo: Servo, model: Model, gain: float, options: Options) -> HuntingOrbit:
-    """The stable cycle where motions lead to it.
+def cycle_at(servo: Servo, model: Model, data: Data, options: Options) -> HuntingOrbit:
+    """The stable cycle at the gain of a record where motions lead to it, one from where the record sticks first.
 
     What no motion leads to is not worth a search for the fold: the fit goes elsewhere.
     Raises NoOrbit: they lead to none; InputError: the problem cannot be.
     """
+    gain = data.gain
     check_problem(servo, model, gain)
     check_hunts(servo, model)
     check_times(servo, model, gain)
-    orbit = quickly_at(servo, model, gain, options=options)
+    orbit = quickly_at(servo, model, gain, options=options, start=data.amplitude)
     if orbit is None:
         raise NoOrbit(f"no motion leads to a hunting cycle of the {model} servo at gain {gain:g}", Status.NOT_FOUND)
     return orbit

@@ -1,13 +1,8 @@
-"""Where a fit starts: friction from the balances of a cycle, the rest from a few trials.
+"""Where a fit starts: static and Coulomb friction from a swing of the record, the rest from a few trials.
 
-Antisymmetric cycle, amplitude a, half period H, area A of half a wave, slip x ~ a sin(pi s/t_s) of duration t_s:
-
-    breakaway   Fs = kp a + ki (A/2 - a t_s/pi)                                   torque at the end of a stick
-    energy      mean of F over the way = ki (A/2 - (1 - pi/4) a t_s/pi) - kd a pi^2/(4 t_s)     of a whole slip
-
-with A the integral of |x1| over half a period: the integrator goes from -A/2 to A/2.  The mean of F is that of
-Fc + (Fs - Fc) exp(-(v/vs)^2) + viscous v over the way, which gives Fc for each trial of vs and viscous.  So the values
-that the user states matter for vs and the viscous friction alone, and several of these are tried.
+For each trial of vs and viscous friction one static and one Coulomb friction give a swing of the amplitude and period
+of the record (matched.py).  So what the user states matters for vs and the viscous friction alone, and several
+of these are tried; the shape of the swing tells which are promising.
 """
 
 from __future__ import annotations
@@ -23,10 +18,9 @@ from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, flatten
 from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_at
+from .matched import COULOMB, STATIC, matched, static_of
 
-STATIC, COULOMB, VISCOUS, STRIBECK = (
-    "friction.static", "friction.coulomb", "friction.viscous", "friction.stribeck_velocity"
-)  # fmt: skip
+VISCOUS, STRIBECK = "friction.viscous", "friction.stribeck_velocity"
 MOTOR_GAIN = "servo.motor_gain"
 MOTOR_FACTORS = (1.0, 0.03, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 30.0)
 """Of the motor gain that is stated, where it is tried: with it goes all torque, so whoever errs there errs by far."""
@@ -40,8 +34,6 @@ SCALE, LITTLE_VISCOUS = 0.2, 0.005
 """Scale of a parameter in units of its value; share of the friction below which the viscous one is next to nothing."""
 VISCOUS_SHARE = 0.1
 """Share of the friction that is tried for the viscous one where the servo states none."""
-LEAST_COULOMB, MOST_COULOMB = 0.2, 0.995
-"""Coulomb friction in units of the static one, within which a trial lies."""
 COMPARED = 512
 """Phases at which a cycle is compared with a waveform."""
 STARTS = 3
@@ -51,10 +43,8 @@ STARTS = 3
 def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
     """Scales of the free parameters: a part of their values; of viscous friction a small part of all friction."""
     own = flatten(servo)
-    a, slip = data.amplitude, _slip(data)
-    kp, _, ki = servo.torque_gains(data.gain)
-    static = kp * a + ki * data.period / 4 * float(np.mean(np.abs(data.shape)))
-    viscous = LITTLE_VISCOUS * static * 4 * slip / (a * math.pi**2)
+    static = static_of(servo, data)
+    viscous = LITTLE_VISCOUS * static * 4 * _slip(data) / (data.amplitude * math.pi**2)
     guess = {STATIC: static, COULOMB: static, VISCOUS: viscous / SCALE}
     return np.array([SCALE * guess.get(name, own[name]) for name in free])
 
@@ -76,36 +66,22 @@ def _slip(data: Data) -> float:
     return max(inside, 1 / data.times.size) * data.period / 2 / INNER_TIME
 
 
-def trials(question: Question) -> Iterator[dict[str, float]]:
-    """Values of the free parameters that the balances allow, from the first record."""
-    servo = question.servo
-    for factor in MOTOR_FACTORS if MOTOR_GAIN in question.free else (1.0,):
-        yield from _balanced(question, servo.replace(**{MOTOR_GAIN: factor * servo.motor_gain}))
-
-
-def _balanced(question: Question, servo: Servo) -> Iterator[dict[str, float]]:
-    """Trials at the motor gain of a servo."""
-    data, free = question.records[0], question.free
-    kp, kd, ki = servo.torque_gains(data.gain)
-    a, half = data.amplitude, data.period / 2
-    area = half * float(np.mean(np.abs(data.shape)))
-    slip = _slip(data)
-    static = kp * a + ki * (area / 2 - a * slip / math.pi)
-    mean = ki * (area / 2 - (1 - math.pi / 4) * a * slip / math.pi) - kd * a * math.pi**2 / (4 * slip)
-    speed, peak = a * math.pi**2 / (4 * slip), a * math.pi / slip
-    Fs = static if STATIC in free else servo.friction.static
-    stated = flatten(servo)
-    own_vs, own_viscous = servo.friction.stribeck_velocity, servo.friction.viscous
-    rates = [own_vs * f for f in FACTORS] + [peak * f for f in OF_PEAK_SPEED] if STRIBECK in free else [own_vs]
-    shares = [own_viscous * f for f in FACTORS] if own_viscous > 0 else [VISCOUS_SHARE * abs(mean) / speed]
-    for vs, viscous in product(rates, shares if VISCOUS in free else [own_viscous]):
-        u = np.linspace(-1, 1, 201)
-        share = float(np.mean(np.exp(-((peak / vs) ** 2) * (1 - u * u))))
-        left = (mean - viscous * speed - Fs * share) / max(1 - share, 0.05)
-        own = {STATIC: Fs, COULOMB: float(np.clip(left, LEAST_COULOMB * Fs, MOST_COULOMB * Fs)), VISCOUS: viscous,
-               STRIBECK: vs}  # fmt: skip
-        yield {name: own.get(name, stated[name]) for name in free}
-    yield {name: stated[name] for name in free}
+def trials(question: Question) -> Iterator[Servo]:
+    """Servos with other motor gains, vs and viscous friction, as far as these are free, by the first record."""
+    data, free, friction = question.records[0], question.free, question.servo.friction
+    slip, static = _slip(data), static_of(question.servo, data)
+    rates, shares, factors = [friction.stribeck_velocity], [friction.viscous], [1.0]
+    if STRIBECK in free:
+        rates = [f * rates[0] for f in FACTORS] + [f * data.amplitude * math.pi / slip for f in OF_PEAK_SPEED]
+    if VISCOUS in free and friction.viscous:
+        shares = [f * shares[0] for f in FACTORS]
+    elif VISCOUS in free:
+        shares = [VISCOUS_SHARE * static * 4 * slip / (data.amplitude * math.pi**2)]
+    if MOTOR_GAIN in free:
+        factors = [f * question.servo.motor_gain for f in MOTOR_FACTORS]
+    for factor, vs, viscous in product(factors, rates, shares):
+        changes = {MOTOR_GAIN: factor, STRIBECK: vs, VISCOUS: viscous}
+        yield question.servo.replace(**{name: value for name, value in changes.items() if name in free})
 
 
 def starts(question: Question) -> list[Array]:
@@ -113,27 +89,36 @@ def starts(question: Question) -> list[Array]:
 
     Tried as Switch servos, whose cycles are found quickly; what is promising, as the model that is asked for.
     """
-    tried = [found for values in trials(question) if (found := _laid(question, values, "switch")) is not None]
+    tried = [found for servo in trials(question) if (found := _laid(question, servo, "switch")) is not None]
     tried.sort(key=lambda each: each[0])
     if question.model == "switch":
         return [z for _, _, z in tried[:STARTS]]
-    asked = (_laid(question, values, question.model) for _, values, _ in tried)
+    asked = (_laid(question, servo, question.model) for _, servo, _ in tried)
     return [laid[2] for laid in islice((one for one in asked if one is not None), STARTS)]
 
 
-def _laid(question: Question, values: dict[str, float], model: Model) -> tuple[float, dict[str, float], Array] | None:
-    """How far the cycles of some values are from the records, and the unknowns; None where there is none."""
+def _laid(question: Question, servo: Servo, model: Model) -> tuple[float, Servo, Array] | None:
+    """How far the cycles of a servo are from the records, the servo, and the unknowns; None where there is none.
+
+    Its static and Coulomb friction are, as far as they are free, those of a swing.
+    """
+    sought = [name for name in (STATIC, COULOMB) if name in question.free]
+    like = matched(servo, model, question.records[0]) if sought else None
+    if like is None and len(sought) == 2:
+        return None
     try:
-        servo = question.servo.replace(**values)
-        orbits = [cycle_at(servo, model, data.gain, question.options.rough()) for data in question.records]
+        if like is not None:
+            servo = servo.replace(**{name: flatten(like)[name] for name in sought})
+        orbits = [cycle_at(servo, model, data, question.options.rough()) for data in question.records]
     except (NoOrbit, InputError):
         return None
-    z, off = [*question.unknowns(np.array(list(values.values())))], 0.0
+    values = flatten(servo)
+    z, off = [*question.unknowns(np.array([values[name] for name in question.free]))], 0.0
     for data, orbit in zip(question.records, orbits, strict=True):
         tau, b, misfit = laid_over(orbit, data)
         z += [tau, b]
         off += misfit + abs(math.log(orbit.period / data.period)) + abs(math.log(orbit.amplitude / data.amplitude))
-    return off, values, np.array(z)
+    return off, servo, np.array(z)
 
 
 def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:
