@@ -17,15 +17,16 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ... import effort, interrupts
+from ...servo.hunting import MODELS
 from .answers import Answers
-from .state import state_of_address
+from .state import State, remedies_for, state_of_address
 
 _LOG = logging.getLogger(__name__)
 Heard = Callable[[int, str, dict[str, Any]], None]
@@ -40,16 +41,21 @@ MOST_MEGABYTES = 400.0
 What the engine has compiled it keeps in caches of so many entries each, which random moves fill with some 300."""
 WARM = "gain=0.1"
 """A first question to itself: it fills the caches of the engine."""
+IDLE = 0.5
+"""Seconds without a question after which a worker compiles for one that may come."""
 
 
 def serve(pipe: Any, newest: Any) -> None:
     """The worker's whole life: questions from the pipe, answers into it."""
     interrupts.serve()
-    asked = Answers()
+    asked, ahead = Answers(), _ahead()
     for _ in asked.of(state_of_address(WARM)):
         pass
     with suppress(EOFError, OSError):
         while True:
+            while not pipe.poll(IDLE) and (state := next(ahead, None)) is not None:
+                with suppress(effort.Dropped):
+                    next(Answers().of(state, pipe.poll))
             question = pipe.recv()
             if question is None:
                 return
@@ -63,6 +69,14 @@ def serve(pipe: Any, newest: Any) -> None:
             _give_back()
             if _megabytes() > MOST_MEGABYTES:
                 return
+
+
+def _ahead() -> Iterator[State]:
+    """States that a person may choose: the first time, each model and each remedy compiles for 0.1 to 0.4 s."""
+    for model in MODELS:
+        chosen = state_of_address(WARM).choose("model", model)
+        yield chosen
+        yield from (chosen.choose("remedy", name) for name in remedies_for(model))
 
 
 def _give_back() -> None:

@@ -15,6 +15,7 @@ import pytest
 from casahunt import Servo, find_orbit
 from casahunt.views.explore import worker as module
 from casahunt.views.explore.answers import STAGES
+from casahunt.views.explore.state import remedies_for
 from casahunt.views.explore.worker import DONE, Worker
 
 LONG = 60.0
@@ -71,6 +72,35 @@ def test_dropped_in_the_middle(worker, heard):
     assert until_done(heard, 101)["hunts"]["verdict"] == "hunts"
 
 
+def a_pipe(questions: list, send, waits=lambda: True) -> SimpleNamespace:
+    """A pipe that holds these questions; waits: whether there is one by now."""
+    return SimpleNamespace(recv=lambda: questions.pop(0), send=send, poll=lambda *_: waits())
+
+
+def test_an_idle_worker_compiles_for_what_may_be_chosen(monkeypatch):
+    """One choice of all is made ahead in each idle moment; a question in the middle of one is answered at once."""
+    made, waits, said = [], iter([False, False, True, True]), []
+    answers = module.Answers
+
+    class Seen(answers):
+        def of(self, state, dropped=None):
+            made.append((state.model, state.remedy))
+            return super().of(state, dropped)
+
+    monkeypatch.setattr(module, "Answers", Seen)
+    monkeypatch.setattr(module.interrupts, "serve", lambda: None)
+    monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)
+    pipe = a_pipe([(1, "gain=0.2"), None], lambda answer: said.append(answer[1]), lambda: next(waits, True))
+    module.serve(pipe, SimpleNamespace(value=1))
+    first = list(module._ahead())[0]
+    assert made == [("switch", ""), (first.model, first.remedy), ("switch", "")] and said == [*STAGES, DONE]
+
+
+def test_every_remedy_of_both_models_is_compiled_ahead():
+    ahead = {(state.model, state.remedy) for state in module._ahead()}
+    assert ahead == {(model, name) for model in ("switch", "lugre") for name in ("", *remedies_for(model))}
+
+
 def test_no_stage_is_computed_for_nobody(monkeypatch):
     """The worker's own side: behind its first answer there is a newer question."""
     newest, said, questions = SimpleNamespace(value=1), [], [(1, "gain=0.2"), (2, "gain=0.3"), None]
@@ -81,7 +111,7 @@ def test_no_stage_is_computed_for_nobody(monkeypatch):
 
     monkeypatch.setattr(module.interrupts, "serve", lambda: None)
     monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)  # a process that runs many tests has grown
-    module.serve(SimpleNamespace(recv=lambda: questions.pop(0), send=send), newest)
+    module.serve(a_pipe(questions, send), newest)
     assert said == [(1, "hunts"), *((2, stage) for stage in (*STAGES, DONE))]
 
 
@@ -91,7 +121,7 @@ def test_one_that_has_grown_ends_behind_an_answer(monkeypatch):
     monkeypatch.setattr(module, "MOST_MEGABYTES", 1.0)
     if not module._megabytes():
         pytest.skip("this system does not say how much memory a process has")
-    module.serve(SimpleNamespace(recv=lambda: questions.pop(0), send=lambda answer: said.append(answer[1])), newest)
+    module.serve(a_pipe(questions, lambda answer: said.append(answer[1])), newest)
     assert said[-1] == DONE and len(questions) == 2
 
 
@@ -101,7 +131,7 @@ def test_what_was_freed_is_given_back_behind_a_dropped_question_too(monkeypatch)
     monkeypatch.setattr(module.interrupts, "serve", lambda: None)
     monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)
     monkeypatch.setattr(module, "_give_back", lambda: given.append(1))
-    module.serve(SimpleNamespace(recv=lambda: questions.pop(0), send=lambda _: setattr(newest, "value", 2)), newest)
+    module.serve(a_pipe(questions, lambda _: setattr(newest, "value", 2)), newest)
     assert given == [1]
 
 
