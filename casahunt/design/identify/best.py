@@ -17,15 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...servo.servo import flatten
-from .climb import MOST_FIT_STEPS, ROUGHLY_SETTLED, climb
-from .fit import Array, Point, Question, at, sharpened
+from .climb import FIRST_STEPS, MOST_FIT_STEPS, ROUGHLY_SETTLED, settled_from
+from .fit import Array, Point, Question, sharpened
 from .judgement import judged
 from .likelihood import Noise
 from .noise import with_noise
 from .start import MOTOR_GAIN, STRIBECK, lowest_of, scales_of, starts
 
-FIRST_STEPS = 40
-"""Of the stretched fit: one that takes more leads nowhere."""
 ONE_POINT, RIVAL = 1.0, 30.0
 """Difference of the deviances of one point reached twice; and of another optimum that the counts may prefer."""
 OTHER_GAIN = 1.25
@@ -45,7 +43,7 @@ def best_of_starts(question: Question, most: int = MOST_FIT_STEPS) -> tuple[Poin
     plain = _plain(question)
     ends: list[Point] = []
     for z in starts(question):
-        point = _end(question, z, most)
+        point = settled_from(question, z, plain, settled=ROUGHLY_SETTLED, most=most)
         if point is None:
             continue
         again = any(abs(point.deviance - end.deviance) < ONE_POINT for end in ends)
@@ -66,16 +64,6 @@ def best_of_starts(question: Question, most: int = MOST_FIT_STEPS) -> tuple[Poin
 def _plain(question: Question) -> list[Noise]:
     """Noise of each record with rounding as an error like any other."""
     return [Noise(data.size, 0.0) for data in question.records]
-
-
-def _end(question: Question, z: Array, most: int) -> Point | None:
-    """Where a start leads to with plain noise; None where it does not hunt."""
-    plain = _plain(question)
-    point = at(question, z, plain, stretched=True)
-    if point is not None:
-        point = climb(question, point, plain, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED, far=True)
-        point = at(question, point.z, plain, point)
-    return None if point is None else climb(question, point, plain, most=most, settled=ROUGHLY_SETTLED)
 
 
 class OtherGain(NamedTuple):
@@ -116,7 +104,7 @@ def _goes_with_torque(name: str) -> bool:
 
 def explained_from(question: Question, z: Array) -> tuple[Point, list[Noise]] | None:
     """The likeliest point to which these unknowns lead, if the model explains the records there, and the noise."""
-    point = _end(question, z, MOST_FIT_STEPS)
+    point = settled_from(question, z, _plain(question), settled=ROUGHLY_SETTLED)
     if point is None:
         return None
     point, noises = with_noise(question, point, _plain(question))

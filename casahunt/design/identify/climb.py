@@ -20,8 +20,9 @@ from .likelihood import Noise
 
 LEAST_DAMPING, MOST_DAMPING, DAMPING_HALVINGS = 1e-13, 1e8, 6
 """And halvings of the logarithm between, which know it to a factor of two."""
-FIRST_DAMPING = 1e-3
-"""Of steps that start far off."""
+FIRST_DAMPING, LESS_DAMPING = 1e-3, 0.1
+"""Of steps that start far off, and by which factor that of the next one is less: along what is hardly known they would
+stay short."""
 SHORTEST_STEP = 1e-6
 """Relative change of the parameters below which no step is tried."""
 POOR_STEP, REACH_CUT, REACH_GROWTH = 0.25, 0.3, 3.0
@@ -35,6 +36,8 @@ ACROSS_VALLEY, RESTORED_PART = 0.9, 0.5
 """Part of what was lost that such a step is to bring back, so that it goes across the valley, and not along it once
 more; and that by which the excess of the deviance falls in each."""
 MOST_FIT_STEPS = 120
+FIRST_STEPS = 40
+"""Of the stretched fit: one that takes more leads nowhere."""
 FIT_SETTLED = 0.01
 """Decrease of the deviance that is expected of a next step, below which there is none: a tenth of a standard
 deviation."""
@@ -55,9 +58,9 @@ def climb(
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is;
     far: they are far off, and steps that are too long are cut instead of damped."""
-    reach = MOST_OF_A_STEP
+    reach, mu = MOST_OF_A_STEP, FIRST_DAMPING
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
-        dz = _cut(point, step(point, FIRST_DAMPING, held), reach) if far else _within(point, reach, held)
+        dz = _cut(point, step(point, mu, held), reach) if far else _within(point, reach, held)
         hoped, most, last = _gain(point, dz), most - 1, math.inf
         trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):
@@ -71,8 +74,29 @@ def climb(
         if part < POOR_STEP:
             reach = REACH_CUT * length
         else:
+            mu *= LESS_DAMPING
             reach = min(REACH_GROWTH * reach, MOST_OF_A_STEP)
     return point
+
+
+def settled_from(
+    question: Question,
+    z: Array,
+    noises: Sequence[Noise],
+    *,
+    near: Point | None = None,
+    settled: float = FIT_SETTLED,
+    most: int = MOST_FIT_STEPS,
+) -> Point | None:
+    """The likeliest unknowns from far off: of the stretched problem, which has no narrow valleys, and from there.
+
+    None where there is no cycle.
+    """
+    point = at(question, z, noises, near, stretched=True)
+    if point is not None:
+        point = climb(question, point, noises, stretched=True, most=FIRST_STEPS, settled=ROUGHLY_SETTLED, far=True)
+        point = at(question, point.z, noises, point)
+    return None if point is None else climb(question, point, noises, most=most, settled=settled)
 
 
 def expected(point: Point, held: int | None = None) -> float:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .climb import FIT_SETTLED, ROUGHLY_SETTLED, climb
+from .climb import FIT_SETTLED, ROUGHLY_SETTLED, climb, settled_from
 from .fit import Array, Point, Question, at
 from .likelihood import LEAST_NOISE, Noise, likeliest
 
@@ -38,11 +38,11 @@ def with_noise(question: Question, point: Point, noises: Sequence[Noise]) -> tup
     laid = list(zip(question.records, point.positions, strict=True))
     found = [likeliest(d.position, x, d.quantum, d.size) for d, x in laid]
     found = [replace(n, sigma=max(n.sigma, WIDE_NOISE * n.quantum)) for n in found]
-    again = at(question, point.z, found, point)
+    counted = any(n.quantum for n in found)
+    again = settled_from(question, point.z, found, near=point, settled=ROUGHLY_SETTLED if counted else FIT_SETTLED)
     if again is None:
         return point, list(noises)
-    counted = any(n.quantum for n in found)
-    point = climb(question, again, found, settled=ROUGHLY_SETTLED if counted else FIT_SETTLED)
+    point = again
     if not counted:
         found = [likeliest(d.position, x, 0.0, d.size) for d, x in zip(question.records, point.positions, strict=True)]
         return at(question, point.z, found, point) or point, found

@@ -248,7 +248,7 @@ def test_what_is_wrong_within_a_slip_is_seen():
 @pytest.fixture
 def short(monkeypatch):
     """Fits that stop where the stretched one ends."""
-    for room in (rooms, starting, likeliest_noise):
+    for room in (rooms, climbing, likeliest_noise):
         monkeypatch.setattr(
             room, "climb", lambda *args, **more: climb(*args, **more) if "stretched" in more else args[1]
         )
