@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, Record, Servo, Status, cli, find_orbit, identify
-from casahunt.design.identify import best as starting
 from casahunt.design.identify import climb as climbing
 from casahunt.design.identify import fit as fitting
 from casahunt.design.identify import identify as rooms
