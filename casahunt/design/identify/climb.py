@@ -60,7 +60,7 @@ def climb(
     far: they are far off, and steps that are too long are cut instead of damped."""
     reach, mu = MOST_OF_A_STEP, FIRST_DAMPING
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
-        dz = _cut(point, step(point, mu, held), reach) if far else _within(point, reach, held)
+        dz = _cut(point, step(point, mu, held), reach) if far else within(point, reach, held)
         hoped, most, last = _gain(point, dz), most - 1, math.inf
         trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):
@@ -129,10 +129,10 @@ def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> A
     return dz
 
 
-def _within(point: Point, reach: float, held: int | None) -> Array:
+def within(point: Point, reach: float, held: int | None, by: float = 0.0) -> Array:
     """The step of least damping that changes no parameter by more: damping shortens it along what is hardly known, and
-    it goes all the way across."""
-    _, dz = _damped(point, held, lambda dz: _length(point, dz) <= reach)
+    it goes all the way across.  What is held is moved `by` so much, or less where that alone is too long."""
+    _, dz = _damped(point, held, lambda dz: _length(point, dz) <= reach, by)
     return _cut(point, dz, reach)
 
 
@@ -148,14 +148,16 @@ def _across(point: Point, lost: float, held: int | None) -> Array:
     return dz / too_long(point, dz)
 
 
-def _damped(point: Point, held: int | None, enough: Callable[[Array], bool]) -> tuple[Array, Array]:
+def _damped(
+    point: Point, held: int | None, enough: Callable[[Array], bool], by: float = 0.0
+) -> tuple[Array, Array]:
     """Steps of nearly the same damping: with the second one it is enough, with the first one not."""
     low, high = math.log(LEAST_DAMPING), math.log(MOST_DAMPING)
-    less, more = step(point, LEAST_DAMPING, held), step(point, MOST_DAMPING, held)
+    less, more = step(point, LEAST_DAMPING, held, by), step(point, MOST_DAMPING, held, by)
     if enough(less):
         return less, less
     for _ in range(DAMPING_HALVINGS):
-        dz = step(point, math.exp((low + high) / 2), held)
+        dz = step(point, math.exp((low + high) / 2), held, by)
         if enough(dz):
             more, high = dz, (low + high) / 2
         else:

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .climb import LEAST_DAMPING, climb, expected, step, too_long
-from .fit import NEXT_TO_NOTHING, Array, Point, Question, at
+from .climb import LEAST_DAMPING, climb, expected, step, too_long, within
+from .fit import MOST_OF_A_STEP, NEXT_TO_NOTHING, Array, Point, Question, at
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
@@ -27,8 +27,8 @@ MOST_REFITS = 24
 END_NEAR, END_CLOSE = 0.1, 0.03
 """Relative distance from the end of an interval, at which its slope is as good as a refit; and between two refits on
 both sides of a jump of the deviance."""
-STEP_HALVINGS = 10
-"""Of a step that is too long."""
+STEP_HALVINGS, NEXT_TO_NO_STEP = 10, 0.02
+"""Of a step that is too long; and part of it that is next to nothing."""
 SHORT_WAY = 1e-6
 """Of an unknown: so far no other one comes to its end."""
 BETWEEN_REFITS = 0.15
@@ -118,9 +118,10 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     point, below, above, stride, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
     for _ in range(MOST_REFITS):
         by = min(_next(below, above, wanted, farthest) - below.reach, stride)
-        by = _shortened(point, j, sign, by)
+        dz = _outwards(point, j, sign * by)
+        by = abs(float(dz[j]))
         reach = below.reach + by
-        trial = _refit(question, best, point, sign * by, noises, j)
+        trial = _refit(question, best, point, dz, noises, j)
         if trial is not None and trial.deviance < best.deviance - BELOW_BEST:
             raise BetterFound(trial)
         if trial is None or expected(trial, j) > UNSURE_PART * max(rise, trial.deviance - best.deviance):
@@ -158,7 +159,7 @@ def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[N
     near = replace(point, lowest=further.unknowns(np.zeros(point.k)))
     if expected(near, j) < OUR_PART * above:
         return False
-    again = _refit(further, best, near, 0.0, noises, j)
+    again = _refit(further, best, near, step(near, LEAST_DAMPING, j), noises, j)
     if again is None or point.deviance - again.deviance < OUR_PART * above:
         return False
     root, reach = math.sqrt(max(again.deviance - best.deviance, 1e-12)), float(point.z[j] - best.z[j])
@@ -166,18 +167,21 @@ def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[N
     return (math.sqrt(rise) - root) > FAR_LONGER * abs(reach) * slope
 
 
-def _shortened(point: Point, j: int, sign: int, by: float) -> float:
-    """How far z_j can go in one step: the others go by bends, where one of them comes to its end."""
+def _outwards(point: Point, j: int, by: float) -> Array:
+    """The step with z_j further by so much, or less: the others go by bends, where one of them comes to its end.
+
+    Where that leaves next to nothing, they stay behind along what is hardly known.
+    """
     short, long = 0.0, by
-    if too_long(point, step(point, LEAST_DAMPING, j, sign * by)) == 1:
-        return by
-    for _ in range(STEP_HALVINGS):
+    dz = step(point, LEAST_DAMPING, j, by)
+    for _ in range(STEP_HALVINGS if too_long(point, dz) > 1 else 0):
         middle = (short + long) / 2
-        if too_long(point, step(point, LEAST_DAMPING, j, sign * middle)) > 1:
+        if too_long(point, step(point, LEAST_DAMPING, j, middle)) > 1:
             long = middle
         else:
             short = middle
-    return short or long
+        dz = step(point, LEAST_DAMPING, j, short or long)
+    return dz if abs(dz[j]) > NEXT_TO_NO_STEP * abs(by) else within(point, MOST_OF_A_STEP, j, by)
 
 
 def _way(point: Point, j: int, sign: int) -> Array:
@@ -185,8 +189,8 @@ def _way(point: Point, j: int, sign: int) -> Array:
     return (step(point, LEAST_DAMPING, j, sign * SHORT_WAY) - step(point, LEAST_DAMPING, j)) / SHORT_WAY
 
 
-def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequence[Noise], j: int) -> Point | None:
-    """The likeliest point whose z_j is further by so much; None where the model has no cycle.
+def _refit(question: Question, best: Point, near: Point, dz: Array, noises: Sequence[Noise], j: int) -> Point | None:
+    """The likeliest point with the z_j behind a step; None where the model has no cycle.
 
     From where the linear model says that the others will be.  Where that is not near enough, which the period of a
     record of many soon makes, the way is that of the stretched problem, whose slips stay where they are.
@@ -197,7 +201,7 @@ def _refit(question: Question, best: Point, near: Point, by: float, noises: Sequ
             question, point, noises, stretched=stretched, held=j, settled=REFIT, most=MOST_REFIT_STEPS,
         )  # fmt: skip
 
-    z = near.z + step(near, LEAST_DAMPING, j, by)
+    z = near.z + dz
     z[: near.k] = np.maximum(z[: near.k], near.lowest)
     trial = at(question, z, noises, near)
     samples = sum(data.times.size for data in question.records)

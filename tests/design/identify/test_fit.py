@@ -124,7 +124,7 @@ def test_a_step_goes_all_the_way_across_a_valley():
     H = 1e8 * np.outer(across, across) + np.outer(along, along)
     bottom = np.array([5.0, 5.0]) + 3 * along + 0.01 * across
     point = Point(np.full(2, 5.0), np.zeros(2), np.full(2, 5.0), (), (), 0.0, H @ (bottom - 5.0), H, ())
-    dz = climbing._within(point, 0.1, None)
+    dz = climbing.within(point, 0.1, None)
     assert climbing._length(point, dz) <= 0.1 < climbing._length(point, bottom - 5.0)
     assert across @ dz == pytest.approx(0.01, rel=1e-3) and 0.1 < along @ dz < 3
     back = climbing._across(point, 1e4, None)
