@@ -223,3 +223,11 @@ def test_numbers_of_intervals_that_do_not_fit():
     for counts in ((0, 0, 2), (3, 1, 2)):
         with pytest.raises(ValueError, match="do not fit its mode"):
             transcribe(three_phases()[0].cycle, counts, DEGREE, "gauss")
+
+
+@pytest.mark.parametrize("wanted", [1.0, 4.0])
+def test_no_interval_has_no_length(wanted):
+    """One that is cut again and again comes down to rounding, where times within it are 0/0."""
+    breaks = np.array([0.0, 3e-14, 0.5, 0.5 + 4e-14, 1 - 3e-14, 1.0])
+    new = remesh._redistribute(breaks, np.full(5, wanted))
+    assert new[0] == 0 and new[-1] == 1 and np.diff(new).min() > 1e-13 and len(new) == 2 * wanted + 1

@@ -40,6 +40,8 @@ MOST_UNSURE = 1
 MOST_REFIT_STEPS = 60
 REFIT = 2e-3
 """Decrease of the deviance that ends a refit: so that the slope of the profile is right too."""
+NO_RISE = 0.1
+"""Root of the deviance's rise, in units of that at the end, below which it says nothing."""
 BELOW_BEST = 0.2
 """Decrease of the deviance below the best that shows that it was none."""
 UNSURE_PART = 0.1
@@ -134,7 +136,8 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
         root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
         if root < (1 + END_NEAR) * wanted and _only_ours(question, best, trial, noises, j, rise):
             return sign * math.inf
-        seen = _Seen(reach, root, -float(_way(trial, j, sign) @ trial.gradient) / root)
+        no_rise = root < NO_RISE * wanted  # the best point is one to some hundredths: its slope is that of the start
+        seen = _Seen(reach, root, first if no_rise else -float(_way(trial, j, sign) @ trial.gradient) / root)
         more = (wanted - root) / seen.slope if seen.slope > 0 else math.inf
         if abs(root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
             return sign * (reach + more if reach + more < farthest else math.inf)

@@ -76,6 +76,15 @@ def test_a_curved_valley_is_followed_to_its_end():
     assert max(ends) - min(ends) < ALIKE
 
 
+def test_a_refit_a_trifle_below_the_best_point_is_no_slope():
+    """Servo 5 of seed 11: by 2e-3; steps by its slope, a root of next to nothing, went on for ever."""
+    made = Made(5, 11, "switch", (2000.0, 20000.0))
+    found = identify([made.record], made.starts[0], made.gain, advise=False)
+    assert found.status is Status.CONVERGED
+    for name, (low, high) in found.intervals.items():
+        assert low <= flatten(made.servo)[name] <= high, name
+
+
 def test_what_is_expected_of_a_step_is_what_it_gains(record):
     """Near the optimum, where the deviance is a parabola."""
     asked = question(record, Servo(), GAIN)
