@@ -5,8 +5,8 @@
 The servos, their records and the wrong values to start from are those of scripts/identify.py.  A record goes as a file
 through the command `casahunt cure`; then the true servo gets the remedy that the command names, of the size that it
 says, and is followed by a program that shares nothing with the one that fitted (scripts/peers/remedy_motion.py, needs
-heyoka; LuGre: scripts/peers/hunting_record.py): from the hunting motion, from starts beside the set point and from the
-edges of the remedy.
+heyoka): from the hunting motion, from starts beside the set point and from the edges of the remedy.  That of LuGre is
+scripts/peers/hunting_record.py, which has a dead band, a leak and the numbers of the controller.
 
     works       no motion hunts
     hunts       one does: the remedy is none
@@ -31,6 +31,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,15 +42,21 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, find_orbit  # noqa: E402
 from casahunt.cli import main as casahunt  # noqa: E402
+from casahunt.servo.hunting import Model  # noqa: E402
 from casahunt.servo.servo import flatten  # noqa: E402
 from scripts.identify import Made  # noqa: E402
 from scripts.limits import TooSlow, within  # noqa: E402
+from scripts.peers.hunting_record import remedied  # noqa: E402
 from scripts.remedies import truth  # noqa: E402
 
 REMEDIES = "dead band,leak,derivative,integral"
 """That are looked at where nothing else is said: a dead band, a leak and the plain numbers of the controller."""
 WANTED, TIME_LIMIT = 0.95, 180.0
 """Share that is to work; processor time of an answer [s]."""
+STARTS, PERIODS, SAMPLES, LATE = (0.3, 1.0, 3.0), 40, 100, 10
+"""Of a LuGre motion: where it starts, in amplitudes, its periods, samples in each, and those that are late."""
+STANDS, SMALLER = 0.01, 0.9
+"""Part of its start within which one stays that rests; and of its reach before, below which it falls."""
 
 
 def cured(made: Made, model: str, remedies: str) -> tuple[int, dict[str, Any], str]:
@@ -67,15 +74,37 @@ def cured(made: Made, model: str, remedies: str) -> tuple[int, dict[str, Any], s
     return code, json.loads(text) if text.strip() else {}, err.getvalue().strip()
 
 
-def followed(made: Made, model: str, name: str, size: float) -> tuple[str, str]:
+def followed(made: Made, model: Model, name: str, size: float) -> tuple[str, str]:
     """What the true servo does with a remedy, and what was seen."""
     cycle = find_orbit(made.servo, model, made.gain)
+    if model != "switch":
+        said = [_with_bristle(made, name, size, start * cycle.amplitude, cycle.period) for start in STARTS]
+        return "hunts" if "hunts" in said else "works", str(dict(Counter(said)))
     motion = truth(made.servo, made.gain, name, size, cycle)
     hunts, said = motion.hunts(motion.at_brink(1.0))
     return {True: "hunts", False: "works", None: "unclear"}[hunts], str(dict(Counter(said)))
 
 
-def checked(made: Made, model: str, remedies: str) -> tuple[str, str, Counter[str]]:
+def _with_bristle(made: Made, name: str, size: float, start: float, period: float) -> str:
+    """What a motion of the LuGre servo does that begins stuck at -start: its reach in windows as long as a period."""
+    pid, gain, parts = made.servo.controller.pid(), made.gain, dict[str, float]()
+    if name == "integral":
+        period *= pid.ki / size  # it winds up so much more slowly
+        pid = replace(pid, ki=size)
+    elif name == "derivative":
+        pid = replace(pid, kd=size)
+    elif name == "gain":
+        gain = size
+    else:
+        parts = {{"leak": "leak", "dead band": "band"}[name]: size}
+    times = np.linspace(0.0, PERIODS * period, PERIODS * SAMPLES)
+    x = remedied(replace(made.servo, controller=pid), gain, start, times, **parts)
+    reach = np.ptp(x.reshape(PERIODS, SAMPLES), axis=1)
+    late, before = reach[-LATE:].max(), reach[-2 * LATE : -LATE].max()
+    return "rests" if late < STANDS * start else "decays" if late < SMALLER * before else "hunts"
+
+
+def checked(made: Made, model: Model, remedies: str) -> tuple[str, str, Counter[str]]:
     """(outcome, what was seen, outcomes of all rows)."""
     rows = Counter[str]()
     try:

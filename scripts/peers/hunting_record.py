@@ -3,6 +3,7 @@
     slip    J x2' = -(kp x1 + kd x2 + ki x3) - F(x2)    DOP853, until x2 = 0
     stick   x1 constant, x3 linear, until the torque of the motor reaches static friction
     LuGre   z' = x2 - sigma0 |x2| z/g(x2),  F = sigma0 z + sigma1 z' + viscous x2;  LSODA
+            x3' = x1 beyond a dead band, less leak x3, where it has such a remedy
 """
 
 from __future__ import annotations
@@ -26,6 +27,13 @@ def positions(
     state: of the LuGre servo at the start instead, where its transients last too long.
     """
     return motion(servo, model, gain, start, times, state)[0]
+
+
+def remedied(
+    servo: Servo, gain: float, start: float, times: Array, *, leak: float = 0.0, band: float = 0.0
+) -> Array:
+    """(m,) positions x1 [rad] of a LuGre servo with a leak [1/s] of its integrator, or a dead band [rad]."""
+    return _lugre(servo, gain, start, times, None, leak, band)[0]
 
 
 def motion(
@@ -79,7 +87,9 @@ def _switch(servo: Servo, gain: float, start: float, times: Array) -> Array:
     return out
 
 
-def _lugre(servo: Servo, gain: float, start: float, times: Array, state: Array | None) -> Array:
+def _lugre(
+    servo: Servo, gain: float, start: float, times: Array, state: Array | None, leak: float | None = None, band: float = 0.0
+) -> Array:
     kp, kd, ki = servo.torque_gains(gain)
     f, J = servo.friction, servo.inertia
 
@@ -88,9 +98,10 @@ def _lugre(servo: Servo, gain: float, start: float, times: Array, state: Array |
         g = f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2))
         dz = v - f.stiffness * abs(v) * z / g
         friction = f.stiffness * z + f.damping * dz + f.viscous * v
-        return [v, (-(kp * x + kd * v + ki * x3) - friction) / J, x, dz]
+        return [v, (-(kp * x + kd * v + ki * x3) - friction) / J, (x if abs(x) > band else 0.0) - (leak or 0.0) * x3, dz]
 
     m = 0.9 * f.static
     y = [-start, 0.0, -(m - kp * start) / ki, m / f.stiffness] if state is None else state
-    found = solve_ivp(rate, (0.0, times[-1]), y, t_eval=times, method="LSODA", rtol=1e-8, atol=1e-12)
+    method = "LSODA" if leak is None else "Radau"  # LSODA fails where a servo has come to rest
+    found = solve_ivp(rate, (0.0, times[-1]), y, t_eval=times, method=method, rtol=1e-8, atol=1e-12)
     return np.array([found.y[0], -(kp * found.y[0] + kd * found.y[1] + ki * found.y[2])])
