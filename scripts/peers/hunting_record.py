@@ -88,8 +88,9 @@ def _switch(servo: Servo, gain: float, start: float, times: Array) -> Array:
 
 
 def _lugre(
-    servo: Servo, gain: float, start: float, times: Array, state: Array | None, leak: float | None = None, band: float = 0.0
-) -> Array:
+    servo: Servo, gain: float, start: float, times: Array, state: Array | None,
+    leak: float | None = None, band: float = 0.0,
+) -> Array:  # fmt: skip
     kp, kd, ki = servo.torque_gains(gain)
     f, J = servo.friction, servo.inertia
 
@@ -98,7 +99,8 @@ def _lugre(
         g = f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2))
         dz = v - f.stiffness * abs(v) * z / g
         friction = f.stiffness * z + f.damping * dz + f.viscous * v
-        return [v, (-(kp * x + kd * v + ki * x3) - friction) / J, (x if abs(x) > band else 0.0) - (leak or 0.0) * x3, dz]
+        wound = (x if abs(x) > band else 0.0) - (leak or 0.0) * x3
+        return [v, (-(kp * x + kd * v + ki * x3) - friction) / J, wound, dz]
 
     m = 0.9 * f.static
     y = [-start, 0.0, -(m - kp * start) / ki, m / f.stiffness] if state is None else state
