@@ -270,6 +270,18 @@ def test_command_without_prediction(orbit, capsys, tmp_path):
     assert "no hunting limit cycle" in found["prediction_failed"] and found["prediction_failed"] in err
 
 
+def test_command_says_that_positions_are_clipped(orbit, capsys, tmp_path):
+    """The cut is behind the two measured extremes; a whole record is not said to be."""
+    record = synthetic(orbit("switch", 0.04), noise=0.01)
+    whole = written(tmp_path / "whole.csv", record)
+    assert json.loads(run(capsys, whole, "--json")[1])["clipped"] is None
+    half = 0.7 * np.abs(record.position - record.position.mean()).max()
+    cut = record.position.mean() + np.clip(record.position - record.position.mean(), -half, half)
+    path = written(tmp_path / "cut.csv", Record(record.times, cut))
+    assert "positions are clipped at" in json.loads(run(capsys, path, "--json")[1])["clipped"]
+    assert "positions are clipped at" in run(capsys, path)[1]
+
+
 def test_command_says_that_it_is_no_limit_cycle(capsys, tmp_path):
     path = written(tmp_path / "a.csv", Record(T, np.exp(-T / 30) * np.sin(T)))
     code, out, err = run(capsys, path, "--json", "--plot", tmp_path / "a.png")

@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
 from ..record.measure import Measurement, measured
-from .clipped import clipped_at
+from .clipped import of_clipped
 
 MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
@@ -35,12 +35,8 @@ def suitable(record: Record) -> Measurement:
             f"{record.name}: its mean position drifts by {found.drift * length:.3g} rad, at an amplitude of "
             f"{found.amplitude:.3g} rad; the set point must stand still, so cut the record or subtract the set point"
         )
-    if (end := clipped_at(record, found.quantum)) is not None:
-        share = float(np.mean(record.position == end))
-        raise InputError(
-            f"{record.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly; "
-            "record with a larger range"
-        )
+    if clipped := of_clipped(record, found.quantum):
+        raise InputError(f"{record.name}: its {clipped}")
     return found
 
 

@@ -10,7 +10,7 @@ level), null where there is nothing to average; left_out_before, left_out_behind
 and in between that is in no whole period; amplitudes [rad] and period_lengths [s], one by one; predicted, null or the
 `to_dict` of the cycle with its frequency and the ratios amplitude_ratio and frequency_ratio, measured over predicted;
 prediction_failed, null or why there is none; suspect, null or what to suspect where the frequency is far from the
-predicted one; wall_s.
+predicted one; clipped, null or that positions are cut off at an end; wall_s.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import known_decimals, moderate, to_absolute_error
+from ...design.identify.clipped import of_clipped
 from ...design.identify.identify import Identification, identify
 from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
@@ -154,8 +155,9 @@ def _lines(
     yield f"  mean position {level} rad{offset}, drift {m.drift:.2g} rad/s"
     if m.periods.size:
         yield f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)"
-        for sentence in _remarks(m):
-            yield f"  {sentence}"
+        for sentence in (*_remarks(m), of_clipped(record, m.quantum)):
+            if sentence:
+                yield f"  {sentence}"
     if orbit:
         yield f"  predicted by the {orbit.model} model at gain {orbit.gain:.10g} V/rad"
 
@@ -227,5 +229,6 @@ def _record(
         "offset": None if set_point is None else m.mean_level - set_point,
         "predicted": predicted,
         "prediction_failed": failure,
+        "clipped": of_clipped(record, m.quantum) or None if m.periods.size else None,
         "wall_s": wall_s,
     }
