@@ -20,6 +20,8 @@ from .transcription import Setting, Transcription, transcribe
 
 Array = np.ndarray
 
+SHORTEST_INTERVAL = 1e-13
+"""Part of a phase below which an interval has no length in floating point, and is one with its neighbour."""
 AS_GOOD_AS_ZERO = 1e-6
 """A state that is nowhere larger than this part of its scale is zero but for what a solver leaves: sizes follow an
 orbit in steps, in none of which one shrinks by so much."""
@@ -146,9 +148,16 @@ def evaluate_phase(t: Transcription, u: Array, fractions: Array, phase: int, tim
     return _at(t, w, [_places(breaks, times)])
 
 
+def apart(breaks: Array) -> Array:
+    """Boundaries of a phase without those that leave an interval no length."""
+    inside = breaks[1:-1]
+    kept = (np.diff(breaks[:-1]) > SHORTEST_INTERVAL) & (breaks[-1] - inside > SHORTEST_INTERVAL)
+    return breaks if kept.all() else np.concatenate([breaks[:1], inside[kept], breaks[-1:]])
+
+
 def halved(breaks: list[Array]) -> list[Array]:
     """Boundaries with every interval cut in two."""
-    return [np.sort(np.concatenate([b, (b[1:] + b[:-1]) / 2])) for b in breaks]
+    return [apart(np.sort(np.concatenate([b, (b[1:] + b[:-1]) / 2]))) for b in breaks]
 
 
 def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Array]:
@@ -161,7 +170,7 @@ def quartered_where(t: Transcription, fractions: Array, where: Array) -> list[Ar
     for k, b in zip([k for k, c in enumerate(t.counts) if c], phase_breaks(t, fractions), strict=True):
         chosen = np.flatnonzero(where[t.phase_intervals(k)])
         inner = b[chosen, None] + np.diff(b)[chosen, None] * np.array([0.25, 0.5, 0.75])
-        out.append(np.sort(np.concatenate([b, inner.ravel()])))
+        out.append(apart(np.sort(np.concatenate([b, inner.ravel()]))))
     return out
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from .error_estimate import Estimate
-from .mesh import phase_breaks
+from .mesh import apart, phase_breaks
 from .transcription import Transcription
 
 Array = np.ndarray
@@ -37,10 +37,6 @@ COARSENING = (0.1, 0.3, 1.0)
 
 Contributions are measured on the mesh at hand; an interval without any may get one when it grows.  Meshes that keep
 coarsening go round in circles."""
-
-
-SHORTEST_INTERVAL = 1e-13
-"""Part of a phase below which an interval has no length in floating point, and is one with its neighbour."""
 
 
 def better_breaks(t: Transcription, fractions: Array, e: Estimate, tol: float, changes: int = 0) -> list[Array]:
@@ -73,6 +69,4 @@ def _redistribute(breaks: Array, wanted: Array) -> Array:
     """
     load = np.concatenate([[0.0], np.cumsum(wanted)])
     count = max(1, int(np.ceil(load[-1] - 1e-9)))
-    new = np.interp(np.linspace(0, load[-1], count + 1), load, breaks)
-    inside = new[1:-1][(np.diff(new[:-1]) > SHORTEST_INTERVAL) & (new[-1] - new[1:-1] > SHORTEST_INTERVAL)]
-    return np.concatenate([new[:1], inside, new[-1:]])
+    return apart(np.interp(np.linspace(0, load[-1], count + 1), load, breaks))

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..collocation.mesh import AS_GOOD_AS_ZERO
+from ..collocation.mesh import AS_GOOD_AS_ZERO, SHORTEST_INTERVAL
 from ..collocation.transcription import Transcription
 from .moving_mesh import Progress, carried, resampled
 
@@ -115,7 +115,11 @@ class Bend:
 def _shares(t: Transcription, q: Array) -> Array:
     """(N,) lengths of the intervals from logarithms of what they are in proportion to."""
     f = np.exp(q)
-    return np.asarray(f / _per_phase(t, f))
+    shares = f / _per_phase(t, f)
+    if shares.size and shares.min() < SHORTEST_INTERVAL:
+        shares = np.maximum(shares, SHORTEST_INTERVAL)
+        shares /= _per_phase(t, shares)
+    return np.asarray(shares)
 
 
 def _per_phase(t: Transcription, f: Array) -> Array:

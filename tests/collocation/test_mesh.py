@@ -13,6 +13,7 @@ from casahunt.collocation import error_estimate, mesh, remesh
 from casahunt.collocation.ipopt import ipopt
 from casahunt.collocation.newton import newton
 from casahunt.collocation.transcription import Setting, transcribe
+from casahunt.continuation import predictor
 from casahunt.hybrid.system import VectorMode
 from problems import stuart_landau as sl
 
@@ -231,3 +232,13 @@ def test_no_interval_has_no_length(wanted):
     breaks = np.array([0.0, 3e-14, 0.5, 0.5 + 4e-14, 1 - 3e-14, 1.0])
     new = remesh._redistribute(breaks, np.full(5, wanted))
     assert new[0] == 0 and new[-1] == 1 and np.diff(new).min() > 1e-13 and len(new) == 2 * wanted + 1
+
+
+def test_nor_where_all_are_halved_or_a_mesh_moves():
+    t, _, fractions, breaks, _ = three_phases()
+    stub = np.array([0.0, 1e-13, 1.0])
+    (cut,) = mesh.halved([stub])
+    assert np.diff(cut).min() > mesh.SHORTEST_INTERVAL and cut.size == 3
+    moved = predictor._shares(t, np.log(fractions) - np.array([0.0, 40.0, 0.0, 0.0, 40.0]))
+    assert moved.min() > 0.99 * mesh.SHORTEST_INTERVAL
+    assert moved[:3].sum() == pytest.approx(1, abs=ROUNDING) == moved[3:].sum()
