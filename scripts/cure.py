@@ -5,8 +5,9 @@
 The servos, their records and the wrong values to start from are those of scripts/identify.py.  A record goes as a file
 through the command `casahunt cure`; then the true servo gets the remedy that the command names, of the size that it
 says, and is followed by a program that shares nothing with the one that fitted (scripts/peers/remedy_motion.py, needs
-heyoka): from the hunting motion, from starts beside the set point and from the edges of the remedy.  That of LuGre is
-scripts/peers/hunting_record.py, which has a dead band, a leak and the numbers of the controller.
+heyoka): from the hunting motion, from starts beside the set point and from the edges of the remedy.  LuGre servos are
+followed by scripts/peers/hunting_record.py, for 40 periods from 0.3, 1 and 3 amplitudes; it has a dead band, a leak and
+the numbers of the controller, and what still decays then is taken for one that comes to rest.
 
     works       no motion hunts
     hunts       one does: the remedy is none
@@ -55,6 +56,8 @@ WANTED, TIME_LIMIT = 0.95, 180.0
 """Share that is to work; processor time of an answer [s]."""
 STARTS, PERIODS, SAMPLES, LATE = (0.3, 1.0, 3.0), 40, 100, 10
 """Of a LuGre motion: where it starts, in amplitudes, its periods, samples in each, and those that are late."""
+WITH_BRISTLE = {"leak": "leak", "dead band": "band"}
+"""Remedies of a LuGre servo that are parts of their own, by the argument of `remedied`."""
 STANDS, SMALLER = 0.01, 0.9
 """Part of its start within which one stays that rests; and of its reach before, below which it falls."""
 
@@ -96,7 +99,7 @@ def _with_bristle(made: Made, name: str, size: float, start: float, period: floa
     elif name == "gain":
         gain = size
     else:
-        parts = {{"leak": "leak", "dead band": "band"}[name]: size}
+        parts = {WITH_BRISTLE[name]: size}
     times = np.linspace(0.0, PERIODS * period, PERIODS * SAMPLES)
     x = remedied(replace(made.servo, controller=pid), gain, start, times, **parts)
     reach = np.ptp(x.reshape(PERIODS, SAMPLES), axis=1)
@@ -141,6 +144,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--counts", type=float, nargs=2, default=(2000.0, 20000.0))
     parser.add_argument("--remedies", default=REMEDIES)
     options = parser.parse_args(arguments)
+    others = {name.strip() for name in options.remedies.split(",")} - {*WITH_BRISTLE, "integral", "derivative", "gain"}
+    if options.model != "switch" and others:
+        parser.error(f"a LuGre servo is not followed with {', '.join(sorted(others))}")
     sums, every, named = Counter[str](), Counter[str](), list[str]()
     for number in options.only or range(options.first, options.first + options.count):
         try:

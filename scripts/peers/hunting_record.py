@@ -3,7 +3,7 @@
     slip    J x2' = -(kp x1 + kd x2 + ki x3) - F(x2)    DOP853, until x2 = 0
     stick   x1 constant, x3 linear, until the torque of the motor reaches static friction
     LuGre   z' = x2 - sigma0 |x2| z/g(x2),  F = sigma0 z + sigma1 z' + viscous x2;  LSODA
-            x3' = x1 beyond a dead band, less leak x3, where it has such a remedy
+            x3' = x1 beyond a dead band, less leak x3, where it has such a remedy;  Radau, since LSODA fails at rest
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def remedied(
     servo: Servo, gain: float, start: float, times: Array, *, leak: float = 0.0, band: float = 0.0
 ) -> Array:
     """(m,) positions x1 [rad] of a LuGre servo with a leak [1/s] of its integrator, or a dead band [rad]."""
-    return _lugre(servo, gain, start, times, None, leak, band)[0]
+    return _lugre(servo, gain, start, times, None, leak=leak, band=band, method="Radau")[0]
 
 
 def motion(
@@ -89,7 +89,7 @@ def _switch(servo: Servo, gain: float, start: float, times: Array) -> Array:
 
 def _lugre(
     servo: Servo, gain: float, start: float, times: Array, state: Array | None,
-    leak: float | None = None, band: float = 0.0,
+    *, leak: float = 0.0, band: float = 0.0, method: str = "LSODA",
 ) -> Array:  # fmt: skip
     kp, kd, ki = servo.torque_gains(gain)
     f, J = servo.friction, servo.inertia
@@ -99,11 +99,12 @@ def _lugre(
         g = f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2))
         dz = v - f.stiffness * abs(v) * z / g
         friction = f.stiffness * z + f.damping * dz + f.viscous * v
-        wound = (x if abs(x) > band else 0.0) - (leak or 0.0) * x3
+        wound = (x if abs(x) > band else 0.0) - leak * x3
         return [v, (-(kp * x + kd * v + ki * x3) - friction) / J, wound, dz]
 
     m = 0.9 * f.static
     y = [-start, 0.0, -(m - kp * start) / ki, m / f.stiffness] if state is None else state
-    method = "LSODA" if leak is None else "Radau"  # LSODA fails where a servo has come to rest
     found = solve_ivp(rate, (0.0, times[-1]), y, t_eval=times, method=method, rtol=1e-8, atol=1e-12)
+    if not found.success:
+        raise RuntimeError(f"the LuGre servo was followed to {found.t[-1]:g} s only: {found.message}")
     return np.array([found.y[0], -(kp * found.y[0] + kd * found.y[1] + ki * found.y[2])])

@@ -40,6 +40,7 @@ HIDDEN_SHARE, HIDDEN_COUNTS = 1 / 3, 5.0
 random servos (scripts/identify.py) that were not cut off, with few counts and samples in a slip, none comes nearer than
 to 0.95 of R."""
 LARGER = "record with a larger range"
+"""What helps."""
 ENDS_THERE = 0.9
 """Share of the turns that must lie at the end."""
 

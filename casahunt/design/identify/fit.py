@@ -229,7 +229,7 @@ def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvin
 
 
 def cycle_at(servo: Servo, model: Model, data: Data, options: Options) -> HuntingOrbit:
-    """The stable cycle at the gain of a record where motions lead to it, one from where the record sticks first.
+    """The stable cycle at the gain of a record where motions lead to it; the first one begins where the record sticks.
 
     What no motion leads to is not worth a search for the fold: the fit goes elsewhere.
     Raises NoOrbit: they lead to none; InputError: the problem cannot be.

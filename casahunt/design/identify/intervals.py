@@ -136,7 +136,7 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
         root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
         if root < (1 + END_NEAR) * wanted and _only_ours(question, best, trial, noises, j, rise):
             return sign * math.inf
-        no_rise = root < NO_RISE * wanted  # the best point is one to some hundredths: its slope is that of the start
+        no_rise = root < NO_RISE * wanted  # nor would its slope: the best point is known to some hundredths
         seen = _Seen(reach, root, first if no_rise else -float(_way(trial, j, sign) @ trial.gradient) / root)
         more = (wanted - root) / seen.slope if seen.slope > 0 else math.inf
         if abs(root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
@@ -175,15 +175,17 @@ def _outwards(point: Point, j: int, by: float) -> Array:
 
     Where that leaves next to nothing, they stay behind along what is hardly known.
     """
-    short, long = 0.0, by
     dz = step(point, LEAST_DAMPING, j, by)
-    for _ in range(STEP_HALVINGS if too_long(point, dz) > 1 else 0):
+    if too_long(point, dz) == 1:
+        return dz
+    short, long = 0.0, by
+    for _ in range(STEP_HALVINGS):
         middle = (short + long) / 2
         if too_long(point, step(point, LEAST_DAMPING, j, middle)) > 1:
             long = middle
         else:
             short = middle
-        dz = step(point, LEAST_DAMPING, j, short or long)
+    dz = step(point, LEAST_DAMPING, j, short or long)
     return dz if abs(dz[j]) > NEXT_TO_NO_STEP * abs(by) else within(point, MOST_OF_A_STEP, j, by)
 
 

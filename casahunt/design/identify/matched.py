@@ -63,7 +63,10 @@ class Swing(NamedTuple):
 
 
 def matched(servo: Servo, model: Model, data: Data) -> Servo | None:
-    """The servo with static and Coulomb friction with which it swings as a record does; None where none is found."""
+    """The servo with the static and Coulomb friction with which it swings about as a record does.
+
+    None where none is found with which amplitude and period are those of the record to `NEARLY_MATCHED`.
+    """
     found = _balanced(servo, data)
     for kind in dict.fromkeys(("switch", model)):
         found = found and _closer(servo, kind, data, found)
@@ -123,11 +126,14 @@ def _balanced(servo: Servo, data: Data) -> Swing | None:
 
 def _closer(servo: Servo, model: Model, data: Data, rigid: Swing) -> Swing | None:
     """The nearest swing of a model, from one of the Switch servo."""
+    if model == "switch" and rigid.size < MATCHED:
+        return rigid
     beside = [_swing(servo, "switch", data, rigid.u + change) for change in FRICTION_DIFFERENCE * np.eye(2)]
-    slopes = np.zeros((2, 2))
-    for column, one in zip(slopes.T, beside, strict=True):
-        column[:] = 0.0 if one is None else (one.off - rigid.off) / FRICTION_DIFFERENCE
+    columns = [(one.off - rigid.off) / FRICTION_DIFFERENCE for one in beside if one is not None]
     u, at = rigid.u, _swing(servo, model, data, rigid.u)
+    if len(columns) < 2:
+        return at
+    slopes = np.column_stack(columns)
     while at is None and u[0] < u[1]:
         u = u + [math.log(NEXT_FALL), 0.0]
         at = _swing(servo, model, data, u)
@@ -136,6 +142,8 @@ def _closer(servo: Servo, model: Model, data: Data, rigid: Swing) -> Swing | Non
         if at is None or best is None or best.size < MATCHED:
             break
         step = -np.linalg.lstsq(slopes, at.off)[0]
+        if not step.any():
+            break
         step *= min(1.0, LARGEST_FRICTION_STEP / max(float(np.linalg.norm(step)), LEAST_FRICTION_STEP))
         new = _swing(servo, model, data, at.u + step)
         while new is None and np.linalg.norm(step) > LEAST_FRICTION_STEP:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice, product
 
 import numpy as np
@@ -44,8 +45,7 @@ def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
     """Scales of the free parameters: a part of their values; of viscous friction a small part of all friction."""
     own = flatten(servo)
     static = static_of(servo, data)
-    viscous = LITTLE_VISCOUS * static * 4 * _slip(data) / (data.amplitude * math.pi**2)
-    guess = {STATIC: static, COULOMB: static, VISCOUS: viscous / SCALE}
+    guess = {STATIC: static, COULOMB: static, VISCOUS: _viscous_of(LITTLE_VISCOUS / SCALE, servo, data)}
     return np.array([SCALE * guess.get(name, own[name]) for name in free])
 
 
@@ -60,6 +60,11 @@ def lowest_of(servo: Servo, free: tuple[str, ...]) -> Array:
     return lowest
 
 
+def _viscous_of(share: float, servo: Servo, data: Data) -> float:
+    """The viscous friction [N m s/rad] that has a share of all friction in a slip."""
+    return share * static_of(servo, data) * 4 * _slip(data) / (data.amplitude * math.pi**2)
+
+
 def _slip(data: Data) -> float:
     """About the duration of a slip [s]."""
     inside = float(np.mean(np.abs(data.position - data.position.mean()) < INNER * data.amplitude))
@@ -69,19 +74,16 @@ def _slip(data: Data) -> float:
 def trials(question: Question) -> Iterator[Servo]:
     """Servos with other motor gains, vs and viscous friction, as far as these are free, by the first record."""
     data, free, friction = question.records[0], question.free, question.servo.friction
-    slip, static = _slip(data), static_of(question.servo, data)
-    rates, shares, factors = [friction.stribeck_velocity], [friction.viscous], [1.0]
+    rates, viscous = [friction.stribeck_velocity], [friction.viscous]
     if STRIBECK in free:
-        rates = [f * rates[0] for f in FACTORS] + [f * data.amplitude * math.pi / slip for f in OF_PEAK_SPEED]
-    if VISCOUS in free and friction.viscous:
-        shares = [f * shares[0] for f in FACTORS]
-    elif VISCOUS in free:
-        shares = [VISCOUS_SHARE * static * 4 * slip / (data.amplitude * math.pi**2)]
-    if MOTOR_GAIN in free:
-        factors = [f * question.servo.motor_gain for f in MOTOR_FACTORS]
-    for factor, vs, viscous in product(factors, rates, shares):
-        changes = {MOTOR_GAIN: factor, STRIBECK: vs, VISCOUS: viscous}
-        yield question.servo.replace(**{name: value for name, value in changes.items() if name in free})
+        rates = [f * rates[0] for f in FACTORS] + [f * data.amplitude * math.pi / _slip(data) for f in OF_PEAK_SPEED]
+    for factor in MOTOR_FACTORS if MOTOR_GAIN in free else (1.0,):
+        servo = question.servo.replace(**{MOTOR_GAIN: factor * question.servo.motor_gain})
+        if VISCOUS in free:
+            viscous = [f * friction.viscous for f in FACTORS] if friction.viscous else [
+                _viscous_of(VISCOUS_SHARE, servo, data)
+            ]  # fmt: skip
+        yield from (servo.replace(**{STRIBECK: vs, VISCOUS: each}) for vs, each in product(rates, viscous))
 
 
 def starts(question: Question) -> list[Array]:
@@ -97,28 +99,34 @@ def starts(question: Question) -> list[Array]:
     return [laid[2] for laid in islice((one for one in asked if one is not None), STARTS)]
 
 
-def _laid(question: Question, servo: Servo, model: Model) -> tuple[float, Servo, Array] | None:
-    """How far the cycles of a servo are from the records, the servo, and the unknowns; None where there is none.
-
-    Its static and Coulomb friction are, as far as they are free, those of a swing.
-    """
+def _like(question: Question, servo: Servo, model: Model) -> Iterator[Servo]:
+    """The servo with the static and Coulomb friction of a swing, as far as they are free; and as it is, if one is not:
+    the other one of a swing may not go with it."""
     sought = [name for name in (STATIC, COULOMB) if name in question.free]
     like = matched(servo, model, question.records[0]) if sought else None
-    if like is None and len(sought) == 2:
-        return None
-    try:
+    with suppress(InputError):
         if like is not None:
-            servo = servo.replace(**{name: flatten(like)[name] for name in sought})
-        orbits = [cycle_at(servo, model, data, question.options.rough()) for data in question.records]
-    except (NoOrbit, InputError):
+            yield servo.replace(**{name: flatten(like)[name] for name in sought})
+    if len(sought) < 2:
+        yield servo
+
+
+def _laid(question: Question, servo: Servo, model: Model) -> tuple[float, Servo, Array] | None:
+    """How far the cycles of a servo are from the records, the servo, and the unknowns; None where there is none."""
+    rough = question.options.rough()
+    for like in _like(question, servo, model):
+        with suppress(NoOrbit, InputError):
+            orbits = [cycle_at(like, model, data, rough) for data in question.records]
+            break
+    else:
         return None
-    values = flatten(servo)
+    values = flatten(like)
     z, off = [*question.unknowns(np.array([values[name] for name in question.free]))], 0.0
     for data, orbit in zip(question.records, orbits, strict=True):
         tau, b, misfit = laid_over(orbit, data)
         z += [tau, b]
         off += misfit + abs(math.log(orbit.period / data.period)) + abs(math.log(orbit.amplitude / data.amplitude))
-    return off, servo, np.array(z)
+    return off, like, np.array(z)
 
 
 def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:

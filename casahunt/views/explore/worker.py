@@ -54,8 +54,13 @@ def serve(pipe: Any, newest: Any) -> None:
     with suppress(EOFError, OSError):
         while True:
             while not pipe.poll(IDLE) and (state := next(ahead, None)) is not None:
-                with suppress(effort.Dropped):
+                try:
                     next(Answers().of(state, pipe.poll))
+                except effort.Dropped:
+                    pass  # it compiles when it is chosen, as it would without
+                except Exception:
+                    _LOG.exception("nothing more is compiled ahead")
+                    ahead = iter(())
             question = pipe.recv()
             if question is None:
                 return
@@ -73,9 +78,11 @@ def serve(pipe: Any, newest: Any) -> None:
 
 def _ahead() -> Iterator[State]:
     """States that a person may choose: the first time, each model and each remedy compiles for 0.1 to 0.4 s."""
+    first = state_of_address(WARM)
     for model in MODELS:
-        chosen = state_of_address(WARM).choose("model", model)
-        yield chosen
+        chosen = first.choose("model", model)
+        if chosen != first:
+            yield chosen
         yield from (chosen.choose("remedy", name) for name in remedies_for(model))
 
 

@@ -85,6 +85,17 @@ def test_a_refit_a_trifle_below_the_best_point_is_no_slope():
         assert low <= flatten(made.servo)[name] <= high, name
 
 
+def test_a_step_outwards_leaves_behind_what_is_hardly_known():
+    """A deviance that hardly depends on z_1, which would go 1e4 times as far as z_0: it stays, and z_0 goes its way."""
+    H = np.array([[1.0, -1e-5], [-1e-5, 1e-9]])
+    point = Point(np.full(2, 5.0), np.full(2, -1e9), np.ones(2), (), (), 0.0, np.zeros(2), H, ())
+    assert climbing.step(point, climbing.LEAST_DAMPING, 0, 0.3)[1] == pytest.approx(3e3, rel=1e-2)
+    dz = intervals._outwards(point, 0, 0.3)
+    assert dz[0] == pytest.approx(0.3) and abs(dz[1]) <= fitting.MOST_OF_A_STEP
+    near = replace(point, curvature=np.array([[1.0, -0.5], [-0.5, 0.5]]))
+    assert intervals._outwards(near, 0, 0.3) == pytest.approx([0.3, 0.3])
+
+
 def test_what_is_expected_of_a_step_is_what_it_gains(record):
     """Near the optimum, where the deviance is a parabola."""
     asked = question(record, Servo(), GAIN)

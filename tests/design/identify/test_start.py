@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from casahunt import Servo, find_orbit, identify
-from casahunt.design.identify.fit import Data
+from casahunt import Options, Record, Servo, find_orbit, identify
+from casahunt.design.identify import matched as matching
+from casahunt.design.identify.fit import Data, Question
+from casahunt.design.identify.identify import data_of
 from casahunt.design.identify.matched import matched
+from casahunt.design.identify.start import lowest_of, scales_of, starts, trials
+from casahunt.design.identify.suitable import suitable
+from casahunt.servo.cold_start import quickly_at
 from casahunt.servo.servo import flatten
 from scripts.identify import Made
 
@@ -31,12 +38,63 @@ def test_a_swing_tells_static_and_coulomb_friction(model, factors):
     assert found.friction.coulomb == pytest.approx(0.41, rel=0.01)
 
 
-def test_a_swing_that_no_friction_gives_is_not_found():
-    """Its period is that of no servo with this inertia."""
-    data = swing_of(Servo(), "switch", 0.1)
-    short = Data(*[getattr(data, name) for name in ("times", "position", "gain")], 0.01, 1e-3, data.amplitude, 0.0, 0.0,
-                 data.shape, "short")  # fmt: skip
-    assert matched(Servo(), "switch", short) is None
+@pytest.mark.parametrize("period", [0.01, 0.5])
+def test_a_swing_that_no_friction_gives_is_not_found(period):
+    """A period so short is that of no servo with this inertia."""
+    assert matched(Servo(), "switch", replace(swing_of(Servo(), "switch", 0.1), period=period)) is None
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_a_swing_without_slopes_is_taken_as_it_is(model, monkeypatch):
+    """Where the swings beside it do not come across: no division by nothing."""
+    data, far = swing_of(Servo(), "switch", 0.1), Servo().replace(**{"friction.coulomb": 0.45})
+    whole = matching._swing
+
+    def alone(servo, kind, data, u):
+        return whole(servo, kind, data, u) if np.allclose(u, found.u, rtol=1e-9) else None
+
+    found = whole(far, "switch", data, np.log([0.08, 0.53]))
+    monkeypatch.setattr(matching, "_swing", alone)
+    assert matching._closer(far, model, data, found) is not None
+
+
+def question_of(servo: Servo, record: Record, free: tuple[str, ...]) -> Question:
+    data = data_of(record, suitable(record), 0.1)
+    scales, lowest = scales_of(data, servo, free), lowest_of(servo, free)
+    return Question((data,), servo, "switch", free, Options(), scales, lowest)
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    """Of the servo of Table 1 at gain 0.1, clean."""
+    orbit = find_orbit(Servo(), "switch", 0.1)
+    times = np.arange(0.0, 5 * orbit.period, 0.02)
+    t, states = orbit.sample(400)
+    return Record(times, np.interp(times % orbit.period, t, states[0]))
+
+
+def test_one_friction_that_does_not_go_with_the_other_leaves_the_stated_one(record):
+    """The static friction of the record is less than the Coulomb friction that is stated, and held."""
+    stated = Servo().replace(**{"friction.static": 0.65, "friction.coulomb": 0.54})
+    (z, *_) = starts(question_of(stated, record, ("friction.static",)))
+    assert question_of(stated, record, ("friction.static",)).values(z)["friction.static"] == pytest.approx(0.65)
+
+
+def test_viscous_friction_is_tried_by_the_motor_gain_that_is_tried(record):
+    """A tenth of all friction, which goes with the motor gain as all torque does."""
+    stated = Servo().replace(**{"friction.viscous": 0.0})
+    tried = list(trials(question_of(stated, record, ("friction.viscous", "servo.motor_gain"))))
+    shares = {round(servo.friction.viscous / servo.motor_gain, 12) for servo in tried}
+    assert len(tried) == 9 and len(shares) == 1
+
+
+def test_a_motion_from_where_the_record_sticks_finds_what_a_typical_one_does_not():
+    """Servo 81 of seed 7: its cycle sticks far inside where most do, and motions from there come to rest."""
+    made = Made(81, 7, "switch", (2000.0, 20000.0))
+    assert quickly_at(made.servo, "switch", made.gain, options=Options()) is None
+    found = quickly_at(made.servo, "switch", made.gain, options=Options(), start=1.2e-4)
+    true = find_orbit(made.servo, "switch", made.gain)
+    assert found is not None and found.period == pytest.approx(true.period, rel=1e-6)
 
 
 @pytest.mark.parametrize(
