@@ -39,7 +39,7 @@ HIDDEN_SHARE, HIDDEN_COUNTS = 1 / 3, 5.0
 """Depth h that may hide, in units of d and of a count.  It is one count where s^2 holds up to 4 d; of 64 records of
 random servos (scripts/identify.py) that were not cut off, with few counts and samples in a slip, none comes nearer than
 to 0.95 of R."""
-LARGER = "record with a larger range"
+LARGER_RANGE = "record with a larger range"
 """What helps."""
 ENDS_THERE = 0.9
 """Share of the turns that must lie at the end."""
@@ -63,7 +63,7 @@ def of_clipped(record: Record, quantum: float) -> str:
     if end is None:
         return ""
     share = float(np.mean(record.position == end))
-    return f"positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly; {LARGER}"
+    return f"positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly; {LARGER_RANGE}"
 
 
 def flat_share(y: Array) -> float:

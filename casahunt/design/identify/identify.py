@@ -30,7 +30,7 @@ from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
 from .best import best_of_starts, explained_from, gain_that_fits
 from .climb import climb, expected
-from .clipped import CLIPPED_SHARE, LARGER, flat_share
+from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import Judgement, further_gain, judged, untold
@@ -379,4 +379,4 @@ def maybe_cut_off(data: Data) -> str:
     flat = flat_share(data.position) if data.quantum else 0.0
     if flat < CLIPPED_SHARE:
         return ""
-    return f"; {flat:.0%} of the samples are the last count at an end: if that is no rest, {LARGER}"
+    return f"; {flat:.0%} of the samples are the last count at an end: if that is no rest, {LARGER_RANGE}"
