@@ -135,6 +135,7 @@ def test_a_fit_that_did_not_settle_is_no_servo(capsys, record, monkeypatch):
 def test_what_speaks_against_the_answer(capsys, explained, best):
     judgement = SimpleNamespace(explained=explained, systematic=0.3, misfit=9.0)
     found = SimpleNamespace(judgement=judgement, model="switch", records=(SimpleNamespace(quantum=0.0),))
-    assert command._judged(found, SimpleNamespace(best=best), {}, {}) == int(not (explained and best))
+    cures = SimpleNamespace(best=best, remedies=())
+    assert command._judged(found, cures, {}, {}) == int(not (explained and best))
     err = capsys.readouterr().err
     assert ("does not explain the record" in err) is not explained and ("no remedy ends hunting" in err) == (not best)

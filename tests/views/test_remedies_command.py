@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import is_picture, one_json, run
 from matplotlib import image
 
+from casahunt.design.remedies.cures import Cure
 from casahunt.views.commands.output import LINE_WIDTH, MEANINGS
+from casahunt.views.commands.remedies import advice_of, none_within
 
 GAIN = ("remedies", "--gain", 0.04)
 BAND, LEAK = 0.0433457242337, 0.246844841
@@ -91,6 +94,16 @@ def test_limits(capsys):
     code, out, err = run(capsys, *words, "--max-error", "0.01", "--max-torque", "5")
     assert code == 1 and "none of these remedies ends it with error at rest up to 0.01 rad" in " ".join(out.split())
     assert "  gain " in out and err.startswith("casahunt remedies: no remedy ends hunting with error at rest")
+
+
+def test_what_was_not_found_is_not_said_to_be_none(capsys):
+    """A remedy whose cycles could not be followed: nobody knows whether it ends hunting."""
+    rows = (Cure("leak", "1/s", "not found", why="stopped after 599 points"), Cure("reset", "", "none", why="goes on"))
+    for remedies, none in ((rows, False), (rows[1:], True)):
+        found = SimpleNamespace(best="", remedies=remedies)
+        said = (none_within(found, {}), advice_of(found, {}, {}, of_a_set=False))
+        assert all(("was found" in sentence) is not none for sentence in said)
+        assert ("leak" in said[0]) is not none
 
 
 def test_the_worst_servo_of_a_set(capsys, tmp_path):

@@ -123,7 +123,7 @@ def _judged(
     if not found.judgement.explained:
         complain("casahunt cure", identification.not_explained(found))
     if not cures.best:
-        complain("casahunt cure", none_within(limits))
+        complain("casahunt cure", none_within(cures, limits))
     fails = fails_as_built("casahunt cure", cures, built)
     return 0 if found.judgement.explained and cures.best and not fails else 1
 

@@ -143,7 +143,7 @@ def run(options: argparse.Namespace) -> int:
     answer = Answer(lines, remedy_details(found))
     give(options, result, answer, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
-        complain("casahunt remedies", none_within(limits))
+        complain("casahunt remedies", none_within(found, limits))
         return 1
     return fails_as_built("casahunt remedies", found, built)
 
@@ -233,8 +233,15 @@ def _with(number: str | float, unit: str) -> str:
     return f"{text} {unit}".rstrip()
 
 
-def none_within(limits: dict[str, float]) -> str:
+def _not_known(found: Cures) -> str:
+    """Names of the remedies of which nobody knows whether they end hunting; "" for none."""
+    return ", ".join(row.name for row in found.remedies if row.kind == "not found")
+
+
+def none_within(found: Cures, limits: dict[str, float]) -> str:
     """What is said where no remedy is within the limits."""
+    if unknown := _not_known(found):
+        return f"no remedy that ends hunting{_within(limits)} was found; of {unknown} the table says why"
     return f"no remedy ends hunting{_within(limits)}; allow more, or look at the table"
 
 
@@ -366,7 +373,8 @@ def advice_of(
     within = _within(limits)
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
-        return f"none of these remedies ends it{within}"
+        unknown = _not_known(found)
+        return f"no remedy that ends it{within} was found" if unknown else f"none of these remedies ends it{within}"
     prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, "N m on a step")
     costs = [f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price)]
     if math.isfinite(best.settling):
