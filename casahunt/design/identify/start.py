@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,41 +93,54 @@ def starts(question: Question) -> list[Array]:
     Tried as Switch servos, whose cycles are found quickly; what is promising, as the model that is asked for.
     """
     tried = [found for servo in trials(question) if (found := _laid(question, servo, "switch")) is not None]
-    tried.sort(key=lambda each: each[0])
-    if question.model == "switch":
-        return [z for _, _, z in tried[:STARTS]]
-    asked = (_laid(question, servo, question.model) for _, servo, _ in tried)
-    return [laid[2] for laid in islice((one for one in asked if one is not None), STARTS)]
+    tried.sort(key=lambda one: one.off)
+    if question.model != "switch":
+        asked = (_laid(question, one.servo, question.model) for one in tried)
+        tried = list(islice((one for one in asked if one is not None), STARTS))
+    return [one.z for one in tried[:STARTS]]
 
 
 def _like(question: Question, servo: Servo, model: Model) -> Iterator[Servo]:
-    """The servo with the static and Coulomb friction of a swing, as far as they are free; and as it is, if one is not:
-    the other one of a swing may not go with it."""
+    """The servo with the static and Coulomb friction of a swing, as far as they are free; and as it is.
+
+    That is where one of them is held, with which the other one of a swing may not go; and with a bristle, whose cycle
+    may attract so weakly that a swing next to it says little of it: the servo is then as a swing of Switch has it.
+    """
     sought = [name for name in (STATIC, COULOMB) if name in question.free]
     like = matched(servo, model, question.records[0]) if sought else None
     with suppress(InputError):
         if like is not None:
             yield servo.replace(**{name: flatten(like)[name] for name in sought})
-    if len(sought) < 2:
+    if len(sought) < 2 or model != "switch":
         yield servo
 
 
-def _laid(question: Question, servo: Servo, model: Model) -> tuple[float, Servo, Array] | None:
-    """How far the cycles of a servo are from the records, the servo, and the unknowns; None where there is none."""
-    rough = question.options.rough()
-    for like in _like(question, servo, model):
-        with suppress(NoOrbit, InputError):
-            orbits = [cycle_at(like, model, data, rough) for data in question.records]
-            break
-    else:
+class _Laid(NamedTuple):
+    """How far the cycles of a servo are from the records, the servo, and the unknowns."""
+
+    off: float
+    servo: Servo
+    z: Array
+
+
+def _laid(question: Question, servo: Servo, model: Model) -> _Laid | None:
+    """The nearest one of a trial; None where none hunts."""
+    laid = (_laid_as_it_is(question, like, model) for like in _like(question, servo, model))
+    return min((one for one in laid if one is not None), key=lambda one: one.off, default=None)
+
+
+def _laid_as_it_is(question: Question, servo: Servo, model: Model) -> _Laid | None:
+    try:
+        orbits = [cycle_at(servo, model, data, question.options.rough()) for data in question.records]
+    except (NoOrbit, InputError):
         return None
-    values = flatten(like)
+    values = flatten(servo)
     z, off = [*question.unknowns(np.array([values[name] for name in question.free]))], 0.0
     for data, orbit in zip(question.records, orbits, strict=True):
         tau, b, misfit = laid_over(orbit, data)
         z += [tau, b]
         off += misfit + abs(math.log(orbit.period / data.period)) + abs(math.log(orbit.amplitude / data.amplitude))
-    return off, like, np.array(z)
+    return _Laid(off, servo, np.array(z))
 
 
 def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:
