@@ -288,8 +288,11 @@ def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tupl
     records, z = [], point.z.copy()
     for i, (data, orbit) in enumerate(zip(question.records, point.orbits, strict=True)):
         phase = question.own(i).start
-        z[phase] *= data.period / orbit.period
         known = float(np.mean(data.times**2)) * point.curvature[phase, phase] / data.period**2
+        if not known > 0:  # a cycle so long that the record would be all stick
+            records.append(data)
+            continue
+        z[phase] *= data.period / orbit.period
         records.append(replace(data, period=orbit.period, period_error=1 / math.sqrt(known)))
     question = replace(question, records=tuple(records))
     return question, at(question, z, noises, point) or point
