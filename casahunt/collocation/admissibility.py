@@ -60,12 +60,14 @@ class Admissibility:
     phase : the phase it fails in, or -1.
     unclear : (N,) True for intervals too long to tell.
     barely : the first phase that passes an event by less than a violation, and comes back; -1 for none.
+    lowest : to what the condition that fails falls; NaN where it is no condition.
     """
 
     violated: str
     phase: int
     unclear: Array
     barely: int = -1
+    lowest: float = np.nan
 
     @property
     def admissible(self) -> bool:
@@ -92,7 +94,7 @@ def check_admissible(t: Transcription, u: Array, setting: Setting) -> Admissibil
             lowest, wrong = inside.of_phase(t, k) if t.counts[k] else _closed_form(told, k, mode.slack)
             if wrong:
                 sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
-                return Admissibility(sentence, k, inside.unclear)
+                return Admissibility(sentence, k, inside.unclear, lowest=float(lowest))
         passed, by_little = _passed(ways, k, inside.unclear) if phase.exits else ("", False)
         if passed:
             return Admissibility(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)

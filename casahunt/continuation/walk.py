@@ -28,7 +28,7 @@ from ..checks import choice_of
 from ..collocation.transcription import Setting
 from ..errors import NoOrbit
 from ..hybrid.problem import Problem
-from ..orbits.adapt import Options, solve_adaptively
+from ..orbits.adapt import Options, first_solved, solve_adaptively
 from ..orbits.bordering import with_other_phases
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, SolvedOrbit, orbit_of
 from ..orbits.restart import Start
@@ -308,12 +308,8 @@ def corrected(
     """
     t, u, setting = predicted
     start = t, u, setting.moved(lam)
-    solved: SolvedOrbit | None = None
-    for candidate in problem.expected(*start):
-        solved = solve_adaptively(problem, candidate, options, solver="newton", border=border, soft=False)
-        if solved.status.ok:
-            return solved
-    if abs(ds) < SOFT_STEP or solved is None:
+    solved = first_solved(problem, problem.expected(*start), options, solver="newton", border=border, soft=False)
+    if not solved.status.ok and abs(ds) < SOFT_STEP:
         return solve_adaptively(problem, start, options, solver="newton", border=border)
     return solved
 

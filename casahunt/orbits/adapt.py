@@ -13,7 +13,7 @@ free under a border row (continuation), or where the parameter is extremal along
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -40,6 +40,8 @@ Array = np.ndarray
 MAX_INTERVALS = 3000
 MAX_ROUNDS = 24
 MAX_SEQUENCES = 5
+AS_WRONG = 0.02
+"""Relative change of what a condition falls to, below which other phases have left it as wrong as it was."""
 ROUGH_SHAPE = 3.0
 """A mesh is kept while its Legendre coefficients are within this factor of their limit."""
 PROVISIONAL = 0.1
@@ -81,6 +83,26 @@ def solve_adaptively(
     while found.status.ok and spent.barely >= 0 and (other := _with_passed_event(task, found, spent)) is not None:
         found = other
     return found
+
+
+def first_solved(problem: Problem, starts: Iterable[Start], options: Options, **how: Any) -> SolvedOrbit:
+    """The solution from the first of some starting points that leads to one; where none does, how the last one ended.
+
+    starts: one at least; how: as of `solve_adaptively`.
+    """
+    for start in starts:
+        solved = solve_adaptively(problem, start, options, **how)
+        if solved.status.ok:
+            break
+    return solved
+
+
+def or_expected(problem: Problem, start: Start) -> Iterator[Start]:
+    """A starting point, and those with the other phases that the problem expects there."""
+    yield start
+    for other in problem.expected(*start):
+        if other[0].cycle != start[0].cycle:
+            yield other
 
 
 def _adapted(task: _Adaptation, root: _Root, spent: _Spent) -> SolvedOrbit:
@@ -125,7 +147,8 @@ class _Adaptation:
 class _Spent:
     """What the loop has used up: Newton steps, phase sequences, changes of the mesh since the last one, the march.
 
-    And which phase of its last root passes an event by less than counts (Verdict.barely).
+    And which phase of its last root passes an event by less than counts (Verdict.barely), and to what the condition of
+    the last root that was no motion fell.
     """
 
     iterations: int = 0
@@ -133,6 +156,7 @@ class _Spent:
     changes: int = 0
     marched: bool = False
     barely: int = -1
+    lowest: float = np.nan
     off: float = np.inf  # as of `SolvedOrbit`
 
 
@@ -159,9 +183,10 @@ def _next_sequence(
 ) -> tuple[_Adaptation, _Root] | None:
     """A root with other phases, where one of these has stopped being a motion, and what it is a root of."""
     spent.sequences += 1
-    if spent.sequences > MAX_SEQUENCES:
+    as_wrong = abs(verdict.lowest - spent.lowest) <= AS_WRONG * abs(spent.lowest)
+    if spent.sequences > MAX_SEQUENCES or as_wrong:  # a wrong root stays one, whatever short phase it is relieved of
         return None
-    spent.changes = 0
+    spent.changes, spent.lowest = 0, verdict.lowest
     starts = task.problem.next_sequence(root.t, root.solution.u, root.moved, verdict.phase, soft=task.soft)
     return _first_converging(task, starts, root)
 
@@ -372,7 +397,7 @@ def refined(orbit: AnyOrbit, options: Options, *, at: Mapping[str, float] | None
         way = replace(setting, dp=problem.vector() - setting.p)
         ahead = u + t.linearise(u, way).tangent(t.system.border(parameter=1.0))[0]
         with suppress(NoOrbit):
-            solved = solve_adaptively(problem, (t, ahead, there), options, solver="newton")
+            solved = first_solved(problem, or_expected(problem, (t, ahead, there)), options, solver="newton")
             return finished(solved, problem, options, began, "the cycle")
     solved = solve_adaptively(problem, (t, u, there), options, solver="newton")
     return finished(solved, problem, options, began, "the cycle")

@@ -18,7 +18,7 @@ from ..collocation.mesh import quartered_where
 from ..collocation.remesh import better_breaks, shape_limit
 from ..hybrid.system import Signature
 from ..motion.segment import Segment
-from .adapt import Options, finished, on_breaks, presentable, solve_adaptively
+from .adapt import Options, finished, first_solved, on_breaks, or_expected, presentable
 from .amplitude import estimated
 from .family import Cycles
 from .orbit import leading_of
@@ -109,7 +109,8 @@ def orbit_from_motion(
     """
     began = time.perf_counter()
     start = start_from_motion(problem, signature, phases, options)
-    solved = solve_adaptively(problem, remeshed(start, options) if remesh else start, options, solver=solver)
+    start = remeshed(start, options) if remesh else start
+    solved = first_solved(problem, or_expected(problem, start), options, solver=solver)
     orbit = finished(solved, problem, options, began, what)
     if solved.solution.linearisation is not None:
         vars(orbit)["provisional_multiplier"] = leading_of(solved.solution.linearisation)

@@ -304,11 +304,22 @@ def test_tolerances_within_reach(tol):
 ASKED: list[tuple[int, bool]] = []
 
 
+def impossible(lowest):
+    """The sheared cycle in a mode that does not let x fall below minus so much."""
+    (phase,) = sl.SHEARED.phases
+    mode = replace(phase.mode, name="no turn", admissible=lambda x, p, sign: x[0] + lowest)
+    return replace(sl.SHEARED, phases=(replace(phase, mode=mode),))
+
+
 @dataclass(frozen=True)
 class Elsewhere(FixedSequence):
-    """Its only mode is no motion where x < -0.1; it knows of a cycle without that condition, or of none."""
+    """Its only mode is no motion where x < -0.1; it knows of a cycle without that condition, or of none.
+
+    The cycles on the way there are ever less wrong, or as wrong as the first one.
+    """
 
     helps: int = 0
+    as_wrong: bool = False
 
     def cycle(self, signature, repeats):
         return self.posed if signature == (("no turn", "y = 0"),) else sl.SHEARED
@@ -319,7 +330,15 @@ class Elsewhere(FixedSequence):
             nothing = t, np.full_like(u, np.nan), setting
             there = transcribe(sl.SHEARED, t.counts, t.degree, t.kind), u, setting
             return [nothing, there]
-        return [(t, u, setting)]
+        by = 0.0 if self.as_wrong else 0.1 * len(ASKED)
+        return [(transcribe(impossible(0.1 + by), t.counts, t.degree, t.kind), u, setting)]
+
+
+def elsewhere(**about):
+    """The problem whose first cycle is no motion, and where its solution begins."""
+    problem, (_, (t, u, setting)) = Elsewhere(impossible(0.1), P, "c", **about), start()
+    setting = replace(setting, dp=problem.direction("c"))
+    return problem, (transcribe(problem.posed, t.counts, t.degree, t.kind), u, setting)
 
 
 @dataclass(frozen=True)
@@ -362,13 +381,8 @@ def test_where_no_mesh_leads_on_the_motion_is_looked_at(monkeypatch, knows):
 @pytest.mark.parametrize("soft", [False, True])
 def test_where_a_sequence_has_stopped_being_a_motion(helps, soft, border):
     ASKED.clear()
-    (phase,) = sl.SHEARED.phases
-    wrong = replace(phase, mode=replace(phase.mode, name="no turn", admissible=lambda x, p, sign: x[0] + 0.1))
-    problem = Elsewhere(replace(sl.SHEARED, phases=(wrong,)), P, "c", helps=helps)
-    _, (t, u, setting) = start()
-    t = transcribe(problem.posed, t.counts, t.degree, t.kind)
-    setting = replace(setting, dp=problem.direction("c"))
-    solved = solve_adaptively(problem, (t, u, setting), Options(tol=1e-8), solver="newton", soft=soft, border=border)
+    problem, place = elsewhere(helps=helps)
+    solved = solve_adaptively(problem, place, Options(tol=1e-8), solver="newton", soft=soft, border=border)
     assert set(ASKED) == {(0, soft)}
     if helps:
         assert solved.status is Status.CONVERGED and len(ASKED) == helps and solved.t.cycle == sl.SHEARED
@@ -376,6 +390,14 @@ def test_where_a_sequence_has_stopped_being_a_motion(helps, soft, border):
     else:
         assert solved.status is Status.INADMISSIBLE and "is no no turn" in solved.note
         assert len(ASKED) == adapt.MAX_SEQUENCES
+
+
+def test_other_phases_that_leave_a_root_as_wrong_as_it_was_end_the_search():
+    """On a branch of many short phases each of them used to be taken out in turn, in vain."""
+    ASKED.clear()
+    problem, place = elsewhere(helps=3, as_wrong=True)
+    solved = solve_adaptively(problem, place, Options(tol=1e-8), solver="newton")
+    assert solved.status is Status.INADMISSIBLE and "is no no turn" in solved.note and len(ASKED) == 1
 
 
 def test_subnormal_values_beside_one_that_is_cut():
