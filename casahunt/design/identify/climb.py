@@ -61,7 +61,7 @@ def climb(
     reach, mu = MOST_OF_A_STEP, FIRST_DAMPING
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
         dz = _cut(point, step(point, mu, held), reach) if far else within(point, reach, held)
-        hoped, most, last = _gain(point, dz), most - 1, math.inf
+        hoped, most, last = gain(point, dz), most - 1, math.inf
         trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):
             if trial is None or not 0 < trial.deviance - point.deviance < RESTORED_PART * last:
@@ -101,10 +101,10 @@ def settled_from(
 
 def expected(point: Point, held: int | None = None) -> float:
     """Decrease of the deviance that is expected of a step without damping: 0 at an optimum."""
-    return _gain(point, step(point, LEAST_DAMPING, held))
+    return gain(point, step(point, LEAST_DAMPING, held))
 
 
-def _gain(point: Point, dz: Array) -> float:
+def gain(point: Point, dz: Array) -> float:
     """Decrease of the deviance that is expected of a step."""
     return float(dz @ (2 * point.gradient - point.curvature @ dz))
 
@@ -144,7 +144,7 @@ def _cut(point: Point, dz: Array, reach: float) -> Array:
 def _across(point: Point, lost: float, held: int | None) -> Array:
     """The step of most damping of which most of what was lost is expected: none along what is hardly known."""
     wanted = ACROSS_VALLEY * min(lost, expected(point, held))
-    dz, _ = _damped(point, held, lambda dz: _gain(point, dz) < wanted)
+    dz, _ = _damped(point, held, lambda dz: gain(point, dz) < wanted)
     return dz / too_long(point, dz)
 
 

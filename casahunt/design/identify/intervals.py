@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .climb import LEAST_DAMPING, climb, expected, step, too_long, within
+from .climb import LEAST_DAMPING, climb, expected, gain, step, too_long, within
 from .fit import MOST_OF_A_STEP, NEXT_TO_NOTHING, Array, Point, Question, at
 from .likelihood import Noise
 
@@ -53,6 +53,8 @@ OUR_PART, FOLLOWED_PART, FAR_LONGER = 0.5, 0.3, 0.5
 followed further, and how much longer the interval is there, relatively, if it has no end."""
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
+MODEL_RISE = 2.0
+"""Of what the deviance is to rise by, as much as the linear model may expect of a step."""
 
 
 class BetterFound(Exception):
@@ -120,7 +122,8 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     point, below, above, stride, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
     for _ in range(MOST_REFITS):
         by = min(_next(below, above, wanted, farthest) - below.reach, stride)
-        dz = _outwards(point, j, sign * by)
+        room = MODEL_RISE * rise - (point.deviance - best.deviance) if above is None else math.inf
+        dz = _outwards(point, j, sign * by, room)
         by = abs(float(dz[j]))
         reach = below.reach + by
         trial = _refit(question, best, point, dz, noises, j)
@@ -170,23 +173,31 @@ def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[N
     return (math.sqrt(rise) - root) > FAR_LONGER * abs(reach) * slope
 
 
-def _outwards(point: Point, j: int, by: float) -> Array:
-    """The step with z_j further by so much, or less: the others go by bends, where one of them comes to its end.
+def _outwards(point: Point, j: int, by: float, room: float) -> Array:
+    """The step with z_j further by so much, or less, of which no rise of the deviance beyond the room is expected.
 
+    The others go by bends, where one of them comes to its end: what made up for z_j until then does so no more.
     Where that leaves next to nothing, they stay behind along what is hardly known.
     """
+
+    def fits(dz: Array) -> bool:
+        return too_long(point, dz) == 1 and -gain(point, dz) <= room
+
     dz = step(point, LEAST_DAMPING, j, by)
-    if too_long(point, dz) == 1:
+    if fits(dz):
         return dz
     short, long = 0.0, by
     for _ in range(STEP_HALVINGS):
         middle = (short + long) / 2
-        if too_long(point, step(point, LEAST_DAMPING, j, middle)) > 1:
-            long = middle
-        else:
+        if fits(step(point, LEAST_DAMPING, j, middle)):
             short = middle
+        else:
+            long = middle
     dz = step(point, LEAST_DAMPING, j, short or long)
-    return dz if abs(dz[j]) > NEXT_TO_NO_STEP * abs(by) else within(point, MOST_OF_A_STEP, j, by)
+    if abs(dz[j]) > NEXT_TO_NO_STEP * abs(by):
+        return dz
+    behind = within(point, MOST_OF_A_STEP, j, by)
+    return behind if -gain(point, behind) <= room else dz
 
 
 def _way(point: Point, j: int, sign: int) -> Array:

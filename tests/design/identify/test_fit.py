@@ -90,10 +90,22 @@ def test_a_step_outwards_leaves_behind_what_is_hardly_known():
     H = np.array([[1.0, -1e-5], [-1e-5, 1e-9]])
     point = Point(np.full(2, 5.0), np.full(2, -1e9), np.ones(2), (), (), 0.0, np.zeros(2), H, ())
     assert climbing.step(point, climbing.LEAST_DAMPING, 0, 0.3)[1] == pytest.approx(3e3, rel=1e-2)
-    dz = intervals._outwards(point, 0, 0.3)
+    dz = intervals._outwards(point, 0, 0.3, 1.0)
     assert dz[0] == pytest.approx(0.3) and abs(dz[1]) <= fitting.MOST_OF_A_STEP
     near = replace(point, curvature=np.array([[1.0, -0.5], [-0.5, 0.5]]))
-    assert intervals._outwards(near, 0, 0.3) == pytest.approx([0.3, 0.3])
+    assert intervals._outwards(near, 0, 0.3, 1.0) == pytest.approx([0.3, 0.3])
+
+
+def test_a_step_outwards_ends_where_the_linear_model_expects_too_much():
+    """One parameter makes up for another until it comes to its end: further on the deviance rises steeply."""
+    H = np.array([[100.0, -100.0], [-100.0, 100.01]])
+    free = Point(np.full(2, 5.0), np.full(2, -1e9), np.ones(2), (), (), 0.0, np.zeros(2), H, ())
+    assert intervals._outwards(free, 0, 0.3, 0.5) == pytest.approx([0.3, 0.3], abs=1e-3)
+    ends = replace(free, z=np.array([5.0, -4.9]), lowest=np.full(2, -5.0))
+    dz = intervals._outwards(ends, 0, -0.3, 0.5)  # (dz_0 + 0.1)^2 * 100 = 0.5 behind the bend
+    assert dz == pytest.approx([-0.1 - math.sqrt(0.005), -0.1], abs=1e-3) and -climbing.gain(ends, dz) <= 0.5
+    nearly = replace(ends, z=np.array([5.0, -4.9999]))  # nor does the other one stay behind, where that leaves little
+    assert -climbing.gain(nearly, intervals._outwards(nearly, 0, -0.4, 1e-4)) <= 1e-4
 
 
 def test_what_is_expected_of_a_step_is_what_it_gains(record):
