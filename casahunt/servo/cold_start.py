@@ -64,6 +64,8 @@ RINGING_NEARBY = 1.1
 HARDLY_MOVED, SLOW_MAP = 0.1, 0.5
 """|log P(a)/a| up to which a motion may be far from a cycle that hardly attracts; part of it that is left after another
 motion, above which it is, and slope of the map at such a cycle."""
+SWINGS_TO_SETTLE = 10
+"""Of a LuGre motion whose bristle is not at rest between them: some milliseconds each."""
 CAME_TO_REST = 0.1
 """P(a)/a below which a motion has come to rest: what starts from there is none."""
 
@@ -170,16 +172,27 @@ def _at_once(q: AtGain) -> AtOneGain | None:
     """The stable cycle by Newton from one motion or two that start where most cycles stick, or None.
 
     The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
-    does not arrive at a clearly stable cycle, the careful way has to be gone.
+    does not arrive at a clearly stable cycle, the careful way has to be gone.  A LuGre motion from which Newton is lost
+    is followed on: its bristle may still move when the next swing begins.
     """
     problem = q.problem
     degree, kind = q.options.scheme_of(problem)
+
+    def closed(motion: HalfCycle) -> HuntingOrbit:
+        phases = phases_of(motion, problem, q.options)
+        found: HuntingOrbit = orbit_from_motion(problem, *phases, q.options, remesh=q.P.model != "switch")
+        return found
+
     try:
         motion = _first_motion(q, degree, kind)
         if motion is None:
             return None
-        phases = phases_of(motion, problem, q.options)
-        orbit = orbit_from_motion(problem, *phases, q.options, remesh=q.P.model != "switch")
+        try:
+            orbit = closed(motion)
+        except NoOrbit:
+            if q.P.model == "switch":
+                return None
+            orbit = closed(replace(q.P, swings=SWINGS_TO_SETTLE)(motion.start, degree=degree, kind=kind))
     except (MarchFailure, NoOrbit):
         return None
     leading = orbit.provisional_multiplier

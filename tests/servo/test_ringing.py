@@ -89,3 +89,17 @@ def test_a_reversal_that_vanishes_on_the_way_ends_neither_a_step_nor_a_start():
     for orbit in (refined(before, options, at=DAMPED), quickly_at(servo, "lugre", gain, options=options)):
         assert orbit is not None and len(before.arcs) == 18 and len(orbit.arcs) == 16
         assert_flown(servo, orbit, gain)
+
+
+def test_a_swing_that_begins_before_the_bristle_is_at_rest():
+    """Half multipliers of a quarter: from a bristle at rest the first swings lead elsewhere, and Newton with them."""
+    gain, options = 9.04344, Options(tol=TOLERANCE, solver="newton")
+    servo = Servo().replace(**RINGING | {
+        "servo.inertia": 0.1868, "servo.motor_gain": 6.08496, "controller.lead_time": 0.028015,
+        "controller.integral_time": 0.0231223, "friction.static": 1.0687, "friction.coulomb": 0.782006,
+        "friction.stribeck_velocity": 0.00986063, "friction.viscous": 0.00502576,
+    })  # fmt: skip
+    for start in (0.0, 0.0043):
+        orbit = quickly_at(servo, "lugre", gain, options=options, start=start)
+        assert orbit is not None
+        assert_flown(servo, orbit, gain)

@@ -75,11 +75,16 @@ class HalfCycle:
 
 @dataclass(frozen=True)
 class StickMap:
-    """The map P of one servo at one gain: from a stick position to the half cycle that begins there."""
+    """The map P of one servo at one gain: from a stick position to the half cycle that begins there.
+
+    swings: from one centre to the next that a LuGre motion is followed, of which the last one is kept: the first begins
+    with a bristle that does not move, and where a swing comes before it is at rest again so may the next ones.
+    """
 
     model: Model
     servo: Servo
     gain: float
+    swings: int = 2
 
     @cached_property
     def gains(self) -> tuple[float, float, float]:
@@ -168,26 +173,26 @@ def _switch(P: StickMap, a: float, tol: float, degree: int, kind: Kind, longest:
 
 
 def _lugre(P: StickMap, a: float, tol: float, degree: int, kind: Kind, longest: float) -> HalfCycle:
-    """Two centre crossings: the second half cycle is the one that is kept, free of the artificial start."""
+    """From one centre to the next: the last half cycle is the one that is kept, free of the artificial start."""
     (kp, _, ki), f, p = P.gains, P.servo.friction, P.p
     torque = SECTION * f.static
     x = np.array([-a, ki * a / f.stiffness, (kp * a - torque) / ki, torque / f.stiffness])
     crossings = 0
 
-    def second_centre(segment: Segment) -> bool:
+    def at_last_centre(segment: Segment) -> bool:
         nonlocal crossings
         crossings += segment.event == "centre"
-        return crossings == 2
+        return crossings == P.swings
 
     segments = march(
         system_of("lugre", p.size).vector_form, "slide+", x, p,
-        scale=P.scale(a), until=second_centre, tol=tol, degree=degree, kind=kind,
+        scale=P.scale(a), until=at_last_centre, tol=tol, degree=degree, kind=kind,
         max_time=longest, max_intervals=MOST_INTERVALS["lugre"],
     )  # fmt: skip
-    if crossings < 2:
+    if crossings < P.swings:
         return HalfCycle(a, 0.0, segments)
-    first = next(i for i, s in enumerate(segments) if s.event == "centre")
-    kept = segments[first + 1 :]
+    *_, before, _ = (i for i, s in enumerate(segments) if s.event == "centre")
+    kept = segments[before + 1 :]
     side = np.sign(kept[0].end[0])
     last = kept[-1]
     n = x.size
