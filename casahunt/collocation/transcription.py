@@ -284,6 +284,14 @@ class Transcription:
             eliminated=intervals.stages,
         )
 
+    def responses(self, u: Array, setting: Setting, along: Array) -> Array:
+        """(k, size) how all unknowns of one solution move along directions of p (k, np), k > 0: by one Jacobian."""
+        setting = Setting(setting.fractions[None], setting.p[None], setting.scale[None], along[:1], along[None, 1:])
+        lin = self.linearise(u[None], setting)
+        rhs = np.stack([lin.rhs(direction=i) for i in range(len(along))], axis=1)
+        y = self.system.solve(lin.matrix(self.system.border(parameter=1.0)[None]), rhs)
+        return np.array([lin.expand(y[:, i], 0.0, i, 1.0)[0] for i in range(len(along))])
+
     def residual_norm(self, u: Array, setting: Setting) -> float:
         """What is left of the equations, without their Jacobian.
 

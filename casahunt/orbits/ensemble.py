@@ -299,18 +299,14 @@ def _expected(task: _OrbitTask, p: Array) -> Array:
     at = [task.orbit.problem.names.index(name) for name in task.names]
     own = setting.p[at]
     units = np.where(own > 0, own, 1.0)
-    directions = np.zeros((1, len(at), setting.p.size))
-    directions[0, np.arange(len(at)), at] = units
-    known = settings_of(setting, setting.p[None], np.zeros((1, setting.p.size)))
-    lin = t.linearise(u[None], replace(known, others=directions))
-    rhs = np.stack([lin.rhs(direction=1 + i) for i in range(len(at))], axis=1)
-    y = t.system.solve(lin.matrix(_fixed(t, 1)), rhs)
+    along = np.zeros((len(at), setting.p.size))
+    along[np.arange(len(at)), at] = units
     logarithmic = (own > 0) & (p[:, at] > 0)
     ratios = np.where(logarithmic, p[:, at], units) / units
     ways = np.where(logarithmic, np.log(ratios), (p[:, at] - own) / units)
     change = np.zeros((len(p), t.size))
-    for i in range(len(at)):  # in turn, so that no sum depends on how many members there are
-        change += ways[:, i : i + 1] * lin.expand(y[:, i], 0.0, 1 + i, 1.0)
+    for way, response in zip(ways.T, t.responses(u, setting, along), strict=True):
+        change += way[:, None] * response  # in turn, so that no sum depends on how many members there are
     out = u + change
     longer = change[:, -t.phases :] / u[-t.phases :]
     out[:, -t.phases :] = u[-t.phases :] * np.exp(np.clip(longer, -1.0, 1.0))

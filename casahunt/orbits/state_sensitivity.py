@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -133,21 +133,13 @@ def state_sensitivity(orbit: Orbit, times: Any, names: Sequence[str] = ()) -> St
 
 
 def _moves(orbit: Orbit, names: tuple[str, ...]) -> _Moves:
-    """The derivatives of all unknowns, per unit of each parameter."""
+    """The derivatives of all unknowns, per unit of each parameter: one Jacobian for all of them."""
     t, u, setting = unknowns_of(orbit)
-    fixed = t.system.border(parameter=1.0)
-    w, nodes, durations, ways = [], [], [], []
-    for name in names:
-        unit = orbit.problem.unit(name) or 1.0  # of a parameter that is zero
-        way = orbit.problem.direction(name) * unit
-        du, _ = t.linearise(u, replace(setting, dp=way)).tangent(fixed)
-        w.append(t.intervals_of(du).reshape(t.intervals, t.degree + 1, t.n) * setting.scale / unit)
-        nodes.append(t.nodes_of(du) * setting.scale / unit)
-        durations.append(t.durations_of(du) / unit)
-        ways.append(way / unit)
-    shapes = (t.intervals, t.degree + 1, t.n), (t.elements + 1, t.n), (t.phases,), (setting.p.size,)
-    parts = zip((w, nodes, durations, ways), shapes, strict=True)
-    return _Moves(t, *(np.array(part).reshape(len(names), *shape) for part, shape in parts))
+    units = np.array([orbit.problem.unit(name) or 1.0 for name in names])  # 1 of a parameter that is zero
+    ways = np.array([orbit.problem.direction(name) for name in names]).reshape(len(names), setting.p.size)
+    du = t.responses(u, setting, ways * units[:, None]) / units[:, None] if names else np.zeros((0, t.size))
+    w = t.intervals_of(du).reshape(len(names), t.intervals, t.degree + 1, t.n) * setting.scale
+    return _Moves(t, w, t.nodes_of(du) * setting.scale, t.durations_of(du), ways)
 
 
 def _in_phase(orbit: Orbit, k: int, inside: Array, moves: _Moves) -> tuple[Array, Array, Array]:
@@ -171,14 +163,15 @@ def _in_phase(orbit: Orbit, k: int, inside: Array, moves: _Moves) -> tuple[Array
 def _polynomials(w: Array, i: Array, matrix: Array) -> Array:
     """(k, n, m) of k sets of interval polynomials w (k, N, d + 1, n), each at a point of the interval i (m,): by
     intervals, each of which is one product of matrices."""
-    k, _, _, n = w.shape
+    k, count, points, n = w.shape
+    each = np.ascontiguousarray(w.transpose(1, 2, 0, 3)).reshape(count, points, k * n)
     order = np.argsort(i, kind="stable")
-    ends = np.searchsorted(i[order], np.arange(w.shape[1] + 1))
-    out = np.empty((i.size, k, n))
+    matrix, ends = matrix[order], np.searchsorted(i[order], np.arange(count + 1))
+    found, out = np.empty((i.size, k * n)), np.empty((i.size, k * n))
     for number, (start, end) in enumerate(itertools.pairwise(ends)):
-        at = order[start:end]
-        out[at] = np.tensordot(matrix[at], w[:, number], (1, 1))
-    return out.transpose(1, 2, 0)
+        found[start:end] = matrix[start:end] @ each[number]
+    out[order] = found
+    return out.reshape(i.size, k, n).transpose(1, 2, 0)
 
 
 def _over(function: OverArrays, x: Array, times: Any, p: Array) -> list[Array]:
