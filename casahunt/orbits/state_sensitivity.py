@@ -26,6 +26,7 @@ import casadi as ca
 import numpy as np
 
 from ..checks import choice_of
+from ..collocation.ensemble_points import fields_at
 from ..collocation.transcription import Transcription
 from ..collocation.vectorised import OverArrays
 from ..compiled import kept
@@ -117,16 +118,21 @@ def state_sensitivity(orbit: Orbit, times: Any, names: Sequence[str] = ()) -> St
     pieces = np.floor(times / piece)
     x, f = np.empty((n, times.size)), np.empty((n, times.size))
     dx = np.empty((count, n, times.size))
-    starts = np.concatenate([[0.0], np.cumsum([arc.duration for arc in orbit.arcs])])
+    durations = np.array([arc.duration for arc in orbit.arcs])
+    starts = np.concatenate([[0.0], np.cumsum(durations)])
     local = times - pieces * piece
-    number = np.clip(np.searchsorted(starts, local, side="right") - 1, 0, len(orbit.arcs) - 1)
-    for k in range(len(orbit.arcs)):
-        at = np.flatnonzero(number == k)
+    number = np.clip(np.searchsorted(starts, local, side="right") - 1, 0, durations.size - 1)
+    inside = np.clip(local - starts[number], 0.0, durations[number])
+    counts = np.array(moves.transcription.counts)
+    for k in (-1, *np.flatnonzero(counts == 0)):  # the intervals of all phases together, and each closed form
+        at = np.flatnonzero(number == k if k >= 0 else counts[number] > 0)
         if at.size:
-            inside = np.clip(local[at] - starts[k], 0.0, orbit.arcs[k].duration)
-            x[:, at], f[:, at], dx[:, :, at] = _in_phase(orbit, k, inside, moves)
-            later = moves.durations[:, :k].sum(axis=1)
-            dx[:, :, at] -= later[:, None, None] * f[:, at]
+            own = _in_closed_form(orbit, k, inside[at], moves) if k >= 0 else _in_intervals(
+                orbit, number[at], inside[at] / durations[number[at]], moves
+            )
+            x[:, at], f[:, at], dx[:, :, at] = own
+    later = np.cumsum(moves.durations, axis=1) - moves.durations
+    dx -= later[:, None, number] * f
     dx -= (pieces * dpiece[:, None])[:, None, :] * f
     _carry(orbit, pieces, x, f, dx)
     return StateSensitivity(names, times, x, f, dx, dpiece * orbit.repeats)
@@ -142,22 +148,34 @@ def _moves(orbit: Orbit, names: tuple[str, ...]) -> _Moves:
     return _Moves(t, w, t.nodes_of(du) * setting.scale, t.durations_of(du), ways)
 
 
-def _in_phase(orbit: Orbit, k: int, inside: Array, moves: _Moves) -> tuple[Array, Array, Array]:
+def _in_closed_form(orbit: Orbit, k: int, inside: Array, moves: _Moves) -> tuple[Array, Array, Array]:
     """x, f (n, m) and the derivatives (k, n, m) at fixed times after the start of phase k."""
     t, p = moves.transcription, orbit.problem.vector()
-    arc, mode = orbit.arcs[k], orbit.cycle.phases[k].mode
-    if mode.flow is not None:
-        x, f, by_start, by_p = _over(_flow(mode, t.n, p.size), arc.states[0, 0], inside, p)
-        through = np.einsum("abm,ka->kbm", by_start, moves.nodes[:, t.phase_start[k]])
-        return x, f, through + np.einsum("abm,ka->kbm", by_p, moves.dp)
-    s, tau = t.scheme, inside / arc.duration
-    i = np.clip(np.searchsorted(arc.breaks, tau, side="right") - 1, 0, len(arc.states) - 1)
-    matrix = s.interpolation((tau - arc.breaks[i]) / np.diff(arc.breaks)[i])
-    both = np.concatenate([arc.states[None], moves.w[:, t.phase_intervals(k)]])
-    found = _polynomials(both, i, matrix)
-    x, dx = found[0], found[1:]
-    (f,) = _over(_field(mode, t.n, p.size), x, 0.0, p)
-    return x, f, dx - (moves.durations[:, k, None] * tau)[:, None, :] * f
+    flow = _flow(orbit.cycle.phases[k].mode, t.n, p.size)
+    x, f, by_start, by_p = _over(flow, orbit.arcs[k].states[0, 0], inside, p)
+    through = np.einsum("abm,ka->kbm", by_start, moves.nodes[:, t.phase_start[k]])
+    return x, f, through + np.einsum("abm,ka->kbm", by_p, moves.dp)
+
+
+def _in_intervals(orbit: Orbit, number: Array, tau: Array, moves: _Moves) -> tuple[Array, Array, Array]:
+    """The same at fractions tau (m,) of the collocated phases of these numbers (m,)."""
+    t, p, scale = moves.transcription, orbit.problem.vector(), orbit.scale
+    collocated = [(k, arc) for k, arc in enumerate(orbit.arcs) if t.counts[k]]
+    begins, widths, states = (
+        np.concatenate(parts)
+        for parts in zip(*((arc.breaks[:-1], np.diff(arc.breaks), arc.states) for _, arc in collocated), strict=True)
+    )
+    order = np.concatenate([k + arc.breaks[:-1] for k, arc in collocated])
+    firsts = np.cumsum(t.counts) - t.counts
+    i = np.clip(np.searchsorted(order, number + tau, side="right") - 1, firsts[number], (firsts + t.counts - 1)[number])
+    matrix = t.scheme.interpolation((tau - begins[i]) / widths[i])
+    found = _polynomials(np.concatenate([states[None], moves.w]), i, matrix)
+    x, dx, f = found[0], found[1:], np.empty((t.n, tau.size))
+    for field, intervals in t.groups:
+        at = np.flatnonzero(np.isin(i, intervals))
+        points = (x[:, at].T / scale)[None, :, None]
+        f[:, at] = (fields_at(field, points, t.signs[i[at]], p[None], scale[None])[0, :, 0] * scale).T
+    return x, f, dx - (moves.durations[:, number] * tau)[:, None, :] * f
 
 
 def _polynomials(w: Array, i: Array, matrix: Array) -> Array:
@@ -179,12 +197,6 @@ def _over(function: OverArrays, x: Array, times: Any, p: Array) -> list[Array]:
     m = np.broadcast_shapes(np.shape(x[0]), np.shape(times))
     found = [np.array([np.broadcast_to(each, m) for each in out]) for out in function(list(x), [times], list(p))]
     return [out if i < 2 else out.reshape(-1, len(x), *m) for i, out in enumerate(found)]  # matrices by columns
-
-
-@kept(maxsize=64)
-def _field(mode: VectorMode, n: int, parameters: int) -> OverArrays:
-    x, t, p = ca.SX.sym("x", n), ca.SX.sym("t"), ca.SX.sym("p", parameters)
-    return OverArrays(ca.Function("f", [x, t, p], [ca.densify(mode.field(x, p, mode.sign))]))
 
 
 @kept(maxsize=64)
