@@ -23,6 +23,8 @@ LEAST_DAMPING, MOST_DAMPING, DAMPING_HALVINGS = 1e-13, 1e8, 6
 FIRST_DAMPING, LESS_DAMPING = 1e-3, 0.1
 """Of steps that start far off, and by which factor that of the next one is less: along what is hardly known they would
 stay short."""
+ACTIVE_SETS, PULLS = 4, 1e-12
+"""Sets that are looked at for each parameter; and part of the gradient with which one leaves its end."""
 SHORTEST_STEP = 1e-6
 """Relative change of the parameters below which no step is tried."""
 POOR_STEP, REACH_CUT, REACH_GROWTH = 0.25, 0.3, 3.0
@@ -110,22 +112,34 @@ def gain(point: Point, dz: Array) -> float:
 
 
 def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> Array:
-    """A damped step of what is not held, which is moved `by` so much.
+    """The best damped step in which no parameter goes below next to nothing; what is held is moved `by` so much.
 
-    A parameter that would be less than next to nothing goes there and no further, the others where it is then best.
+    By active sets (Lawson & Hanson, Solving Least Squares Problems, 1974, ch. 23): on the way to where the free unknowns
+    are best those that come to their ends stay there, until they would rather leave.
     """
-    dz, moving = np.zeros(point.z.size), np.ones(point.z.size, bool)
+    dz, free = np.zeros(point.z.size), np.ones(point.z.size, bool)
     if held is not None:
-        dz[held], moving[held] = by, False
-    lowest = np.full(point.z.size, -np.inf)
-    lowest[: point.k] = point.lowest - point.z[: point.k]
-    while moving.any():
-        given = point.gradient - point.curvature[:, ~moving] @ dz[~moving]
-        dz[moving] = _solution(point.curvature[np.ix_(moving, moving)], given[moving], mu)
-        below = moving & (dz < lowest)
-        if not below.any():
+        dz[held], free[held] = by, False
+    lowest, ended = np.full(point.z.size, -np.inf), np.zeros(point.z.size, bool)
+    lowest[: point.k] = np.minimum(point.lowest - point.z[: point.k], 0.0)
+    H, damped = point.curvature, mu * np.diag(point.curvature)
+    for _ in range(ACTIVE_SETS * (point.k + 1)):
+        way = np.zeros(dz.size)
+        given = point.gradient - H[:, ~free] @ dz[~free]
+        way[free] = _solution(H[np.ix_(free, free)], given[free], mu) - dz[free]
+        short = free & (dz + way < lowest)
+        if short.any():
+            parts = np.divide(lowest - dz, way, out=np.full(dz.size, np.inf), where=short)
+            first = int(np.argmin(parts))
+            dz += parts[first] * way
+            dz[first], free[first], ended[first] = lowest[first], False, True
+            continue
+        dz += way
+        pull = np.where(ended, point.gradient - H @ dz - damped * dz, 0.0)
+        leaves = int(np.argmax(pull))
+        if pull[leaves] <= PULLS * float(np.max(np.abs(point.gradient))):
             break
-        dz[below], moving = lowest[below], moving & ~below
+        free[leaves], ended[leaves] = True, False
     return dz
 
 
