@@ -114,7 +114,7 @@ def gain(point: Point, dz: Array) -> float:
 def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> Array:
     """The best damped step in which no parameter goes below next to nothing; what is held is moved `by` so much.
 
-    By active sets (Lawson & Hanson, Solving Least Squares Problems, 1974, ch. 23): on the way to where the free unknowns
+    By active sets (Lawson and Hanson, Solving Least Squares Problems, 1974, ch. 23): on the way to where the free ones
     are best those that come to their ends stay there, until they would rather leave.
     """
     dz, free = np.zeros(point.z.size), np.ones(point.z.size, bool)
