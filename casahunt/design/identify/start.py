@@ -36,8 +36,9 @@ SCALE, LITTLE_VISCOUS = 0.2, 0.005
 """Scale of a parameter in units of its value; share of the friction below which the viscous one is next to nothing."""
 VISCOUS_SHARE = 0.1
 """Share of the friction that is tried for the viscous one where the servo states none."""
-COMPARED = 512
-"""Phases at which a cycle is compared with a waveform."""
+COMPARED = 4096
+"""Phases at which a cycle is compared with a waveform: a slip may last a thousandth of the period, and a fit does not
+lead to it from beside it."""
 STARTS = 3
 """Trials that are climbed from, the best first."""
 
@@ -146,7 +147,7 @@ def _laid_as_it_is(question: Question, servo: Servo, model: Model) -> _Laid | No
 def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:
     """Phase (in periods, of the middle of the record) and offset (in amplitudes) that lay a cycle over a record, and
     the rest of the waveform, relative: the best of all shifts by a part of a period."""
-    phase = np.arange(COMPARED) / COMPARED
+    phase = (np.arange(COMPARED) + 0.5) / COMPARED
     times, states = orbit.sample()
     x = np.interp(phase * orbit.period, times, states[0])
     bins = np.floor(data.times / data.period % 1 * COMPARED).astype(int) % COMPARED

@@ -12,8 +12,9 @@ from casahunt.design.identify import matched as matching
 from casahunt.design.identify.fit import Data, Question
 from casahunt.design.identify.identify import data_of
 from casahunt.design.identify.matched import matched
-from casahunt.design.identify.start import lowest_of, scales_of, starts, trials
+from casahunt.design.identify.start import laid_over, lowest_of, scales_of, starts, trials
 from casahunt.design.identify.suitable import suitable
+from casahunt.orbits import state_sensitivity
 from casahunt.servo.cold_start import quickly_at
 from casahunt.servo.servo import flatten
 from scripts.identify import Made
@@ -24,6 +25,24 @@ def swing_of(servo: Servo, model: str, gain: float) -> Data:
     orbit = find_orbit(servo, model, gain)
     nothing = np.zeros(1)
     return Data(nothing, nothing, gain, orbit.period, 1e-3, orbit.amplitude, 0.0, 0.0, nothing, "swing")
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.3217, 0.9999])
+def test_a_cycle_is_laid_over_a_record_to_a_part_of_its_slip(phase):
+    """Which lasts half a thousandth of the period: beside it the deviance has no slope that leads there."""
+    servo, gain = Servo().replace(**{
+        "servo.inertia": 0.0281, "servo.motor_gain": 3.56, "controller.lead_time": 0.0847,
+        "controller.integral_time": 0.854, "friction.static": 3.626, "friction.coulomb": 3.548,
+        "friction.stribeck_velocity": 0.0077, "friction.viscous": 0.001,
+    }), 5.28  # fmt: skip
+    orbit = find_orbit(servo, "switch", gain)
+    assert orbit.arcs[0].duration < 1e-3 * orbit.period
+    times = np.arange(-3.0, 3.0, 1 / 700.37) * orbit.period
+    x = state_sensitivity(orbit, times - phase * orbit.period).states[0] + 0.3 * orbit.amplitude
+    data = replace(swing_of(servo, "switch", gain), times=times, position=x)
+    tau, b, rest = laid_over(orbit, data)
+    assert abs((tau - phase + 0.5) % 1 - 0.5) < 2e-4
+    assert b == pytest.approx(0.3, abs=0.01) and rest < 0.1
 
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])
