@@ -18,6 +18,7 @@ from typing import Literal, cast
 
 import numpy as np
 
+from ... import effort
 from ...continuation import FOLD, GRAZING, Branch, follow
 from ...errors import NoOrbit
 from ...orbits import SystemOrbit
@@ -46,6 +47,9 @@ STRAYS = 10.0
 slips that all but stop half-way multipliers become 1e20, and the branch turns, if at all, where no double shows it."""
 MOST_CYCLES = 600
 """Orbits after which a branch is left: next to slips that all but stop half-way it is followed in small steps."""
+MOST_WORK = 1e6
+"""Work (effort.py), fifteen seconds of a processor, after which a border is given up: with a bristle such steps become
+ever smaller, and a branch goes on for minutes without getting on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +100,26 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
 
 
 def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
-    """The border of hunting in the size of a remedy.
+    """The border of hunting in the size of a remedy, as far as so much work leads.
 
     loop, start: the loop without it, and the state of its cycle when it has just stopped.
     """
+    way: list[SystemOrbit] = []
+    try:
+        with effort.at_most(MOST_WORK):
+            return _from_a_little(loop, remedy, start, scales, options, way)
+    except effort.GivenUp:
+        if not way:
+            return Border("not found", math.nan, math.nan, None, None, {}, "no cycle was found with so much work")
+        values = [orbit.problem.value(remedy.size) for orbit in way]
+        why = f"{_went(values[0], values[-1], remedy)}: given up there, after the work of {MOST_WORK:g} intervals"
+        return Border("not found", values[-1], math.nan, way[0], way[-1], {}, why)
+
+
+def _from_a_little(
+    loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options, way: list[SystemOrbit]
+) -> Border:
+    """The border, from a cycle with little of the remedy; `way` is told the cycles that lead there."""
     unit = scales.of(remedy, loop)
     last, why = remedy.last * unit, ""
     sizes = [
@@ -113,15 +133,24 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
         except NoOrbit as refusal:
             why = why or str(refusal)
             continue
-        return _along(cycle, remedy, last, options)
+        way.append(cycle)
+        return _along(cycle, remedy, last, options, way)
     tried = ", ".join(f"{size:.4g}" for size in sizes)
     return Border("not found", math.nan, math.nan, None, None, {}, f"no cycle at {remedy.size} = {tried}: {why}")
 
 
-def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
+def _went(first: float, last: float, remedy: Remedy) -> str:
+    """From where to where cycles were followed."""
+    return f"followed from {first:.4g} to {last:.4g} {remedy.unit}".rstrip()
+
+
+def _along(
+    cycle: SystemOrbit, remedy: Remedy, last: float, options: Options, way: list[SystemOrbit]
+) -> Border:
     """The border, from a cycle on."""
     with suppress(NoOrbit):
-        fold = fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_CYCLES)
+        fold = fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_CYCLES,
+                       progress=way.append)  # fmt: skip
         if fold.value_error <= SIZE_KNOWN:
             return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
     before = None
@@ -134,8 +163,7 @@ def _along(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) ->
         before = branch
         if same or branch.end.kind == "points":
             break
-    went = f"followed from {branch.values[0]:.4g} to {branch.values[-1]:.4g} {remedy.unit}".rstrip()
-    why = f"{went}: {branch.end}"
+    why = f"{_went(branch.values[0], branch.values[-1], remedy)}: {branch.end}"
     return Border("not found", float(branch.values[-1]), math.nan, cycle, branch.orbits[-1], {}, why)
 
 

@@ -1,5 +1,7 @@
 """A branch that turns where no cycle can be computed to its tolerance: the border lies between its cycles."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -63,3 +65,23 @@ def test_a_freeze_ends_hunting_where_it_is_as_long_as_the_stop():
     stick = next(arc.duration for arc in cycle.arcs if arc.mode == "stick")
     (row,) = remedies(servo, "switch", 7.126, only=["freeze"]).remedies
     assert row.kind == "grazing" and row.size == pytest.approx(stick, rel=1e-7)
+
+
+def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
+    """After so much work, whoever asks: it is not said that there is no end, but how far it was followed.
+
+    The cycles of a LuGre servo that creep along half-way change in steps that become ever smaller; an answer took
+    minutes.
+    """
+    def asked():
+        return remedies(Servo(), "switch", 0.1, only=["dead band"]).remedies[0]
+
+    end = asked().size
+    for work, begun in ((2000, True), (20, False)):
+        monkeypatch.setattr(border, "MOST_WORK", work)
+        row = asked()
+        assert row.kind == "not found" and (row.first is not None) is begun
+        if begun:
+            assert 0 < row.followed_to < end and "given up there, after the work of 2000 intervals" in row.why
+        else:
+            assert math.isnan(row.followed_to) and "no cycle was found" in row.why
