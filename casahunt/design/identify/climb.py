@@ -30,6 +30,9 @@ SHORTEST_STEP = 1e-6
 POOR_STEP, REACH_CUT, REACH_GROWTH = 0.25, 0.3, 3.0
 """Part of the expected gain of a step below which the next ones are shorter; and by which factors they are so, or may
 be longer."""
+BACKWARDS, BACK_PART = -0.5, 0.4
+"""Cosine of two steps below which the second one goes back; and its part that is gone: the curvature leaves out how the
+slopes turn, so steps along what is hardly known may overshoot by nearly twice, again and again."""
 RESTORATIONS = 6
 """Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
@@ -60,9 +63,15 @@ def climb(
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is;
     far: they are far off, and steps that are too long are cut instead of damped."""
-    reach, mu = MOST_OF_A_STEP, FIRST_DAMPING
+    reach, mu, before = MOST_OF_A_STEP, FIRST_DAMPING, np.zeros(point.k)
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
         dz = _cut(point, step(point, mu, held), reach) if far else within(point, reach, held)
+        way = dz[: point.k] / point.steps
+        if not far and way @ before < BACKWARDS * np.linalg.norm(way) * np.linalg.norm(before):
+            reach = BACK_PART * _length(point, dz)
+            dz = within(point, reach, held)
+            way = dz[: point.k] / point.steps
+        before = way
         hoped, most, last = gain(point, dz), most - 1, math.inf
         trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):

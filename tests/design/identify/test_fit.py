@@ -107,6 +107,22 @@ def test_a_step_is_the_best_that_goes_below_no_end():
         assert climbing.gain(point, dz) == pytest.approx(max(gains), rel=1e-9, abs=1e-9)
 
 
+def test_steps_that_go_back_are_shorter(monkeypatch):
+    """What the curvature leaves out is 0.9 of it, so each step overshoots by nine tenths: it took twice as many."""
+    evaluated = []
+
+    def at(question, z, noises, near=None, *, stretched=False):
+        evaluated.append(z)
+        x, y = z - 5
+        r = 10 * np.array([x, 0.45 + x * x, y - x])
+        J = 10 * np.array([[1.0, 0.0], [2 * x, 0.0], [-1.0, 1.0]])
+        return Point(z, np.full(2, -1e9), np.ones(2), (), (), float(r @ r), -J.T @ r, J.T @ J, ())
+
+    monkeypatch.setattr(climbing, "at", at)
+    found = climb(None, at(None, np.array([5.3, 5.3]), ()), (), settled=1e-9)
+    assert found.z == pytest.approx([5.0, 5.0], abs=1e-4) and len(evaluated) < 18
+
+
 def test_a_step_outwards_leaves_behind_what_is_hardly_known():
     """A deviance that hardly depends on z_1, which would go 1e4 times as far as z_0: it stays, and z_0 goes its way."""
     H = np.array([[1.0, -1e-5], [-1e-5, 1e-9]])
