@@ -99,4 +99,5 @@ def _drawn(name: str) -> Any:
             figure.add_layout(span)
     figure.axis.axis_label_text_font_style = "normal"
     figure.axis.minor_tick_line_color = None
+    figure.axis.major_label_policy = models.NoOverlap()  # those of a logarithm crowd at its upper end
     return figure
