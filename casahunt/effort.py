@@ -50,6 +50,10 @@ class GivenUp(Exception):
     """
 
 
+class PartGivenUp(GivenUp):
+    """The work that was allowed for a part of it is done, and some is left of that for the whole."""
+
+
 class Dropped(Exception):
     """Nobody waits for the answer any more.  No NoOrbit, as `GivenUp`."""
 
@@ -67,6 +71,7 @@ class WorkCount:
     ) -> None:
         self.work = self.motions = self.problems = 0
         self._tell, self._limit, self._dropped = tell, limit, dropped
+        self._raised: type[GivenUp] = GivenUp
         self._place: Callable[[], str] | None = None
         self._began = self._last = time.monotonic()
 
@@ -84,7 +89,7 @@ class WorkCount:
         if self._dropped is not None and self._dropped():
             raise Dropped
         if self.work > self._limit:
-            raise GivenUp(
+            raise self._raised(
                 f"given up, because no answer came after the work of {self.work:.1e} collocation intervals: "
                 f"{self.sentence()}; are all parameters and the gain meant?"
             )
@@ -95,7 +100,10 @@ class WorkCount:
 
     def within(self, limit: float) -> WorkCount:
         """A count of a part of it, of which so much is allowed."""
-        return WorkCount(self._tell, min(limit, self._limit - self.work), self._dropped)
+        left = self._limit - self.work
+        part = WorkCount(self._tell, min(limit, left), self._dropped)
+        part._raised = PartGivenUp if limit < left else GivenUp
+        return part
 
     def took(self, part: WorkCount) -> None:
         """Count what a part of it took.  Raises as `add`."""
@@ -159,10 +167,10 @@ def counting_work(
 def at_most(limit: float) -> Iterator[None]:
     """Let what is computed inside take so much work, whether anybody watches or not.
 
-    Raises GivenUp: beyond it, or beyond what is allowed in all.
+    Raises PartGivenUp: beyond it; GivenUp: beyond what is allowed in all.
     """
     whole = _watch.get()
-    part = WorkCount(None, limit) if whole is None else whole.within(limit)
+    part = (whole or WorkCount(None, float("inf"))).within(limit)
     token = _watch.set(part)
     try:
         yield

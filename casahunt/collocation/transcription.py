@@ -270,7 +270,7 @@ class Transcription:
         flow_residual = nodes.take(self.closed_elements + 1, axis=-2) - joints.flow[..., 0, :]
         if self.closed:
             maps[..., self.closed_forms, :, :] = joints.flow.swapaxes(-1, -2)
-            maps[..., self.closed_forms, :, 0] = -flow_residual
+            maps[..., self.closed_forms, :, :1] = -flow_residual[..., None]
         closure = self.cycle.closure * (scale[..., None, :] / scale[..., :, None])
         back = (closure @ nodes[..., -1, :, None])[..., 0]
         return Linearisation(

@@ -86,15 +86,18 @@ def solve_adaptively(
 
 
 def first_solved(problem: Problem, starts: Iterable[Start], options: Options, **how: Any) -> SolvedOrbit:
-    """The solution from the first of some starting points that leads to one; where none does, how the last one ended.
+    """The solution from the first of some starting points that leads to one; where none does, how that one ended.
 
     starts: one at least; how: as of `solve_adaptively`.
     """
+    failed: SolvedOrbit | None = None
     for start in starts:
         solved = solve_adaptively(problem, start, options, **how)
         if solved.status.ok:
-            break
-    return solved
+            return solved
+        failed = failed or solved
+    assert failed is not None
+    return failed
 
 
 def or_expected(problem: Problem, start: Start) -> Iterator[Start]:
@@ -108,6 +111,7 @@ def or_expected(problem: Problem, start: Start) -> Iterator[Start]:
 def _adapted(task: _Adaptation, root: _Root, spent: _Spent) -> SolvedOrbit:
     """The loop."""
     accepted: SolvedOrbit | None = None
+    spent.wrong = "", np.nan
     for _ in range(MAX_ROUNDS):
         spent.iterations += root.solution.iterations
         if not root.solution.status.ok:
@@ -147,8 +151,8 @@ class _Adaptation:
 class _Spent:
     """What the loop has used up: Newton steps, phase sequences, changes of the mesh since the last one, the march.
 
-    And which phase of its last root passes an event by less than counts (Verdict.barely), and to what the condition of
-    the last root that was no motion fell.
+    And which phase of its last root passes an event by less than counts (Verdict.barely), and the mode whose condition
+    failed on the last root that was no motion, with what it fell to.
     """
 
     iterations: int = 0
@@ -156,7 +160,7 @@ class _Spent:
     changes: int = 0
     marched: bool = False
     barely: int = -1
-    lowest: float = np.nan
+    wrong: tuple[str, float] = "", np.nan
     off: float = np.inf  # as of `SolvedOrbit`
 
 
@@ -183,10 +187,11 @@ def _next_sequence(
 ) -> tuple[_Adaptation, _Root] | None:
     """A root with other phases, where one of these has stopped being a motion, and what it is a root of."""
     spent.sequences += 1
-    as_wrong = abs(verdict.lowest - spent.lowest) <= AS_WRONG * abs(spent.lowest)
+    (before, lowest), mode = spent.wrong, root.t.cycle.phases[verdict.phase].mode.name
+    as_wrong = mode == before and abs(verdict.lowest - lowest) <= AS_WRONG * abs(lowest)
     if spent.sequences > MAX_SEQUENCES or as_wrong:  # a wrong root stays one, whatever short phase it is relieved of
         return None
-    spent.changes, spent.lowest = 0, verdict.lowest
+    spent.changes, spent.wrong = 0, (mode, verdict.lowest)
     starts = task.problem.next_sequence(root.t, root.solution.u, root.moved, verdict.phase, soft=task.soft)
     return _first_converging(task, starts, root)
 

@@ -293,7 +293,7 @@ def phases_of(motion: HalfCycle, problem: Hunting, options: Options) -> Phases:
         )
     degree, kind = options.scheme_of(problem)
     if _rings(motion):
-        P = StickMap(problem.model, problem.servo, problem.gain)
+        P = StickMap(problem.model, problem.servo, problem.gain, motion.swings)
         motion = P(motion.start, tol=RINGS_OUT, degree=degree, kind=kind)
     segments = motion.segments
     signature, sign = tuple((s.mode, s.event) for s in segments), 1.0

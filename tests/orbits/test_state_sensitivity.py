@@ -56,6 +56,19 @@ def test_half_a_cycle_is_continued_by_its_image():
     assert half.states == pytest.approx(-found.states, abs=1e-7)
 
 
+def test_a_whole_cycle_is_its_half_and_the_image():
+    """Two closed forms that do not follow each other, beside collocated phases."""
+    half, whole = (find_orbit(Servo(), "switch", 0.1, options=Options(tol=1e-9, half=each)) for each in (True, False))
+    times = np.linspace(-1.3, 2.4, 200) * half.period
+    found, known = (state_sensitivity(orbit, times, ["gain", "friction.static"]) for orbit in (whole, half))
+    assert len(whole.arcs) == 2 * len(half.arcs)
+    assert found.states == pytest.approx(known.states, abs=1e-9)
+    assert found.period_derivatives == pytest.approx(known.period_derivatives, rel=1e-8)
+    inside = np.abs(found.rates[1] - known.rates[1]) < 1e-6
+    assert inside.mean() > 0.9
+    assert found.derivatives[..., inside] == pytest.approx(known.derivatives[..., inside], rel=1e-6, abs=1e-6)
+
+
 def test_a_jump_and_a_forcing_go_round_with_it():
     """The ball that bounces once a turn of the table: x = table's height + v t - g t^2/2, T = 2 pi/omega whatever a."""
     orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True, options=FINE)

@@ -30,9 +30,10 @@ SHORTEST_STEP = 1e-6
 POOR_STEP, REACH_CUT, REACH_GROWTH = 0.25, 0.3, 3.0
 """Part of the expected gain of a step below which the next ones are shorter; and by which factors they are so, or may
 be longer."""
-BACKWARDS, BACK_PART = -0.5, 0.4
-"""Cosine of two steps below which the second one goes back; and its part that is gone: the curvature leaves out how the
-slopes turn, so steps along what is hardly known may overshoot by nearly twice, again and again."""
+BACKWARDS, FAR_BACK, BACK_PART = -0.5, 0.5, 0.4
+"""Cosine of two steps below which the second one goes back, and part of the first one that it goes back by more; of it
+so much is gone: the curvature leaves out how the slopes turn, so steps along what is hardly known may overshoot by
+nearly twice, again and again."""
 RESTORATIONS = 6
 """Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
@@ -67,8 +68,9 @@ def climb(
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
         dz = _cut(point, step(point, mu, held), reach) if far else within(point, reach, held)
         way = dz[: point.k] / point.steps
-        if not far and way @ before < BACKWARDS * np.linalg.norm(way) * np.linalg.norm(before):
-            reach = BACK_PART * _length(point, dz)
+        size, last_size = np.linalg.norm(way), np.linalg.norm(before)
+        if not far and way @ before < BACKWARDS * size * last_size and size > FAR_BACK * last_size:
+            reach = max(BACK_PART * _length(point, dz), SHORTEST_STEP / BACK_PART)
             dz = within(point, reach, held)
             way = dz[: point.k] / point.steps
         before = way
@@ -121,7 +123,7 @@ def gain(point: Point, dz: Array) -> float:
 
 
 def step(point: Point, mu: float, held: int | None = None, by: float = 0.0) -> Array:
-    """The best damped step in which no parameter goes below next to nothing; what is held is moved `by` so much.
+    """The best damped step in which no free parameter goes below next to nothing; what is held is moved `by` so much.
 
     By active sets (Lawson and Hanson, Solving Least Squares Problems, 1974, ch. 23): on the way to where the free ones
     are best those that come to their ends stay there, until they would rather leave.

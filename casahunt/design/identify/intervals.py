@@ -174,7 +174,8 @@ def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[N
 
 
 def _outwards(point: Point, j: int, by: float, room: float) -> Array:
-    """The step with z_j further by so much, or less, of which no rise of the deviance beyond the room is expected.
+    """The step with z_j further by so much, or less, of which no rise of the deviance beyond the room is expected; the
+    shortest that is tried, where that is expected of all.
 
     The others go by bends, where one of them comes to its end: what made up for z_j until then does so no more.
     Where that leaves next to nothing, they stay behind along what is hardly known.

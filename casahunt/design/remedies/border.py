@@ -47,9 +47,9 @@ STRAYS = 10.0
 slips that all but stop half-way multipliers become 1e20, and the branch turns, if at all, where no double shows it."""
 MOST_CYCLES = 600
 """Orbits after which a branch is left: next to slips that all but stop half-way it is followed in small steps."""
-MOST_WORK = 1e6
-"""Work (effort.py), fifteen seconds of a processor, after which a border is given up: with a bristle such steps become
-ever smaller, and a branch goes on for minutes without getting on."""
+MOST_WORK_OF_A_BORDER = 1e6
+"""Work (effort.py), half a minute of a processor or less, after which a border is given up: with a bristle such steps
+become ever smaller, and a branch goes on for minutes without getting on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,20 +100,24 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
 
 
 def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
-    """The border of hunting in the size of a remedy, as far as so much work leads.
+    """The border of hunting in the size of a remedy, as far as `MOST_WORK_OF_A_BORDER` leads.
 
     loop, start: the loop without it, and the state of its cycle when it has just stopped.
+    Raises effort.GivenUp: beyond the work that is allowed in all.
     """
     way: list[SystemOrbit] = []
     try:
-        with effort.at_most(MOST_WORK):
+        with effort.at_most(MOST_WORK_OF_A_BORDER):
             return _from_a_little(loop, remedy, start, scales, options, way)
-    except effort.GivenUp:
+    except effort.PartGivenUp:
+        spent = f"after the work of {MOST_WORK_OF_A_BORDER:g} intervals"
         if not way:
-            return Border("not found", math.nan, math.nan, None, None, {}, "no cycle was found with so much work")
+            why = f"given up before a first cycle was found, {spent}"
+            return Border("not found", math.nan, math.nan, None, None, {}, why)
         values = [orbit.problem.value(remedy.size) for orbit in way]
-        why = f"{_went(values[0], values[-1], remedy)}: given up there, after the work of {MOST_WORK:g} intervals"
-        return Border("not found", values[-1], math.nan, way[0], way[-1], {}, why)
+        farthest = int(np.argmax(remedy.sense * np.array(values)))
+        why = f"{_went(values[0], values[farthest], remedy)}: given up {spent}"
+        return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why)
 
 
 def _from_a_little(
@@ -156,7 +160,7 @@ def _along(
     before = None
     for tol in BRANCH_TOLERANCES:
         branch = follow(cycle, remedy.size, to=last, monitors=(FOLD, GRAZING), options=replace(options, tol=tol),
-                        max_points=MOST_CYCLES)  # fmt: skip
+                        max_points=MOST_CYCLES, progress=way.append)  # fmt: skip
         if (found := _told(branch, before, last, tol) or _turned(branch, remedy.sense)) is not None:
             return replace(found, first=cycle)
         same = before is not None and abs(branch.values[-1] - before.values[-1]) <= SIZE_KNOWN * abs(branch.values[-1])

@@ -15,6 +15,7 @@ from itertools import product
 
 import numpy as np
 
+from ... import effort
 from ...checks import choice_of, require
 from ...errors import InputError, NoOrbit
 from ...orbits import Orbit
@@ -48,6 +49,8 @@ RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_B
 """Parts with which a loop rests where the plain servo does."""
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its largest value on a cycle is zero."""
+MOST_WORK_OF_A_CORNER = 4e5
+"""Work (effort.py), ten seconds of a processor, after which the border of one corner is given up."""
 MOST_CORNERS = 4
 """Corners of an uncertain servo at which the border is computed: slopes there lead to the next one."""
 
@@ -305,7 +308,11 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
         if corner in seen:
             continue
         loop = asked.loop.replace(**dict(zip(box, corner, strict=True)))
-        seen[corner] = border(loop, remedy, asked.start, asked.scales, asked.options)
+        try:
+            with effort.at_most(MOST_WORK_OF_A_CORNER):
+                seen[corner] = border(loop, remedy, asked.start, asked.scales, asked.options)
+        except effort.GivenUp:
+            return math.nan
         if seen[corner].kind not in BORDERS:
             return math.nan
         waiting += ahead(seen[corner]) if seen[corner].moves else []

@@ -50,12 +50,14 @@ class HalfCycle:
     segments : the motion between two corresponding points, as phases of a half cycle.
     slope : d log(P/a) / d log a there, where a search has found it out; nan elsewhere.  0 at a fold,
         negative at a stable fixed point.
+    swings : of the map that made it.
     """
 
     start: float
     position: float
     segments: list[Segment]
     slope: float = float("nan")
+    swings: int = 2
 
     @property
     def ratio(self) -> float:
@@ -77,8 +79,8 @@ class HalfCycle:
 class StickMap:
     """The map P of one servo at one gain: from a stick position to the half cycle that begins there.
 
-    swings: from one centre to the next that a LuGre motion is followed, of which the last one is kept: the first begins
-    with a bristle that does not move, and where a swing comes before it is at rest again so may the next ones.
+    swings: how many, each up to a centre, a LuGre motion is followed, two at least; the last one is kept.  The first
+    begins with a bristle that does not move; where a swing begins before it is at rest again so do the next ones.
     """
 
     model: Model
@@ -205,4 +207,4 @@ def _lugre(P: StickMap, a: float, tol: float, degree: int, kind: Kind, longest: 
     else:
         weight = (torques[i - 1] + torque) / (torques[i - 1] - torques[i])
         position = float(nodes[i - 1, 0] + weight * (nodes[i, 0] - nodes[i - 1, 0]))
-    return HalfCycle(a, position * float(side), kept)
+    return HalfCycle(a, position * float(side), kept, swings=P.swings)

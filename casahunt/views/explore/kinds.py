@@ -334,7 +334,7 @@ class LoopAnswers(ServoAnswers):
 def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
     """What is said where no size of a remedy was found that ends hunting."""
     if math.isnan(found.size):
-        why = f"not found: no hunting cycle was found even with little {remedy.name}"
+        why = f"not found: no hunting cycle with little {remedy.name} was found to begin with"
         return {"remedy_why": why, "evidence": found.why}
     size = f"{brief(found.size)} {remedy.unit}".rstrip()
     if found.kind == "none":

@@ -108,7 +108,7 @@ def test_a_step_is_the_best_that_goes_below_no_end():
 
 
 def test_steps_that_go_back_are_shorter(monkeypatch):
-    """What the curvature leaves out is 0.9 of it, so each step overshoots by nine tenths: it took twice as many."""
+    """What the curvature leaves out is 0.9 of it, so each step overshoots by nine tenths: it took 27."""
     evaluated = []
 
     def at(question, z, noises, near=None, *, stretched=False):
@@ -120,7 +120,7 @@ def test_steps_that_go_back_are_shorter(monkeypatch):
 
     monkeypatch.setattr(climbing, "at", at)
     found = climb(None, at(None, np.array([5.3, 5.3]), ()), (), settled=1e-9)
-    assert found.z == pytest.approx([5.0, 5.0], abs=1e-4) and len(evaluated) < 18
+    assert found.z == pytest.approx([5.0, 5.0], abs=1e-4) and len(evaluated) < 24
 
 
 def test_a_step_outwards_leaves_behind_what_is_hardly_known():

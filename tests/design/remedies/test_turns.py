@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from casahunt import Controller, Friction, Options, Servo, find_orbit, remedies
+from casahunt import Controller, Friction, Options, Servo, effort, find_orbit, remedies
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies.border import TURN_KNOWN
@@ -77,11 +77,14 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
         return remedies(Servo(), "switch", 0.1, only=["dead band"]).remedies[0]
 
     end = asked().size
-    for work, begun in ((2000, True), (20, False)):
-        monkeypatch.setattr(border, "MOST_WORK", work)
+    for work, begun in ((300, True), (20, False)):
+        monkeypatch.setattr(border, "MOST_WORK_OF_A_BORDER", work)
         row = asked()
         assert row.kind == "not found" and (row.first is not None) is begun
         if begun:
-            assert 0 < row.followed_to < end and "given up there, after the work of 2000 intervals" in row.why
+            assert 0 < row.followed_to < end and "given up after the work of 300 intervals" in row.why
         else:
-            assert math.isnan(row.followed_to) and "no cycle was found" in row.why
+            assert math.isnan(row.followed_to) and "given up before a first cycle was found" in row.why
+    monkeypatch.undo()
+    with pytest.raises(effort.GivenUp), effort.counting_work(None, limit=2000):  # of all, and not of the remedy
+        asked()
