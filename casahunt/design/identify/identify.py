@@ -28,7 +28,7 @@ from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import Measurement, as_record
 from ..uncertainty.set import Uncertainty
-from .best import best_of_starts, explained_from, gain_that_fits
+from .best import best_of_starts, cut_off, explained_from, gain_that_fits
 from .climb import climb, expected
 from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import Array, Data, Point, Question, sharpened
@@ -283,6 +283,8 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         left = [np.std(d.position - x) / d.amplitude for d, x in zip(question.records, best.positions, strict=True)]
         far = max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS
         if (far or not judgement.explained) and not asked:
+            if (cut := cut_off(question, best)) is not None:
+                raise _cut_off(*cut)
             asked, found = True, _elsewhere(stated)
             if found is not None:
                 question, (best, noises) = stated, found
@@ -365,6 +367,14 @@ def _other_gain(question: Question, factor: float) -> Exception:
     return InputError(
         f"gain = {data.gain:g}: does not fit {data.name}: no friction explains it there, but one does at "
         f"{factor:.2g} times that gain, {data.gain * factor:.2g} V/rad; are gain, motor gain and inertia right?"
+    )
+
+
+def _cut_off(data: Data, end: float, beyond: float) -> Exception:
+    share = float(np.mean(data.position == end))
+    return InputError(
+        f"{data.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly: the model "
+        f"explains the others, and goes {beyond:.2g} rad beyond; {LARGER_RANGE}"
     )
 
 

@@ -178,6 +178,17 @@ def test_a_record_that_cannot_be_fitted_is_refused(capsys, tmp_path, kind):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.parametrize(("low", "high"), [(-2.0, 0.7), (-0.8, 0.8)])
+def test_counts_that_are_cut_off_are_told_by_the_model(low, high):
+    """With few counts and samples in a slip the record alone does not tell them from a rest."""
+    quantum, half = 2 * math.pi / 8000, 0.0177
+    whole = made(8000.0, each=400)
+    y = np.clip(whole.position, *(quantum * round((0.4 + part * half) / quantum) for part in (low, high)))
+    suitable(Record(whole.times, y, "cut"))
+    with pytest.raises(InputError, match=r"clipped at .* explains the others, and goes 0\.00\d+ rad beyond"):
+        identify([Record(whole.times, y, "cut")], WRONG, GAIN, advise=False)
+
+
 @pytest.mark.parametrize("factor", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.1, 2.0, 10.0))])
 def test_a_gain_that_does_not_fit_is_refused(capsys, tmp_path, file, factor):
     """It is the gain, since another one explains the record; and it is the right one that is named."""
