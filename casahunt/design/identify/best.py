@@ -44,7 +44,8 @@ def best_of_starts(
     """The likeliest point of those that the starts lead to, and the noise of each record.
 
     Starts are gone from until two of them lead to one point, with rounding as an error like any other; what may then
-    still be the likeliest is told by the counts.  None where no start hunts, or the likeliest end is one that may not be.
+    still be the likeliest is told by the counts.  None where no start hunts, or the likeliest end may
+    not be.
     """
     plain = _plain(question)
     ends: list[Point] = []

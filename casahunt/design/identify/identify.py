@@ -373,8 +373,8 @@ def _other_gain(question: Question, factor: float) -> Exception:
 def _cut_off(data: Data, end: float, beyond: float) -> Exception:
     share = float(np.mean(data.position == end))
     return InputError(
-        f"{data.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly: the model "
-        f"explains the others, and goes {beyond:.2g} rad beyond; {LARGER_RANGE}"
+        f"{data.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly: "
+        f"the model explains the others, and goes {beyond:.2g} rad beyond; {LARGER_RANGE}"
     )
 
 

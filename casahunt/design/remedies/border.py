@@ -3,7 +3,7 @@
     fold       a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
     Hopf       the cycle shrinks to a point
     grazing    the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
-    unstable   the cycle becomes so unstable that no motion settles on it, and its branch can be followed no further
+    motions    its branch could not be followed so far: simulated motions hunt up to there, and come to rest beyond
     none       the branch goes on to the last size that is looked at
 
 The branch begins with a small remedy, at the cycle on which a motion of the servo settles that has just stopped.
@@ -12,6 +12,7 @@ The branch begins with a small remedy, at the cycle on which a motion of the ser
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal, cast
@@ -21,15 +22,16 @@ import numpy as np
 from ... import effort
 from ...continuation import FOLD, GRAZING, Branch, follow
 from ...errors import NoOrbit
-from ...orbits import SystemOrbit
+from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import fold_in, loop_cycle
+from .price import ENDED, ROUNDING_OF_A_STATE, fate
 
-Kind = Literal["fold", "grazing", "Hopf", "unstable", "none", "not found"]
-BORDERS = ("fold", "grazing", "Hopf", "unstable")
+Kind = Literal["fold", "grazing", "Hopf", "motions", "none", "not found"]
+BORDERS = ("fold", "grazing", "Hopf", "motions")
 """Kinds of a border."""
 
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
@@ -42,14 +44,16 @@ TURN_KNOWN = 1e-4
 BRANCH_TOLERANCES = (1e-9, 1e-10, 1e-8, 1e-7)
 """Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
 the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
-STRAYS = 10.0
-"""A half multiplier from which no motion settles on a cycle: half a period later it is ten times as far off.  Next to
-slips that all but stop half-way multipliers become 1e20, and the branch turns, if at all, where no double shows it."""
-MOST_CYCLES = 600
-"""Orbits after which a branch is left: next to slips that all but stop half-way it is followed in small steps."""
-MOST_WORK_OF_A_BORDER = 1e6
-"""Work (effort.py), half a minute of a processor or less, after which a border is given up: with a bristle such steps
-become ever smaller, and a branch goes on for minutes without getting on."""
+MOST_CYCLES = 300
+"""Orbits after which cycles are followed no further: where slips all but stop half-way, steps become ever smaller, and
+multipliers 1e20, while motions tell in a second where hunting ends."""
+MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 3e5, 2e5
+"""Work (effort.py), ten seconds of a processor or less, after which the same holds: with a bristle a cycle may take
+long; and after which a motion, which usually takes a quarter of it if it hunts, is taken to do so."""
+STRIDE, MOTIONS_KNOW = 0.2, 1e-3
+"""By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
+MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
+"""Where they start besides, at rest, in amplitudes of a cycle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +104,7 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
 
 
 def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
-    """The border of hunting in the size of a remedy, as far as `MOST_WORK_OF_A_BORDER` leads.
+    """The border of hunting in the size of a remedy, as far as `MOST_WORK_OF_A_BORDER` leads; behind that by motions.
 
     loop, start: the loop without it, and the state of its cycle when it has just stopped.
     Raises effort.GivenUp: beyond the work that is allowed in all.
@@ -108,16 +112,103 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
     way: list[SystemOrbit] = []
     try:
         with effort.at_most(MOST_WORK_OF_A_BORDER):
-            return _from_a_little(loop, remedy, start, scales, options, way)
+            found = _from_a_little(loop, remedy, start, scales, options, way)
     except effort.PartGivenUp:
-        spent = f"after the work of {MOST_WORK_OF_A_BORDER:g} intervals"
-        if not way:
-            why = f"given up before a first cycle was found, {spent}"
-            return Border("not found", math.nan, math.nan, None, None, {}, why)
-        values = [orbit.problem.value(remedy.size) for orbit in way]
-        farthest = int(np.argmax(remedy.sense * np.array(values)))
-        why = f"{_went(values[0], values[farthest], remedy)}: given up {spent}"
-        return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why)
+        found = _given_up(remedy, way, f"after the work of {MOST_WORK_OF_A_BORDER:g} intervals")
+    if found.kind == "not found" and way:
+        return _by_motions(loop, remedy, remedy.last * scales.of(remedy, loop), way) or found
+    return found
+
+
+def _given_up(remedy: Remedy, way: list[SystemOrbit], spent: str) -> Border:
+    """How far cycles were followed."""
+    if not way:
+        why = f"given up before a first cycle was found, {spent}"
+        return Border("not found", math.nan, math.nan, None, None, {}, why)
+    values = [orbit.problem.value(remedy.size) for orbit in way]
+    farthest = int(np.argmax(remedy.sense * np.array(values)))
+    why = f"{_went(values[0], values[farthest], remedy)}: given up {spent}"
+    return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why)
+
+
+def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit]) -> Border | None:
+    """The border as motions show it, beyond a stable cycle that is far out on the way; None where they do not."""
+    outwards = sorted(way, key=lambda orbit: remedy.sense * orbit.problem.value(remedy.size))
+    i = bisect_left(outwards, True, hi=len(outwards) - 1, key=lambda orbit: not orbit.stable)
+    cycle = outwards[max(i - 1, 0)]
+    at = cycle.problem.value(remedy.size)
+    size = end_of_motions(loop, remedy, cycle, at, last)
+    if size is None or size == at:
+        return None
+    why = f"{_went(way[0].problem.value(remedy.size), at, remedy)}, on as motions"
+    return Border("motions", size, MOTIONS_KNOW * abs(size), way[0], cycle, {}, why)
+
+
+@dataclass(frozen=True)
+class _Swing:
+    """A state on a motion that hunts, its amplitude [rad] and period [s]."""
+
+    state: dict[str, float]
+    amplitude: float
+    period: float
+
+
+def end_of_motions(loop: Loop, remedy: Remedy, cycle: Orbit, size: float, last: float) -> float | None:
+    """The size from which on no motion hunts, from one on, which it is if none does there; None: one does at the last.
+
+    A motion that hunts is handed on to the next size, which is as near as it must be: those that start beside it leave
+    hunting for good before it ends.
+    """
+    at, rests, stride = size, size, STRIDE
+    swing = _hunting(with_remedy(loop, remedy, at), _Swing(on_the_cycle(cycle), cycle.amplitude, cycle.period))
+    while swing is not None and stride > MOTIONS_KNOW:
+        trial = more_of(remedy, at, 1 + stride)
+        further = _hunting(with_remedy(loop, remedy, trial), swing)
+        if further is None:
+            rests, stride = trial, stride / 2
+        elif remedy.sense * (trial - last) > 0:
+            return None
+        else:
+            at, swing = trial, further
+    return rests
+
+
+def _hunting(loop: Loop, before: _Swing) -> _Swing | None:
+    """The motion that hunts from a state on another one, or from rest beside it; None where all rest or decay."""
+    beside = (loop.at_rest(-part * before.amplitude) for part in MOTION_STARTS)
+    for start in (before.state, *beside):
+        try:
+            with effort.at_most(MOST_WORK_OF_A_LOOK):
+                seen = fate(loop, start, before.amplitude, before.period)
+        except effort.PartGivenUp:
+            return before
+        if seen.verdict == "hunts":
+            late = seen.times >= seen.times[-1] / 2
+            t, x = seen.times[late], seen.position[late] - np.ptp(seen.position[late]) / 2 - seen.position[late].min()
+            ups = t[1:][(x[:-1] < 0) & (x[1:] >= 0)]
+            period = float(np.diff(ups).mean()) if ups.size > 1 else before.period
+            return _Swing(seen.end, float(np.ptp(x)) / 2, period)
+        if seen.verdict not in ENDED:
+            return before
+    return None
+
+
+def on_the_cycle(orbit: Orbit) -> dict[str, float]:
+    """A state of a cycle away from events: where something has just stopped, or in mid-slip."""
+    stuck = next((arc for arc in orbit.arcs if "stick" in arc.mode), None)
+    states = (stuck or orbit.arcs[0]).states
+    largest = np.max([np.abs(arc.states).max(axis=(0, 1)) for arc in orbit.arcs], axis=0)
+    state = states[0, states.shape[1] // 2]
+    state = np.where(np.abs(state) > ROUNDING_OF_A_STATE * largest, state, 0.0)  # a rounding of zero would slip
+    return dict(zip(orbit.problem.system.states, state.tolist(), strict=True))
+
+
+def more_of(remedy: Remedy, size: float, factor: float) -> float:
+    """More of a remedy: farther from its absence, which may be at infinity or, where less is more, at zero."""
+    absent = remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
+    if absent == 0:
+        return size * factor if remedy.sense > 0 else size / factor
+    return size / factor if math.isinf(absent) else absent + (size - absent) * factor
 
 
 def _from_a_little(
@@ -159,9 +250,11 @@ def _along(
             return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
     before = None
     for tol in BRANCH_TOLERANCES:
+        if len(way) >= MOST_CYCLES:
+            return _given_up(remedy, way, f"after {len(way)} cycles")
         branch = follow(cycle, remedy.size, to=last, monitors=(FOLD, GRAZING), options=replace(options, tol=tol),
                         max_points=MOST_CYCLES, progress=way.append)  # fmt: skip
-        if (found := _told(branch, before, last, tol) or _turned(branch, remedy.sense)) is not None:
+        if (found := _told(branch, last, tol) or _turned(branch, remedy.sense)) is not None:
             return replace(found, first=cycle)
         same = before is not None and abs(branch.values[-1] - before.values[-1]) <= SIZE_KNOWN * abs(branch.values[-1])
         before = branch
@@ -184,11 +277,8 @@ def _turned(branch: Branch[SystemOrbit], sense: int) -> Border | None:
     return Border("fold", value, error, None, branch.orbits[i], {}, missed)
 
 
-def _told(branch: Branch[SystemOrbit], before: Branch[SystemOrbit] | None, last: float, tol: float) -> Border | None:
-    """The border at the end of a branch; None where it tells none.
-
-    before: the same branch at another tolerance.
-    """
+def _told(branch: Branch[SystemOrbit], last: float, tol: float) -> Border | None:
+    """The border at the end of a branch; None where it tells none."""
     end, orbit, value = branch.end, branch.orbits[-1], float(branch.values[-1])
     for special in branch.special:
         if special.kind == "fold" and special.orbit.parameter_error < SIZE_KNOWN:
@@ -199,9 +289,4 @@ def _told(branch: Branch[SystemOrbit], before: Branch[SystemOrbit] | None, last:
         return Border(cast(Kind, end.kind), end.value, error, None, orbit, {}, str(end))
     if end.kind == "range" and abs(value - last) <= SIZE_KNOWN * abs(last):
         return Border("none", last, 0.0, None, orbit, {}, "")
-    if end.kind == "stuck" and before is not None and before.end.kind == "stuck":
-        apart, mu = abs(value - float(before.values[-1])), float(np.abs(orbit.multipliers.half).max())
-        if apart <= SIZE_KNOWN * abs(value) and mu > STRAYS:
-            why = f"half multiplier {mu:.0e} there: no motion settles on it, and its branch is followed no further"
-            return Border("unstable", value, max(apart, 100 * tol * abs(value)), None, orbit, {}, why)
     return None

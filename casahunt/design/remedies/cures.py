@@ -16,12 +16,10 @@ from ...servo.hunting import Model
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Corners
 from .border import BORDERS
-from .price import Verdict
+from .price import ENDED, Verdict
 
 MARGIN_TO_CHOOSE = 0.1
 """What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""
-ENDED = ("rests", "decays")
-"""Verdicts of motions that hunt no more."""
 MOST_DRAWN = 250
 """Cycles of a branch for a picture: behind its fold it goes on."""
 
@@ -33,9 +31,10 @@ class Cure(Result):
     Attributes
     ----------
     name, unit : what it is called, and the unit of its size.
-    kind : how hunting ends: "fold", "grazing", "Hopf", "unstable" (border.py): up to `size` there are cycles, the last
-        of which may be unstable, so that hunting may end with less; "none" where hunting goes on up to the last size
-        that was looked at, "not found" where nobody knows, "does not fit" where it does not go with the loop's parts.
+    kind : how hunting ends: "fold", "grazing", "Hopf" (border.py): up to `size` there are cycles, the last of which may
+        be unstable, so that hunting may end with less; "motions": up to `size` simulated motions hunt, cycles could not
+        be followed so far; "none" where hunting goes on up to the last size that was looked at, "not found" where
+        nobody knows, "does not fit" where it does not go with the loop's parts.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : more of it by the margin; of the worst servo's size where one was asked for, and found.
     rests : the set of rest positions at the recommended size, or at the last one that was looked at: corners (x1 [rad],
@@ -53,9 +52,9 @@ class Cure(Result):
     moves : by how much the size moves, relatively, with a relative change of each parameter of the loop, such as static
         friction; {} where the border is no fold.
     worst_size : the largest border found among servos of an uncertain one, at corners of its box to which the slopes of
-        the border point, from corner to corner (where there are no slopes: at each of up to four, or at that where it
-        hunts up to the largest gain), in `unit`; nan where none was asked for, or found.  A servo inside of the box
-        that is worse than those may exist.
+        the border point, from corner to corner, or where there are no slopes the size with which motions end at all of
+        them, in `unit`; nan where none was asked for, or found.  A servo inside of the box that is worse than those may
+        exist.
     why : a sentence: why it is not seen to end hunting, or why it was not found.
     followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.

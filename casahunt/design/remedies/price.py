@@ -31,6 +31,10 @@ LEFT_BEHIND_AT = 0.5
 RESTS_WITHIN = 1e-7
 """A motion that moves by less than this part of the amplitude from one look to the next is at rest."""
 BY_SEVERITY: tuple[Verdict, ...] = ("rests", "decays", "undecided", "hunts", "grows")
+ENDED: tuple[Verdict, ...] = ("rests", "decays")
+"""Verdicts of motions that hunt no more."""
+ROUNDING_OF_A_STATE = 1e-12
+"""A state that is so small a part of its largest value is zero."""
 SHORTEST_LOOK = 1e-3
 """The shortest look, as a part of the time between two: of a motion that cannot be followed for the whole of it."""
 OUTGROWN_BY = 2.0
@@ -43,12 +47,13 @@ MOTION_TOLERANCE = 1e-8
 
 @dataclass(frozen=True)
 class Fate:
-    """What became of a motion: times and positions (m,) [s], [rad], the largest torque of the motor [N m]."""
+    """What became of a motion: times and positions (m,) [s], [rad], the largest torque of the motor [N m], its end."""
 
     verdict: Verdict
     times: Array
     position: Array
     peak_torque: float
+    end: dict[str, float]
 
 
 def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, within: float = math.inf) -> Fate:
@@ -77,7 +82,9 @@ def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, w
         if length == window and (told := _told(position, amplitude, largest, within)) is not None:
             verdict = told
             break
-    return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak)
+    small = {name: ROUNDING_OF_A_STATE * size for name, size in (sizes or {}).items()}  # of zero, would slip
+    end = {name: value if abs(value) > small.get(name, 0.0) else 0.0 for name, value in state.items()}
+    return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak, end)
 
 
 def _look(loop: Loop, length: float, window: float, how: dict[str, Any]) -> tuple[LoopMotion, float]:

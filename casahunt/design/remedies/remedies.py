@@ -15,9 +15,8 @@ from itertools import product
 
 import numpy as np
 
-from ... import effort
 from ...checks import choice_of, require
-from ...errors import InputError, NoOrbit
+from ...errors import InputError
 from ...orbits import Orbit
 from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
@@ -37,22 +36,28 @@ from ...servo.parts.verbs import loop_cycle
 from ...servo.parts.with_exponent import WITH_EXPONENT
 from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, check_box
-from ..uncertainty.worst_corner import worst_corner
-from .border import BORDERS, Border, Scales, border, with_remedy
-from .cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
-from .price import LOOKED_PERIODS, MOST_WINDOWS, task, verdict
+from .border import (
+    BORDERS,
+    MOTIONS_KNOW,
+    Border,
+    Scales,
+    border,
+    end_of_motions,
+    more_of,
+    on_the_cycle,
+    with_remedy,
+)
+from .cures import MARGIN_TO_CHOOSE, Cure, Cures
+from .price import ENDED, LOOKED_PERIODS, MOST_WINDOWS, task, verdict
 
 LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
 RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
                       DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
 """Parts with which a loop rests where the plain servo does."""
-ROUNDING_OF_A_STATE = 1e-12
-"""A state that is so small a part of its largest value on a cycle is zero."""
-MOST_WORK_OF_A_CORNER = 4e5
-"""Work (effort.py), ten seconds of a processor, after which the border of one corner is given up."""
-MOST_CORNERS = 4
-"""Corners of an uncertain servo at which the border is computed: slopes there lead to the next one."""
+MOST_CORNERS, MOST_UNCERTAIN = 4, 6
+"""Corners of an uncertain servo at which the border is computed, where slopes lead to the next one; and parameters that
+may be uncertain where all corners are looked at."""
 
 
 def remedies(
@@ -161,17 +166,10 @@ class _Asked:
         ends = zip(*(end.tolist() for end in uncertainty.box(servo)), strict=True)
         return dict(zip(called(uncertainty.parameters), ends, strict=True))
 
-    @cached_property
-    def hunts_longest(self) -> tuple[float, ...]:
-        """The values in the box at which hunting goes on to the largest gain; () where that is not found."""
-        if self.uncertain is None:
-            return ()
-        servo, uncertainty = self.uncertain
-        try:
-            corner = worst_corner(servo, self.model, uncertainty, options=self.options.rough()).corner
-        except NoOrbit:
-            return ()
-        return tuple(corner[name] for name in uncertainty.parameters)
+
+    def at(self, corner: tuple[float, ...]) -> Loop:
+        """The loop of a corner of the box."""
+        return self.loop.replace(**dict(zip(self.box, corner, strict=True)))
 
 
 def _asked(
@@ -187,7 +185,7 @@ def _asked(
         loop = by_gains(servo)
         cycle = loop_cycle(loop, options=options)
         found: Model = "lugre" if LUGRE in loop.present else "switch"
-        return _Asked(loop, found, cycle, _on_the_cycle(cycle, loop), options, None, margin)
+        return _Asked(loop, found, cycle, on_the_cycle(cycle), options, None, margin)
     a_servo(servo)
     model, gain = model or "switch", 1.0 if gain is None else gain
     choice_of("model", model, MODELS)
@@ -195,17 +193,7 @@ def _asked(
         check_box(servo, uncertainty)
     uncertain = None if uncertainty is None else (servo, uncertainty)
     orbit, loop = find_orbit(servo, model, gain, options=options), loop_of(servo, model, gain)
-    return _Asked(loop, model, orbit, _on_the_cycle(orbit, loop), options, uncertain, margin)
-
-
-def _on_the_cycle(orbit: Orbit, loop: Loop) -> dict[str, float]:
-    """A state of a cycle away from events: where something has just stopped, or in mid-slip."""
-    stuck = next((arc for arc in orbit.arcs if "stick" in arc.mode), None)
-    states = (stuck or orbit.arcs[0]).states
-    largest = np.max([np.abs(arc.states).max(axis=(0, 1)) for arc in orbit.arcs], axis=0)
-    state = states[0, states.shape[1] // 2]
-    state = np.where(np.abs(state) > ROUNDING_OF_A_STATE * largest, state, 0.0)  # a rounding of zero would slip
-    return dict(zip(loop.system.states, state.tolist(), strict=True))
+    return _Asked(loop, model, orbit, on_the_cycle(orbit), options, uncertain, margin)
 
 
 def _price(today: float, orbit: Orbit) -> Callable[[Cure], tuple[bool, float]]:
@@ -233,10 +221,10 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         return Cure(remedy.name, remedy.unit, found.kind, why=found.why, followed_to=found.size, first=found.first)
     if found.kind == "none":
         return _without_end(asked, remedy, found)
-    size, absent = found.size, remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
+    size = found.size
     worst = _worst(asked, remedy, found)
     least = worst if math.isfinite(worst) else size
-    beyond = tuple(_more(least, absent, factor, remedy.sense) for factor in (1 + asked.margin, *LARGER_SIZES))
+    beyond = tuple(more_of(remedy, least, factor) for factor in (1 + asked.margin, *LARGER_SIZES))
     recommended, last = beyond[0], found.orbit or asked.orbit
     mended = with_remedy(loop, remedy, recommended)
     corners = _rests(remedy, recommended, numbers)
@@ -288,43 +276,37 @@ def _misfit(loop: Loop, remedy: Remedy) -> str:
 def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
     """The size for the worst servo of a set: from corner to corner of its box, as slopes of the border point.
 
-    Where it has none: at all corners, if there are few, or at that where hunting goes on to the largest gain.
+    Where it has none: with which motions end at all corners.
     """
     box = asked.box
     if not box:
         return math.nan
-
-    def ahead(at: Border) -> list[tuple[float, ...]]:
-        """Corners to look at."""
-        if not at.moves:
-            few = 2 ** len(box) <= MOST_CORNERS
-            return list(product(*box.values())) if few else [asked.hunts_longest] if asked.hunts_longest else []
-        return [tuple(ends[at.moves.get(name, 0.0) * remedy.sense > 0] for name, ends in box.items())]
-
+    if not found.moves:
+        return _worst_by_motions(asked, remedy, found)
     seen: dict[tuple[float, ...], Border] = {}
-    waiting = ahead(found)
-    while waiting and len(seen) < MOST_CORNERS:
-        corner = waiting.pop()
+    at = found
+    while at.moves and len(seen) < MOST_CORNERS:
+        corner = tuple(ends[at.moves.get(name, 0.0) * remedy.sense > 0] for name, ends in box.items())
         if corner in seen:
-            continue
-        loop = asked.loop.replace(**dict(zip(box, corner, strict=True)))
-        try:
-            with effort.at_most(MOST_WORK_OF_A_CORNER):
-                seen[corner] = border(loop, remedy, asked.start, asked.scales, asked.options)
-        except effort.GivenUp:
+            break
+        at = border(asked.at(corner), remedy, asked.start, asked.scales, asked.options)
+        if at.kind not in BORDERS:
             return math.nan
-        if seen[corner].kind not in BORDERS:
-            return math.nan
-        waiting += ahead(seen[corner]) if seen[corner].moves else []
-    sizes = [at.size for at in seen.values()]
-    return max(sizes, key=lambda size: size * remedy.sense) if sizes else math.nan
+        seen[corner] = at
+    return max((at.size for at in seen.values()), key=lambda size: size * remedy.sense)
 
 
-def _more(size: float, absent: float, factor: float, sense: int) -> float:
-    """More of a remedy: farther from its absence, which may be at infinity or, where less is more, at zero."""
-    if absent == 0:
-        return size * factor if sense > 0 else size / factor
-    return size / factor if math.isinf(absent) else absent + (size - absent) * factor
+def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:
+    """The size with which motions end at all corners of the box; nan where these are too many, or one hunts on."""
+    size, last, cycle = found.size, remedy.last * asked.scales.of(remedy, asked.loop), found.orbit or asked.orbit
+    if len(asked.box) > MOST_UNCERTAIN:
+        return math.nan
+    for corner in product(*asked.box.values()):
+        more = end_of_motions(asked.at(corner), remedy, cycle, more_of(remedy, size, 1 - MOTIONS_KNOW), last)
+        if more is None:
+            return math.nan
+        size = max(size, more, key=lambda each: each * remedy.sense)
+    return size
 
 
 def _rests(remedy: Remedy, size: float, numbers: dict[str, float] | None) -> Corners:

@@ -18,8 +18,8 @@ from dataclasses import replace
 from typing import Any
 
 from ...checks import to_absolute_error
-from ...design.remedies.cures import ENDED, MARGIN_TO_CHOOSE, Cure, Cures
-from ...design.remedies.price import SETTLED_WITHIN, TASK_STEP
+from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
+from ...design.remedies.price import ENDED, SETTLED_WITHIN, TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError
@@ -334,8 +334,8 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     ).rstrip()  # fmt: skip
     if not row.keeps_it_ended:
         yield f"    {_not_kept(row)}"
-    if row.kind == "unstable":
-        yield "    up to there; no stable cycle was seen next to it, and hunting may end with less"
+    if row.kind == "motions":
+        yield "    as simulated motions show it, to 1 in 1000; its cycles could not be followed so far"
     if of_a_set:
         worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
         yield f"    the worst servo of the set: {worst}"

@@ -18,7 +18,7 @@ from ... import effort
 from ...checks import to_error
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
-from ...design.remedies.border import BORDERS, Border, Scales, border
+from ...design.remedies.border import BORDERS, Border, Scales, border, on_the_cycle
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
@@ -349,14 +349,6 @@ def cycle_beside(loop: Loop, bare: Any) -> Any:
     """
     start = loop.at_rest(-FIRST_OFF) if bare is None else loop.state(**on_the_cycle(bare))
     return loop_cycle(loop, start=start, options=ROUGH)
-
-
-def on_the_cycle(orbit: Any) -> dict[str, float]:
-    """A state of a servo's cycle away from events: in the middle of its stick, or of its first phase."""
-    stuck = next((arc for arc in orbit.arcs if arc.mode == "stick"), None)
-    states = (stuck or orbit.arcs[0]).states
-    state = dict(zip(orbit.problem.system.states, map(float, states[0, states.shape[1] // 2]), strict=True))
-    return state if stuck is None else state | {"x2": 0.0}  # not the rounding of zero, which would slip
 
 
 def margins_shown(found: Margins) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from stick_map_support import border, stick_map
 
 from casahunt import InputError, NoOrbit, Options, Pid, Servo, Uncertainty, find_fold, find_orbit, margins, remedies
 from casahunt.design.remedies import remedies as module
+from casahunt.design.remedies.border import MOTIONS_KNOW
 from casahunt.design.remedies.cures import Cure
 from casahunt.views.commands.remedies import advice_of
 
@@ -110,14 +111,14 @@ def test_what_is_recommended_is_more_than_the_worst_servo_needs():
 
 
 @pytest.mark.slow
-def test_without_slopes_the_worst_servo_is_the_one_that_hunts_up_to_the_largest_gain():
-    """A dwell must be shorter than its stick; of three parameters there are more corners than are looked at."""
+def test_without_slopes_motions_of_all_corners_tell_what_the_worst_servo_needs():
+    """A dwell must be shorter than the shortest stick, which is that of the servo that hunts up to the largest gain."""
     box = {"friction.static": (0.53, 0.54), "friction.coulomb": (0.43, 0.44), "friction.viscous": (0.09, 0.11)}
     found = row("freeze", 0.04, uncertainty=Uncertainty(box))
     worst = {"friction.static": 0.54, "friction.coulomb": 0.43, "friction.viscous": 0.09}
     orbit = find_orbit(Servo().replace(**worst), "switch", 0.04, options=Options(tol=1e-9))
     stuck = next(arc.duration for arc in orbit.arcs if arc.mode == "stick")
-    assert found.worst_size == pytest.approx(stuck, rel=1e-6) and found.worst_size != pytest.approx(found.size)
+    assert found.worst_size == pytest.approx(stuck, rel=2 * MOTIONS_KNOW) and found.worst_size < 0.95 * found.size
 
 
 def test_what_the_worst_servo_needs_comes_before_what_is_cheaper(monkeypatch):
@@ -155,7 +156,7 @@ def test_the_worst_servo_is_that_of_all_corners():
     for Fs in (0.52, 0.54):
         orbit = find_orbit(Servo().replace(**{"friction.static": Fs}), "switch", 0.04, options=Options(tol=1e-9))
         stuck.append(next(arc.duration for arc in orbit.arcs if arc.mode == "stick"))
-    assert found.worst_size == pytest.approx(min(stuck), rel=1e-6) and found.worst_size < found.size
+    assert found.worst_size == pytest.approx(min(stuck), rel=2 * MOTIONS_KNOW) and found.worst_size < found.size
 
 
 @pytest.mark.slow

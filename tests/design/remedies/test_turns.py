@@ -71,12 +71,13 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
     """After so much work, whoever asks: it is not said that there is no end, but how far it was followed.
 
     The cycles of a LuGre servo that creep along half-way change in steps that become ever smaller; an answer took
-    minutes.
+    minutes.  Here motions tell nothing either.
     """
     def asked():
         return remedies(Servo(), "switch", 0.1, only=["dead band"]).remedies[0]
 
     end = asked().size
+    monkeypatch.setattr(border, "end_of_motions", lambda *a: None)
     for work, begun in ((300, True), (20, False)):
         monkeypatch.setattr(border, "MOST_WORK_OF_A_BORDER", work)
         row = asked()
@@ -88,3 +89,16 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
     monkeypatch.undo()
     with pytest.raises(effort.GivenUp), effort.counting_work(None, limit=2000):  # of all, and not of the remedy
         asked()
+
+
+@pytest.mark.parametrize(("name", "work"), [
+    ("derivative", 1500), *(pytest.param(name, 300, marks=pytest.mark.slow) for name in ("dead band", "leak")),
+])  # fmt: skip
+def test_where_cycles_are_followed_no_further_motions_tell_the_border(monkeypatch, name, work):
+    """The same size as the fold, to what motions know: those beside it are slow to leave."""
+    exact = remedies(Servo(), "switch", 0.1, only=[name]).remedies[0]
+    monkeypatch.setattr(border, "MOST_WORK_OF_A_BORDER", work)
+    seen = remedies(Servo(), "switch", 0.1, only=[name]).remedies[0]
+    assert exact.kind == "fold" and seen.kind == "motions" and seen.ends_hunting
+    assert seen.size == pytest.approx(exact.size, rel=2 * border.MOTIONS_KNOW)
+    assert seen.size_error == pytest.approx(border.MOTIONS_KNOW * seen.size) and "on as motions" in seen.why
