@@ -31,6 +31,7 @@ from ...design.identify.identify import Identification, identify
 from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measured
+from ...design.record.waveform import swings_of
 from ...errors import NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
@@ -124,7 +125,8 @@ def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -
         tell(stream, "far from the predicted frequency: looking for a friction that explains the record")
         return identify([record], orbit.servo, orbit.gain, orbit.model, advise=False)
 
-    return suspicion(orbit, m.period, m.amplitude, m.quantum, float(np.median(np.diff(record.times))), fit)
+    step = float(np.median(np.diff(record.times)))
+    return suspicion(orbit, m.period, m.amplitude, m.quantum, step, swings_of(m.shape, m.amplitude), fit)
 
 
 def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:
