@@ -226,6 +226,11 @@ def test_files_that_cannot_be_read(tmp_path, capsys):
         assert (code, out) == (2, "") and words in err and err.count("\n") == 1
 
 
+def test_a_servo_file_in_the_place_of_the_record_is_told(tmp_path, capsys):
+    code, out, err = run(capsys, tmp_path / "servo.toml", tmp_path / "a.csv")
+    assert (code, out) == (2, "") and "is a servo file by its name; the record stands before it" in err
+
+
 # The command -----------------------------------------------------------------------------------------------
 
 

@@ -32,7 +32,7 @@ from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measured
 from ...design.record.waveform import swings_of
-from ...errors import NoOrbit
+from ...errors import InputError, NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
@@ -78,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line or the record is wrong.
     """
+    if options.file.endswith(".toml"):
+        raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
     model = model_of(options)
     gain = None if options.gain is None else positive("gain", options.gain)
     set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
