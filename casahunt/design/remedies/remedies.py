@@ -288,7 +288,8 @@ def _misfit(loop: Loop, remedy: Remedy) -> str:
 def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
     """The size for the worst servo of a set: from corner to corner of its box, as slopes of the border point.
 
-    Where it has none: at all corners, if there are few, or at that where hunting goes on to the largest gain.
+    Where it has none: at all corners, if there are few, or at that where hunting goes on to the largest gain.  The
+    servo as given counts as well: of a border that does not rise all the way a corner may need less.
     """
     box = asked.box
     if not box:
@@ -316,8 +317,8 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
         if seen[corner].kind not in BORDERS:
             return math.nan
         waiting += ahead(seen[corner]) if seen[corner].moves else []
-    sizes = [at.size for at in seen.values()]
-    return max(sizes, key=lambda size: size * remedy.sense) if sizes else math.nan
+    sizes = [found.size, *(at.size for at in seen.values())]
+    return max(sizes, key=lambda size: size * remedy.sense) if seen else math.nan
 
 
 def _more(size: float, absent: float, factor: float, sense: int) -> float:
