@@ -10,6 +10,7 @@ positions that a computation comes upon, such as the gain J/(cm tau^2), may lie 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -164,6 +165,12 @@ def quoted(value: Any) -> str:
     except (ValueError, RecursionError):  # an integer of thousands of digits, or what is nested as deeply
         return "a value too long to be shown"
     return shortened(text)
+
+
+def with_point(text: Any) -> str:
+    """What a refused number should read, as the end of a message; "" where a comma is not what is wrong with it."""
+    comma = re.fullmatch(r"\s*([-+]?\d+),(\d+)\s*", str(text))
+    return f"; decimals take a point, {comma[1]}.{comma[2]}" if comma else ""
 
 
 def shortened(text: str) -> str:

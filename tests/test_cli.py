@@ -49,6 +49,7 @@ WRONG_EVERYWHERE = [
     (["--set", "gain=0.5"], ["unknown key 'gain'"]),
     (["--set", "friction.static"], ["--set 'friction.static': must have the form section.key=value"]),
     (["--set", "friction.static=high"], ["friction.static = 'high'", FINITE]),
+    (["--set", "friction.static=0,55"], ["friction.static = '0,55'", f"{FINITE}; decimals take a point, 0.55"]),
     (["--set", "friction.static=nan"], ["friction.static = nan", NOT_NAN]),
     (["--set", "friction.viscous=-inf"], ["friction.viscous = -inf", NOT_NAN]),
     (["--set", "servo.inertia=0"], ["servo.inertia = 0: must be greater than 0"]),
@@ -238,7 +239,7 @@ def test_no_diagram_without_hunting(capsys, tmp_path, words, models):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["orbit"], "gain: must be given, for example --gain 0.1"),
+        (["orbit"], "gain: must be given, for example --gain 0.1; 1 takes kp, ki and kd of a servo file"),
         (["loop"], "gain: must be given, for example --gain 0.1 --gain 0.4"),
         (["uncertainty"], "uncertainty: must be given, for example --uncertainty friction.toml"),
         (["simulate", "--gain", "0.1", "--plot", "a.txt"], "the name must end in .png or .pdf or .svg"),

@@ -250,9 +250,12 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
             fold = find_fold(servo, model, options=replace(options, tol=tol), start=met.orbit)
         except NoOrbit as error:
             _deny_proved(servo, model, gain, also)
+            leaves = "" if stable_loop(servo, gain) else (
+                "; the loop is unstable there without dry friction too (casahunt loop): are all units meant?"
+            )  # fmt: skip
             raise NoOrbit(
                 f"no hunting limit cycle of the {model} servo was found at gain {gain:g}, which does not prove that "
-                "there is none: the largest gain at which it hunts was not located either",
+                f"there is none: the largest gain at which it hunts was not located either{leaves}",
                 Status.NOT_FOUND, evidence=str(error),
             ) from None  # fmt: skip
         if abs(gain / fold.gain - 1) > 2 * fold.gain_error:

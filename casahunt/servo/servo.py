@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible
+from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible, with_point
 from ..errors import InputError
 from ..files import bounded
 from ..results import html_table
@@ -346,5 +346,5 @@ def assigned(assignments: Iterable[str], what: str, allowed: Iterable[str], form
         try:
             changes[key] = float(value)
         except ValueError:
-            raise InputError(f"{key} = {value!r}: must be a finite number") from None
+            raise InputError(f"{key} = {value!r}: must be a finite number{with_point(value)}") from None
     return changes

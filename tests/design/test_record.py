@@ -219,9 +219,16 @@ def test_bad_files(tmp_path, capsys, monkeypatch, content, words):
 
 def test_files_that_cannot_be_read(tmp_path, capsys):
     (tmp_path / "binary.csv").write_bytes(bytes(range(128, 256)))
-    for name, words in (("missing.csv", "no such file"), ("", "cannot be read"), ("binary.csv", "must be text")):
+    (tmp_path / "excel.csv").write_bytes("Zeit;Lage\n0;1\n".encode("utf-16"))
+    for name, words in (("missing.csv", "no such file"), ("", "cannot be read"), ("binary.csv", "must be text"),
+                        ("excel.csv", "must be text (UTF-8 or Windows-1252); save it as CSV")):  # fmt: skip
         code, out, err = run(capsys, tmp_path / name)
         assert (code, out) == (2, "") and words in err and err.count("\n") == 1
+
+
+def test_a_servo_file_in_the_place_of_the_record_is_told(tmp_path, capsys):
+    code, out, err = run(capsys, tmp_path / "servo.toml", tmp_path / "a.csv")
+    assert (code, out) == (2, "") and "is a servo file by its name; the record stands before it" in err
 
 
 # The command -----------------------------------------------------------------------------------------------

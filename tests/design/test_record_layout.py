@@ -22,7 +22,12 @@ FILES = {
     "german drive": (
         "Antrieb 7\nAufzeichnung vom 12.03.2024\n\nZeit [s];Drehzahl [rpm];Istlage [rad]\n",
         lambda t, y: f"{t:.4f};12,5;{y:.9f}".replace(".", ","),
-        {"position_column": "Istlage"},
+        {},
+    ),
+    "german scope": (
+        "Gerät;MSO 5\n\nZeit (ms);Sollposition (rad);Istposition (rad)\n",
+        lambda t, y: f"{1000 * t:.2f};0,3;{y:.9f}".replace(".", ","),
+        {},
     ),
     "scope": (SCOPE + "second,Volt,Volt\n", lambda t, y: f"{t:.4f},{3.5},{y:.9f}",
               {"time_column": "1", "position_column": "3", "position_unit": "rad"}),
@@ -37,14 +42,15 @@ FILES = {
 def test_samples_are_found(tmp_path, kind):
     head, line, asked = FILES[kind]
     path = tmp_path / "record.csv"
-    path.write_text(head + "\n".join(line(t, y) for t, y in zip(T, Y, strict=True)) + "\n")
+    path.write_text(head + "\n".join(line(t, y) for t, y in zip(T, Y, strict=True)) + "\n", encoding="cp1252")
     record = read_record(path, **asked)
     assert record.times == pytest.approx(T, abs=1e-9) and record.position == pytest.approx(Y, abs=1e-8)
     said = record.reading.sentence
-    assert ("commas taken as decimal signs" in said) == (kind in ("german drive", "status behind", FIRST))
-    assert ("of preamble" in said) == (kind in ("german drive", "scope", "tabs", "skipped"))
+    assert ("commas taken as decimal signs" in said) == (kind in (*GERMAN, "status behind", FIRST))
+    assert ("of preamble" in said) == (kind in (*GERMAN, "scope", "tabs", "skipped"))
 
 
+GERMAN = ("german drive", "german scope")
 FIRST = "blanks and decimal commas"
 
 
@@ -65,7 +71,7 @@ def test_what_was_left_out_is_counted(tmp_path):
 def test_a_column_that_is_not_there(tmp_path, asked, says):
     head, line, _ = FILES["german drive"]
     path = tmp_path / "record.csv"
-    path.write_text(head + "\n".join(line(t, y) for t, y in zip(T, Y, strict=True)))
+    path.write_text(head.replace("Istlage", "Kanal 2") + "\n".join(line(t, y) for t, y in zip(T, Y, strict=True)))
     with pytest.raises(InputError, match=says):
         read_record(path, **asked)
 

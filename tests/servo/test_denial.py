@@ -234,6 +234,15 @@ def test_a_proof_does_without_a_fold(monkeypatch):
     assert refused.value.status is not None
 
 
+def test_an_unstable_loop_is_told_where_no_cycle_is_found():
+    """An inertia in kg cm2: the poles of the loop without dry friction lie to the right."""
+    servo = Servo(inertia=260.0)
+    kp, kd, ki = servo.torque_gains(0.04)
+    assert np.roots([servo.inertia, servo.friction.viscous + kd, kp, ki]).real.max() > 0
+    with pytest.raises(NoOrbit, match="not located either; the loop is unstable there without dry friction too"):
+        find_orbit(servo, "switch", 0.04)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("branch", ["stable", "unstable"])
 def test_pure_coulomb_friction_below_is_not_found(branch, monkeypatch):

@@ -140,6 +140,24 @@ def test_what_fold_prints(capsys):
     assert stable["beyond"] == "none" and stable["gain"] == stable["ranges"][-1][1] < stable["seen"] < 15.98
 
 
+def test_what_fold_prints_of_gains_in_between(capsys):
+    """From 8.962 to 9.306 V/rad: simulated motions that start next to the cycle end in it below, and leave it there."""
+    values = {
+        "servo.inertia": 0.004, "servo.motor_gain": 1.8, "controller.kp": 2.0, "controller.ki": 12.0,
+        "controller.kd": 0.06, "friction.static": 0.22, "friction.coulomb": 0.16, "friction.viscous": 0.004,
+    }  # fmt: skip
+    words = [f"--set={key}={value!r}" for key, value in values.items()]
+    assert cli.main(["fold", "--quiet", *words]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "up to 8.962 V/rad motions end in a cycle; from there to 9.306 V/rad swings that reach farther to one" in out
+    verdicts = []
+    for gain, amplitude in ((8.9, 0.000668), (9.2, 0.0006445)):
+        assert cli.main(["simulate", "--quiet", "--json", *words, f"--gain={gain}",
+                         f"--position={1 + amplitude}"]) == 0  # fmt: skip
+        verdicts.append(json.loads(capsys.readouterr().out)["verdict"])
+    assert verdicts == ["hunting", "at rest"]
+
+
 @pytest.mark.slow
 def test_what_tune_prints(capsys):
     """The margin is above the larger gain, that of any cycle."""

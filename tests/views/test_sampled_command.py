@@ -82,6 +82,14 @@ def test_a_sample_time_of_zero_is_the_continuous_loop(capsys, built):
     assert code == 0 and found["type"] == "Trajectory" and found["period"] == pytest.approx(2.4942, rel=1e-4)
 
 
+def test_a_long_pattern_has_the_time_to_and_fro_beside_its_period(capsys, built):
+    """docs/howto/as_built.md: swings of 1.19, 1.29, 1.17 and 1.13 s repeat at 0.209 Hz; to and fro is half of that."""
+    _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 40, "--quiet")
+    found = re.search(r"period +(\S+) s \(of 4 swings, to and\s+fro in (\S+) s\)", out)
+    assert float(found[1]) == pytest.approx(1.19 + 1.29 + 1.17 + 1.13, abs=0.02)
+    assert float(found[2]) == pytest.approx(float(found[1]) / 2, rel=1e-3)
+
+
 def test_its_lines_name_cause_and_cure(capsys, built):
     _, out, _ = run(capsys, "simulate", built, "--gain", 4.458, "--time", 200, "--quiet")
     text = " ".join(out.split())
@@ -106,6 +114,8 @@ def test_table_and_picture(capsys, tmp_path, built):
     (("--derivative", "filterd"), "did you mean 'filtered'?"),
     (("--dead-band", 0.1, "--hysteresis", 0.1), "dead_band and hysteresis exclude each other"),
     (("--encoder", "many"), "drive.encoder = 'many': must be a finite number"),
+    (("--leak", "0,5"), "drive.leak = '0,5': must be a finite number; decimals take a point, 0.5"),
+    (("--sample-time", 0, "--dead-band", 0.01), "dead-band: must be left out, it is of the loop as built, and"),
     (("--regularised",), "regularised: must be left out"),
     (("--bristle", "1e-6"), "bristle = 1e-06: must be 0 with the model 'switch'"),
     (("--time", "1e6"), "between 1 and 5000000 samples"),

@@ -35,6 +35,7 @@ from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times
 from ...servo.servo import Servo
+from ..record.waveform import swings_of
 from .likelihood import Noise
 from .torque import term, torque_of
 
@@ -78,6 +79,11 @@ class Data:
     shape: Array
     name: str
     torque: Array | None = None
+
+    @property
+    def swings(self) -> int:
+        """In a period, 2 of a plain cycle."""
+        return swings_of(self.shape, self.amplitude)
 
     @property
     def size(self) -> float:

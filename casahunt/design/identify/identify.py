@@ -37,7 +37,7 @@ from .judgement import Judgement, further_gain, judged, untold
 from .likelihood import Noise
 from .noise import with_noise
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
-from .suitable import of_few_steps, suitable
+from .suitable import in_a_pattern, of_few_steps, suitable
 from .torque import residual
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
@@ -344,6 +344,8 @@ def _elsewhere(question: Question) -> tuple[Point, list[Noise]] | None:
 
     Raises InputError: another gain explains them, and the one that is stated does not from there either.
     """
+    if any(data.swings > 2 for data in question.records):
+        return None  # no gain makes a cycle of such a pattern
     other = gain_that_fits(question)
     if other is None:
         return None
@@ -381,6 +383,8 @@ def _cut_off(data: Data, end: float, beyond: float) -> Exception:
 def _what_else(data: Data) -> str:
     """What to look at where no cycle fits."""
     encoder = of_few_steps(data.amplitude, data.quantum)
+    if not encoder and data.swings > 2:
+        return f"it {in_a_pattern(data.swings)}"
     return (f"suspect {encoder}" if encoder else "are gain, servo and units right?") + maybe_cut_off(data)
 
 

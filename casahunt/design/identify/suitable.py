@@ -47,6 +47,14 @@ def _moves(record: Record) -> bool:
     return float(np.ptp(record.position)) > MOVED_STEPS * smallest > 0
 
 
+def in_a_pattern(swings: int) -> str:
+    """What to suspect where a record repeats only after more swings than the two of a cycle."""
+    return (
+        f"repeats only after {swings} swings, the cycle of the model after 2: suspect the encoder, whose counts make "
+        "such patterns (casahunt simulate --encoder); record more counts of amplitude, at a lower gain"
+    )
+
+
 def of_few_steps(amplitude: float, quantum: float) -> str:
     """The encoder as what is to be suspected; "" where its steps are not seen, or are small."""
     if not quantum or amplitude >= ENCODER_BORDER * quantum:

@@ -1,6 +1,7 @@
 """What to suspect where a record hunts at another frequency than the model, by what the record shows.
 
 encoder     its steps are seen, and the amplitude is less than `ENCODER_BORDER` of them
+a pattern   to and fro it takes the time of the model, but repeats only after more swings than two, as counts make it
 friction    with other values, which the record tells, the model explains it
 the loop    with none it does: a filter or a delay in it, or its sampling
 """
@@ -15,7 +16,7 @@ from ...servo.problem import HuntingOrbit
 from ...servo.servo import flatten
 from ...servo.units import unit_of
 from .identify import Identification
-from .suitable import of_few_steps
+from .suitable import in_a_pattern, of_few_steps
 
 FAR_FREQUENCY = 0.1
 """Relative difference of the frequencies from which something is to be suspected: friction is known no better."""
@@ -27,13 +28,13 @@ MOST_SUSPECTS = 2
 
 
 def suspicion(
-    orbit: HuntingOrbit, period: float, amplitude: float, quantum: float, step: float,
+    orbit: HuntingOrbit, period: float, amplitude: float, quantum: float, step: float, swings: int,
     fit: Callable[[], Identification],
 ) -> str:  # fmt: skip
     """The sentence that says what to suspect; "" where the frequency is about that of the model.
 
     orbit: of the servo as given; period [s], amplitude, quantum [rad] of the record, step [s] between its
-    samples; fit: of the model to it.
+    samples, swings in its period; fit: of the model to it.
     """
     ratio = orbit.period / period
     if abs(math.log(ratio)) < math.log1p(FAR_FREQUENCY):
@@ -41,6 +42,9 @@ def suspicion(
     far = f"the frequency is {ratio:.3g} times that of the servo as given, {1 / orbit.period:.4g} Hz: suspect"
     if encoder := of_few_steps(amplitude, quantum):
         return f"{far} {encoder}"
+    if swings > 2 and abs(math.log(ratio * swings / 2)) < math.log1p(FAR_FREQUENCY):
+        mean = 2 * period / swings
+        return f"to and fro it takes {mean:.4g} s in the mean, about as predicted, but it {in_a_pattern(swings)}"
     try:
         found: Identification | None = fit()
     except (NoOrbit, InputError):

@@ -35,7 +35,9 @@ shortest lines that can be samples are fifty million and take 2.3 GB."""
 QUANTITIES: tuple[Quantity, ...] = ("time", "angle")
 """Of the first two columns that are read."""
 _TIME = frozenset(("time", "t", "timestamp", "zeit"))
-_POSITION = frozenset(("position", "pos", "theta", "θ", "angle", "phi", "φ"))
+_POSITION = frozenset(
+    ("position", "pos", "theta", "θ", "angle", "phi", "φ", "istposition", "lage", "istlage", "winkel", "istwinkel")
+)
 _NOT_MEASURED = frozenset(
     "d ref reference set setpoint target des desired cmd command demand error err dot velocity vel speed rate".split()
 )
@@ -139,20 +141,37 @@ def read_record(
         None if position_unit is None else parsed_unit("angle", position_unit, what="position-unit"),
     )
     wanted = torque_wanted(torque_column, current_column, torque_constant)
-    read = bounded(path, name, LARGEST_RECORD)
-    try:
-        head = _head(read, name, skip or 0)
-        columns = _columns(name, head, time_column, position_column)
-        if wanted is not None:
-            columns += (column_of(name, *wanted, head.header, len(head.header or head.first)),)
-        torque = None if wanted is None else torque_read(wanted[0], columns[2], head.header, torque_constant, name)
-        reading = _reading(name, head, columns, units, torque)
-        values = _samples(read, name, head, columns)
-    except UnicodeDecodeError:
-        raise InputError(f"{name}: must be text (UTF-8)") from None
+    read = _as_utf8(bounded(path, name, LARGEST_RECORD), name)
+    head = _head(read, name, skip or 0)
+    columns = _columns(name, head, time_column, position_column)
+    if wanted is not None:
+        columns += (column_of(name, *wanted, head.header, len(head.header or head.first)),)
+    torque = None if wanted is None else torque_read(wanted[0], columns[2], head.header, torque_constant, name)
+    reading = _reading(name, head, columns, units, torque)
+    values = _samples(read, name, head, columns)
     with np.errstate(over="ignore", under="ignore"):  # Record refuses what comes of it
         t, y = values[:, 0] * reading.time.unit.factor, values[:, 1] * reading.position.unit.factor
         return Record(t, y, name, reading, None if torque is None else values[:, 2] * torque.unit.factor)
+
+
+def _as_utf8(read: bytes, name: str) -> bytes:
+    """Text in UTF-8, also that of instruments which write by the Western code page of Windows, such as an umlaut.
+
+    Raises InputError: no text.
+    """
+    if read.isascii():
+        return read
+    try:
+        read.decode()
+        return read
+    except UnicodeDecodeError:
+        pass
+    try:
+        if b"\0" not in read:
+            return read.decode("cp1252").encode()
+    except UnicodeDecodeError:
+        pass
+    raise InputError(f"{name}: must be text (UTF-8 or Windows-1252); save it as CSV")
 
 
 def _reading(

@@ -36,6 +36,8 @@ NOISE_SHARE = 0.01
 """Error of a point of the shape, in units of the amplitude, above which more samples are used."""
 CAP = 0.05
 """Depth of the caps that peaks are fitted to, in units of the amplitude."""
+SIDE = 0.25
+"""Distance from the level, in units of the amplitude, from which the position is on one side of it."""
 FEWEST_PLACES = 4
 """Phases that a parabola needs."""
 TRIM, TRIMS = 3.0, 4
@@ -168,6 +170,15 @@ def shape_of(folded: Folded) -> tuple[Array, Array, float]:
             break
         count = more
     return grid, shape, noise
+
+
+def swings_of(shape: Array, amplitude: float) -> int:
+    """Swings in a period, 2 in a plain cycle: how often the position goes over from one side of its level to the other.
+
+    shape, amplitude: of the waveform [rad].
+    """
+    sides = np.sign(shape[np.abs(shape) > SIDE * amplitude])
+    return int(np.count_nonzero(sides != np.roll(sides, 1)))
 
 
 def _smoothed(phi: Array, values: Array, grid: Array, count: int) -> Array:

@@ -51,10 +51,10 @@ class Cure(Result):
         freeze), or the factors where it is unstable.
     moves : by how much the size moves, relatively, with a relative change of each parameter of the loop, such as static
         friction; {} where the border is no fold.
-    worst_size : the largest border found among servos of an uncertain one, at corners of its box to which the slopes of
-        the border point, from corner to corner, or where there are no slopes the size with which motions end at all of
-        them, in `unit`; nan where none was asked for, or found.  A servo inside of the box that is worse than those may
-        exist.
+    worst_size : the largest border found among servos of an uncertain one, as it is given and at corners of its box to
+        which the slopes of the border point, from corner to corner, or where there are no slopes the size with which
+        motions end at all of them, in `unit`; nan where none was asked for, or found.  A servo inside of the box that
+        is worse than those may exist.
     why : a sentence: why it is not seen to end hunting, or why it was not found.
     followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.

@@ -276,7 +276,8 @@ def _misfit(loop: Loop, remedy: Remedy) -> str:
 def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
     """The size for the worst servo of a set: from corner to corner of its box, as slopes of the border point.
 
-    Where it has none: with which motions end at all corners.
+    Where it has none: with which motions end at all corners.  The servo as given counts as well: of a border that does
+    not rise all the way a corner may need less.
     """
     box = asked.box
     if not box:
@@ -293,7 +294,7 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
         if at.kind not in BORDERS:
             return math.nan
         seen[corner] = at
-    return max((at.size for at in seen.values()), key=lambda size: size * remedy.sense)
+    return max((found.size, *(each.size for each in seen.values())), key=lambda size: size * remedy.sense)
 
 
 def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:

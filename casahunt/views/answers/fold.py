@@ -54,8 +54,11 @@ def _hunts(stable: Mapping[str, Any]) -> str:
     if stable["gain"] is None:
         return "up to which gain motions end in a cycle is not known"
     if stable["beyond"] == "fold":
-        apart = "" if len(stable["ranges"]) == 1 else "; in between, swings may reach farther to one side"
-        return f"up to that gain motions end in a cycle{apart}"
+        (_, first), *others = stable["ranges"]
+        if not others:
+            return "up to that gain motions end in a cycle"
+        between = f"from there to {short(others[-1][0])} V/rad swings that reach farther to one side may take its place"
+        return f"up to {short(first)} V/rad motions end in a cycle; {between}"
     return f"up to {short(stable['gain'])} V/rad motions end in a cycle; {ABOVE_THE_STABLE[stable['beyond']]}"
 
 

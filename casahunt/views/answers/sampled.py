@@ -40,6 +40,8 @@ def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
         counts = f", {verdict.amplitude / q:.3g} counts; the reading moves over {high - low}" if q else ""
         yield item("amplitude", f"{angle(verdict.amplitude)}, half of its largest swing{counts}")
         of = "mean of two swings" if not verdict.pattern else f"of {verdict.pattern} swings"
+        if verdict.pattern > 2:
+            of += f", to and fro in {short(verdict.mean_period)} s"
         yield item("period", f"{short(verdict.period)} s ({of}), frequency {short(1 / verdict.period)} Hz")
     if cause is not None:
         yield item("cause", f"{cause.kind}: {cause.sentence}")

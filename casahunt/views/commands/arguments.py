@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from ...checks import choice_of, quoted, sensible, shortened
+from ...checks import choice_of, quoted, sensible, shortened, with_point
 from ...errors import InputError
 from ...orbits import Options
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive, drive_of_table
@@ -113,6 +113,7 @@ class Parser(argparse.ArgumentParser):
             example = " ".join(self._examples[name] for name in names if name in self._examples)
             text = f"{', '.join(name.lstrip('-') for name in names)}: must be given"
             text += f", for example {example}" if example else ""
+            text += "; 1 takes kp, ki and kd of a servo file as they stand" if "--gain" in names else ""
         raise InputError(f"{text} (see {self.prog} --help)")
 
 
@@ -346,7 +347,7 @@ def finite(key: str, text: Any) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{key} = {quoted(text)}: must be a finite number") from None
+        raise InputError(f"{key} = {quoted(text)}: must be a finite number{with_point(text)}") from None
     if not math.isfinite(value):
         raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
     return value

@@ -132,7 +132,7 @@ def suspected(options: argparse.Namespace, found: Identification) -> str:
     except NoOrbit:
         return ""
     step = float(np.median(np.diff(data.times)))
-    return suspicion(given, data.period, data.amplitude, data.quantum, step, lambda: found)
+    return suspicion(given, data.period, data.amplitude, data.quantum, step, data.swings, lambda: found)
 
 
 def texts_of(found: Identification) -> dict[str, str]:

@@ -31,7 +31,8 @@ from ...design.identify.identify import Identification, identify
 from ...design.identify.suspect import suspicion
 from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measured
-from ...errors import NoOrbit
+from ...design.record.waveform import swings_of
+from ...errors import InputError, NoOrbit
 from ...export import columns_from
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
@@ -77,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line or the record is wrong.
     """
+    if options.file.endswith(".toml"):
+        raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
     model = model_of(options)
     gain = None if options.gain is None else positive("gain", options.gain)
     set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
@@ -124,7 +127,8 @@ def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -
         tell(stream, "far from the predicted frequency: looking for a friction that explains the record")
         return identify([record], orbit.servo, orbit.gain, orbit.model, advise=False)
 
-    return suspicion(orbit, m.period, m.amplitude, m.quantum, float(np.median(np.diff(record.times))), fit)
+    step = float(np.median(np.diff(record.times)))
+    return suspicion(orbit, m.period, m.amplitude, m.quantum, step, swings_of(m.shape, m.amplitude), fit)
 
 
 def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:

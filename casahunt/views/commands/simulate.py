@@ -26,6 +26,7 @@ import numpy as np
 from ... import effort
 from ...checks import error_text, moderate
 from ...errors import InputError
+from ...servo.drive import DRIVE_KEYS
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
@@ -74,6 +75,9 @@ def run(options: argparse.Namespace) -> int:
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     drive = drive_of(options, by_options=True)
+    if drive is None and options.sample_time is not None:
+        of_drive_alone = (key for key in DRIVE_KEYS if key != "sample_time")
+        left_out(options, "it is of the loop as built, and --sample-time 0 is the continuous one", *of_drive_alone)
     if loop is not None:
         if drive is not None:
             raise InputError("sample-time: must be left out, of a loop of parts only the continuous motion is computed")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from command_line import one_json, run
@@ -11,6 +13,7 @@ from casahunt.design.identify.identify import _what_else, data_of
 from casahunt.design.identify.suitable import suitable
 from casahunt.design.identify.suspect import suspicion
 from casahunt.design.record.measure import measure
+from casahunt.design.record.waveform import swings_of
 from casahunt.servo.servo import flatten
 from scripts.peers.hunting_record import measured, positions
 
@@ -37,7 +40,7 @@ def sampled(servo, gain, drive, time, step, noise=0.0):
 def of(servo, gain, record, **how):
     seen, orbit = measure(record), find_orbit(servo, "switch", gain)
     step = float(np.median(np.diff(record.times)))
-    return suspicion(orbit, seen.period, seen.amplitude, seen.quantum, step,
+    return suspicion(orbit, seen.period, seen.amplitude, seen.quantum, step, swings_of(seen.shape, seen.amplitude),
                      lambda: identify([record], servo, gain, advise=False, **how))  # fmt: skip
 
 
@@ -60,6 +63,22 @@ def test_steps_of_an_encoder(capsys, tmp_path):
     assert "suspect the encoder" in _what_else(data_of(record, suitable(record), 1.0))
     with pytest.raises(InputError, match="suspect the encoder"):  # and what a fit leaves is not taken for noise
         identify([record], AS_BUILT, 1.0, advise=False)
+
+
+def test_a_pattern_of_an_encoder_whose_steps_are_not_seen():
+    """The same drive, its position measured apart from its encoder: 4 swings in a period, as its verdict says."""
+    motion = simulate_sampled(AS_BUILT, 1.0, Drive(sample_time=1e-3, encoder=2000), time=60.0)
+    t = np.arange(15.0, 60.0, 0.01)
+    record = Record(t, np.interp(t, motion.times, motion.states[0]) + 1.0, "made")
+    seen = measure(record)
+    assert swings_of(seen.shape, seen.amplitude) == motion.verdict.pattern == 4 and seen.quantum == 0
+    said = of(AS_BUILT, 1.0, record)
+    mean = float(re.match(r"to and fro it takes (\S+) s in the mean, about as predicted, but", said)[1])
+    assert mean == pytest.approx(motion.verdict.mean_period, rel=1e-3)  # a tenth of its samples' distance
+    assert "repeats only after 4 swings" in said and "suspect the encoder" in said
+    with pytest.raises(InputError, match="it repeats only after 4 swings") as refusal:  # and no gain that would fit
+        identify([record], AS_BUILT, 1.0, advise=False)
+    assert "times that gain" not in str(refusal.value)
 
 
 def test_another_friction(capsys, tmp_path):
@@ -91,13 +110,13 @@ def test_coarse_samples_are_told():
     def refused():
         raise InputError("none")
 
-    said = suspicion(orbit, seen.period, seen.amplitude, seen.quantum, 0.1, refused)
+    said = suspicion(orbit, seen.period, seen.amplitude, seen.quantum, 0.1, 2, refused)
     assert "samples are 0.1 s apart, 0.7" in said
 
 
 def test_nothing_is_suspected_where_the_frequency_is_about_right(capsys, tmp_path):
     orbit = find_orbit(Servo(), "switch", GAIN)
-    assert suspicion(orbit, 0.95 * orbit.period, 0.05, 0.04, 0.01, lambda: 1 / 0) == ""
+    assert suspicion(orbit, 0.95 * orbit.period, 0.05, 0.04, 0.01, 2, lambda: 1 / 0) == ""
     t = np.arange(0.0, 6 * orbit.period, orbit.period / 200)
     path = written(tmp_path / "record.csv", Record(t, positions(Servo(), "switch", GAIN, orbit.amplitude, t), "made"))
     code, out, _ = run(capsys, "record", path, "--gain", GAIN, "--quiet", "--json")

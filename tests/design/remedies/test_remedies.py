@@ -8,7 +8,19 @@ import pytest
 from peer_support import needs
 from stick_map_support import border, stick_map
 
-from casahunt import InputError, NoOrbit, Options, Pid, Servo, Uncertainty, find_fold, find_orbit, margins, remedies
+from casahunt import (
+    Friction,
+    InputError,
+    NoOrbit,
+    Options,
+    Pid,
+    Servo,
+    Uncertainty,
+    find_fold,
+    find_orbit,
+    margins,
+    remedies,
+)
 from casahunt.design.remedies import remedies as module
 from casahunt.design.remedies.border import MOTIONS_KNOW
 from casahunt.design.remedies.cures import Cure
@@ -108,6 +120,18 @@ def test_what_is_recommended_is_more_than_the_worst_servo_needs():
     found = row("dead band", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}), margin=0.2)
     assert found.recommended == pytest.approx(1.2 * found.worst_size, rel=1e-12) and found.worst_size > found.size
     assert found.recommended_rest_error == found.recommended and found.keeps_it_ended
+
+
+def test_the_servo_as_given_is_one_of_its_set():
+    """Both ends of its Stribeck velocity need a smaller dead band, 0.01017 and 0.0103 rad, than it does, 0.01041."""
+    friction = Friction(static=0.22, coulomb=0.16, stribeck_velocity=0.02, viscous=0.004)
+    servo = Servo(inertia=0.004, motor_gain=1.8, controller=Pid(kp=2, ki=12, kd=0.06), friction=friction)
+    ends = Uncertainty({"friction.stribeck_velocity": (0.005, 0.08)})
+    found = remedies(servo, "switch", 1.0, only=["dead band"], uncertainty=ends).remedies[0]
+    for end in (0.005, 0.08):
+        other = servo.replace(**{"friction.stribeck_velocity": end})
+        assert found.size > remedies(other, "switch", 1.0, only=["dead band"]).remedies[0].size
+    assert found.worst_size == found.size and found.recommended == pytest.approx(1.1 * found.size, rel=1e-12)
 
 
 @pytest.mark.slow
