@@ -112,9 +112,10 @@ def test_help_fits_and_is_explained(capsys, monkeypatch, command):
     assert ", required" not in text
 
 
+AS_IT_STANDS = "1 takes kp, ki and kd of a servo file as they stand"
 REQUIRED = [
-    ("orbit", [], "gain", "--gain 0.1"),
-    ("loop", [], "gain", "--gain 0.1 --gain 0.4"),
+    ("orbit", [], "gain", f"--gain 0.1; {AS_IT_STANDS}"),
+    ("loop", [], "gain", f"--gain 0.1 --gain 0.4; {AS_IT_STANDS}"),
     ("fold-curve", ["--vary", "friction.static"], "from, to", "--from 0.5 --to 0.6"),
     ("fold-map", [], "vary, and", "--vary friction.static 0.5 0.6 --and servo.inertia 0.02 0.03"),
     ("uncertainty", [], "uncertainty", "--uncertainty friction.toml"),

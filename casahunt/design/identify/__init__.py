@@ -11,8 +11,8 @@ matched.py    friction with which one swing is that of a record
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood
 judgement.py  misfit, what a record cannot tell, which further one would
-best.py       the likeliest model of all starts, and whether another gain explains records
 clipped.py    positions that are cut off at an end
+best.py       the likeliest model of all starts, and whether another gain, or a cut, explains records
 suitable.py   records that can be fitted
 identify.py   all of it: `identify`
 suspect.py    what to suspect where a record hunts at another frequency

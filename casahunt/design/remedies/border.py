@@ -50,7 +50,7 @@ multipliers 1e20, while motions tell in a second where hunting ends."""
 MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 3e5, 2e5
 """Work (effort.py), ten seconds of a processor or less, after which the same holds: with a bristle a cycle may take
 long; and after which a motion, which usually takes a quarter of it if it hunts, is taken to do so."""
-STRIDE, MOTIONS_KNOW = 0.2, 1e-3
+FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
 MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
 """Where they start besides, at rest, in amplitudes of a cycle."""
@@ -159,7 +159,7 @@ def end_of_motions(loop: Loop, remedy: Remedy, cycle: Orbit, size: float, last: 
     A motion that hunts is handed on to the next size, which is as near as it must be: those that start beside it leave
     hunting for good before it ends.
     """
-    at, rests, stride = size, size, STRIDE
+    at, rests, stride = size, size, FIRST_MORE
     swing = _hunting(with_remedy(loop, remedy, at), _Swing(on_the_cycle(cycle), cycle.amplitude, cycle.period))
     while swing is not None and stride > MOTIONS_KNOW:
         trial = more_of(remedy, at, 1 + stride)
