@@ -6,6 +6,8 @@ So where inertia matters a wrong gain is seen, and where it does not any gain ex
 wrong by the same factor: then positions do not tell.  It is the gain that does not fit where no friction explains a
 record, and one does once the motor gain, with which all torque goes, is free too; where the same model with F/c
 explains it at the gain as it is stated, that is what the starts have missed.
+
+And it is positions that are cut off, where a model explains all samples but those at the ends, and goes beyond these.
 """
 
 from __future__ import annotations
