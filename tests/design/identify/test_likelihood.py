@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from casahunt.design.identify.intervals import student_95
-from casahunt.design.identify.likelihood import Noise, likeliest, log_phi
+from casahunt.design.identify.likelihood import FINE_COUNTS, Noise, likeliest, log_phi
 
 
 def test_the_logarithm_of_the_normal_distribution():
@@ -46,6 +46,14 @@ def test_noise_and_information_of_draws(sigma):
     assert likeliest(y, x, 1.0, 1.0).sigma == pytest.approx(sigma, rel=0.03)
     noise = Noise(sigma, 1.0)
     assert np.mean(noise.slopes(y, x).score ** 2) == pytest.approx(noise.information(x).mean(), rel=0.05)
+
+
+def test_noise_far_above_the_counts_is_that_of_their_sum():
+    """The sum over all counts goes on up to there; beyond it would be one over a million for the decimals of a file."""
+    x = np.linspace(0.0, 1.0, 9)
+    below, above = (Noise(factor * FINE_COUNTS, 1.0) for factor in (1 - 1e-9, 1 + 1e-9))
+    assert above.information(x) == pytest.approx(below.information(x), rel=2e-6)
+    assert Noise(1e6, 1.0).information(x) == pytest.approx(1e-12, rel=1e-9)
 
 
 @pytest.mark.parametrize("freedom", [5, 20, 1000])
