@@ -47,7 +47,7 @@ the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
 MOST_CYCLES = 300
 """Orbits after which cycles are followed no further: where slips all but stop half-way, steps become ever smaller, and
 multipliers 1e20, while motions tell in a second where hunting ends."""
-MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 3e5, 2e5
+MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 3e5, 1e5
 """Work (effort.py), ten seconds of a processor or less, after which the same holds: with a bristle a cycle may take
 long; and after which a motion, which usually takes a quarter of it if it hunts, is taken to do so."""
 FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
@@ -154,7 +154,8 @@ class _Swing:
 
 
 def end_of_motions(loop: Loop, remedy: Remedy, cycle: Orbit, size: float, last: float) -> float | None:
-    """The size from which on no motion hunts, from one on, which it is if none does there; None: one does at the last.
+    """The size from which on no motion hunts, from one on, which it is if none does there; None: one does at the last
+    size, or is too unclear to be handed on.
 
     A motion that hunts is handed on to the next size, which is as near as it must be: those that start beside it leave
     hunting for good before it ends.
@@ -166,7 +167,7 @@ def end_of_motions(loop: Loop, remedy: Remedy, cycle: Orbit, size: float, last: 
         further = _hunting(with_remedy(loop, remedy, trial), swing)
         if further is None:
             rests, stride = trial, stride / 2
-        elif remedy.sense * (trial - last) > 0:
+        elif rests == size and (further is swing or remedy.sense * (trial - last) > 0):
             return None
         else:
             at, swing = trial, further
@@ -174,7 +175,10 @@ def end_of_motions(loop: Loop, remedy: Remedy, cycle: Orbit, size: float, last: 
 
 
 def _hunting(loop: Loop, before: _Swing) -> _Swing | None:
-    """The motion that hunts from a state on another one, or from rest beside it; None where all rest or decay."""
+    """The motion that hunts from a state on another one, or from rest beside it; None where all rest or decay.
+
+    One that is unclear is taken to hunt: then it is the one before that is handed on.
+    """
     beside = (loop.at_rest(-part * before.amplitude) for part in MOTION_STARTS)
     for start in (before.state, *beside):
         try:
