@@ -9,6 +9,7 @@ from casahunt import Controller, Friction, Options, Servo, effort, find_orbit, r
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies.border import TURN_KNOWN
+from casahunt.servo.parts import REMEDIES
 
 
 class Branch:
@@ -102,3 +103,25 @@ def test_where_cycles_are_followed_no_further_motions_tell_the_border(monkeypatc
     assert exact.kind == "fold" and seen.kind == "motions" and seen.ends_hunting
     assert seen.size == pytest.approx(exact.size, rel=2 * border.MOTIONS_KNOW)
     assert seen.size_error == pytest.approx(border.MOTIONS_KNOW * seen.size) and "on as motions" in seen.why
+
+
+def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
+    """One that ends there already, at a size beyond, or not up to the last one; and one that is unclear from the start,
+    which would run away, and unclear on the way, which is taken to hunt."""
+    leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
+    cycle = type("Cycle", (), {"amplitude": 1.0, "period": 1.0})
+    monkeypatch.setattr(border, "with_remedy", lambda loop, remedy, size: size)
+    monkeypatch.setattr(border, "on_the_cycle", lambda cycle: {})
+
+    def end(hunts, unclear=lambda size: False):
+        def hunting(size, before):
+            return None if not hunts(size) else before if unclear(size) else border._Swing({}, 1.0, 1.0)
+
+        monkeypatch.setattr(border, "_hunting", hunting)
+        return border.end_of_motions(None, leak, cycle, 1.0, 10.0)
+
+    assert end(lambda size: False) == 1.0
+    assert end(lambda size: size < 3.7) == pytest.approx(3.7, rel=2 * border.MOTIONS_KNOW)
+    assert end(lambda size: True) is None
+    assert end(lambda size: size < 3.7, lambda size: size > 1.1) is None
+    assert end(lambda size: size < 3.7, lambda size: size > 3.6) == pytest.approx(3.7, rel=2 * border.MOTIONS_KNOW)
