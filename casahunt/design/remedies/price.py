@@ -2,7 +2,8 @@
 
     task        a step of 1 rad from rest: x1 = -1, all other states zero
     peak        the largest |torque| of the motor on it [N m], and the voltage [V]
-    settling    the time from which on |x1| stays within the error at rest, or within `SETTLED_WITHIN` of the step [s]
+    settling    the time from which on |x1| stays within the error at rest, or within `SETTLED_WITHIN` of the step and
+                half of the amplitude of the hunting that is to end [s]
     verdict     of motions from several starts: they come to rest, decay below the cycle that was, hunt, or grow
 """
 
@@ -118,6 +119,11 @@ def verdict(loop: Loop, amplitude: float, period: float, starts: Sequence[float]
                key=BY_SEVERITY.index)  # fmt: skip
 
 
+def settled_within(hunting: float) -> float:
+    """The error within which the step has settled, if it may rest with none [rad]; hunting: the amplitude before."""
+    return min(SETTLED_WITHIN * TASK_STEP, LEFT_BEHIND_AT * hunting)
+
+
 @dataclass(frozen=True)
 class Task:
     """The step: its peak torque [N m], nan where it was not followed or grows; settling time [s], nan where it has not
@@ -128,9 +134,12 @@ class Task:
     verdict: Verdict
 
 
-def task(loop: Loop, amplitude: float, period: float, rest_error: float) -> Task:
-    """The step of 1 rad from rest; rest_error: the largest at rest; nan where that is not known: then this step's."""
-    within = float(np.fmax(rest_error, SETTLED_WITHIN * TASK_STEP))
+def task(loop: Loop, amplitude: float, period: float, rest_error: float, hunting: float) -> Task:
+    """The step of 1 rad from rest; rest_error: the largest at rest; nan where that is not known: then this step's.
+
+    hunting: the amplitude of what is to end [rad]: a servo that still hunts, or has that error, has not settled.
+    """
+    within = float(np.fmax(rest_error, settled_within(hunting)))
     ended = fate(loop, loop.at_rest(-TASK_STEP), amplitude, period, within)
     if ended.verdict in ("undecided", "grows"):
         return Task(math.nan, math.nan, ended.verdict)

@@ -121,7 +121,7 @@ def remedies(
             if progress is not None:
                 progress(rows[-1])
     loop, orbit = asked.loop, asked.orbit
-    rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0).peak_torque, orbit))
+    rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0, orbit.amplitude).peak_torque, orbit))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
     return Cures(loop, asked.model, loop.value("gain"), orbit.amplitude, orbit.period, tuple(rows), best, margin)
 
@@ -229,7 +229,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     mended = with_remedy(loop, remedy, recommended)
     corners = _rests(remedy, recommended, numbers)
     rest, rests = (_largest(at) for at in (_rests(remedy, size, numbers), corners))
-    step = task(mended, last.amplitude, last.period, rests)
+    step = task(mended, last.amplitude, last.period, rests, asked.orbit.amplitude)
     linear = linear_margins(mended)
     return Cure(
         remedy.name, remedy.unit, found.kind, size, found.error, recommended,

@@ -19,7 +19,7 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
-from ...design.remedies.price import ENDED, SETTLED_WITHIN, TASK_STEP
+from ...design.remedies.price import ENDED, SETTLED_WITHIN, TASK_STEP, settled_within
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError
@@ -281,8 +281,9 @@ def remedy_lines(
         )  # fmt: skip
         yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
         yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size"
-        within = f"{100 * SETTLED_WITHIN:g} % of the step, or the error at rest"
-        yield f"  settles in     from then on the error of that step stays within {within}"
+        small = settled_within(found.amplitude) < SETTLED_WITHIN * TASK_STEP
+        within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the step"
+        yield f"  settles in     from then on the error of that step stays within {within}, or the error at rest"
         yield "  order          the cheapest first: error at rest, torque and settling time together"
         own = [f"{row.name}: {OWN[row.name]}" for row in ending if row.name in OWN]
         if own:
