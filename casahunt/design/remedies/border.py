@@ -47,8 +47,8 @@ the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
 MOST_CYCLES = 300
 """Orbits after which cycles are followed no further: where slips all but stop half-way, steps become ever smaller, and
 multipliers 1e20, while motions tell in a second where hunting ends."""
-MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 3e5, 1e5
-"""Work (effort.py), ten seconds of a processor or less, after which the same holds: with a bristle a cycle may take
+MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 1e6, 1e5
+"""Work (effort.py), half a minute of a processor or less, after which the same holds: with a bristle a cycle may take
 long; and after which a motion, which usually takes a quarter of it if it hunts, is taken to do so."""
 FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
