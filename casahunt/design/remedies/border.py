@@ -52,6 +52,9 @@ MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 1e6, 1e5
 long; and after which a motion, which usually takes a quarter of it if it hunts, is taken to do so."""
 FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
+MOTIONS_ERROR = 0.02
+"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late; folds of Table 1
+were met to 3e-4 to 1.2e-3, that of integral action, from far off, to 0.017."""
 MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
 """Where they start besides, at rest, in amplitudes of a cycle."""
 
@@ -141,7 +144,7 @@ def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit])
     if size is None or size == at:
         return None
     why = f"{_went(way[0].problem.value(remedy.size), at, remedy)}, on as motions"
-    return Border("motions", size, MOTIONS_KNOW * abs(size), way[0], cycle, {}, why)
+    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why)
 
 
 @dataclass(frozen=True)

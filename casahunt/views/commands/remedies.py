@@ -336,7 +336,7 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     if not row.keeps_it_ended:
         yield f"    {_not_kept(row)}"
     if row.kind == "motions":
-        yield "    as simulated motions show it, to 1 in 1000; its cycles could not be followed so far"
+        yield "    as simulated motions show it, to about 2 %; its cycles could not be followed so far"
     if of_a_set:
         worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
         yield f"    the worst servo of the set: {worst}"

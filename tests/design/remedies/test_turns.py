@@ -102,7 +102,7 @@ def test_where_cycles_are_followed_no_further_motions_tell_the_border(monkeypatc
     seen = remedies(Servo(), "switch", 0.1, only=[name]).remedies[0]
     assert exact.kind == "fold" and seen.kind == "motions" and seen.ends_hunting
     assert seen.size == pytest.approx(exact.size, rel=2 * border.MOTIONS_KNOW)
-    assert seen.size_error == pytest.approx(border.MOTIONS_KNOW * seen.size) and "on as motions" in seen.why
+    assert seen.size_error == pytest.approx(border.MOTIONS_ERROR * seen.size) and "on as motions" in seen.why
 
 
 def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
