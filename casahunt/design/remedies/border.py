@@ -53,8 +53,8 @@ long; and after which a motion, which usually takes a quarter of it if it hunts,
 FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
 MOTIONS_ERROR = 0.02
-"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late; folds of Table 1
-were met to 3e-4 to 1.2e-3, that of integral action, from far off, to 0.017."""
+"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late; folds of
+Table 1 were met to 3e-4 to 1.2e-3, that of integral action, from far off, to 0.017."""
 MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
 """Where they start besides, at rest, in amplitudes of a cycle."""
 
