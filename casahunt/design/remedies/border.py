@@ -47,14 +47,18 @@ the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
 MOST_CYCLES = 300
 """Orbits after which cycles are followed no further: where slips all but stop half-way, steps become ever smaller, and
 multipliers 1e20, while motions tell in a second where hunting ends."""
-MOST_WORK_OF_A_BORDER, MOST_WORK_OF_A_LOOK = 1e6, 1e5
+MOST_WORK_OF_A_BORDER = 1e6
 """Work (effort.py), half a minute of a processor or less, after which the same holds: with a bristle a cycle may take
-long; and after which a motion, which usually takes a quarter of it if it hunts, is taken to do so."""
+long."""
+MOST_WORK_OF_A_MOTION = 1e6
+"""After which a motion is taken to hunt; one that does takes half of it or less."""
 FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
 MOTIONS_ERROR = 0.02
 """Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late; folds of
 Table 1 were met to 3e-4 to 1.2e-3, that of integral action, from far off, to 0.017."""
+HUNTS_UP_TO = 50.0
+"""So many times as large as before a motion may hunt: next to its border the cycle of another servo may be small."""
 MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
 """Where they start besides, at rest, in amplitudes of a cycle."""
 
@@ -184,11 +188,8 @@ def _hunting(loop: Loop, before: _Swing) -> _Swing | None:
     """
     beside = (loop.at_rest(-part * before.amplitude) for part in MOTION_STARTS)
     for start in (before.state, *beside):
-        try:
-            with effort.at_most(MOST_WORK_OF_A_LOOK):
-                seen = fate(loop, start, before.amplitude, before.period)
-        except effort.PartGivenUp:
-            return before
+        with effort.at_most(MOST_WORK_OF_A_MOTION):
+            seen = fate(loop, start, before.amplitude, before.period, outgrown=HUNTS_UP_TO)
         if seen.verdict == "hunts":
             late = seen.times >= seen.times[-1] / 2
             t, x = seen.times[late], seen.position[late] - np.ptp(seen.position[late]) / 2 - seen.position[late].min()

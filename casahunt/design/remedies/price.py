@@ -16,6 +16,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
+from ... import effort
 from ...errors import NoOrbit
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import LoopMotion, loop_motion
@@ -38,6 +39,8 @@ ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its largest value is zero."""
 SHORTEST_LOOK = 1e-3
 """The shortest look, as a part of the time between two: of a motion that cannot be followed for the whole of it."""
+MOST_WORK_OF_A_LOOK = 1e5
+"""Work (effort.py) of a look, some four times what one with a bristle takes that hunts."""
 OUTGROWN_BY = 2.0
 """A motion that is so many times as large as at its start and as the cycle grows."""
 STARTS_BESIDE = (1.0, 3.0)
@@ -57,22 +60,27 @@ class Fate:
     end: dict[str, float]
 
 
-def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, within: float = math.inf) -> Fate:
+def fate(
+    loop: Loop, start: dict[str, float], amplitude: float, period: float, within: float = math.inf,
+    outgrown: float = OUTGROWN_BY,
+) -> Fate:  # fmt: skip
     """A motion, followed from look to look until it rests, or is left behind by the cycle and smaller than `within`.
 
-    amplitude, period: of the cycle at the border.
+    amplitude, period: of the cycle at the border; outgrown: one that is so many times as large grows.
     """
     state, sizes = loop.state(**start), None
     mode, place = loop.mode_at(**state), loop.system.states.index("x1")
     window, began, peak, verdict = LOOKED_PERIODS * period, 0.0, 0.0, "hunts"
     times, positions = [np.zeros(1)], [np.array([state["x1"]])]
-    largest, length = OUTGROWN_BY * max(abs(state["x1"]), amplitude), window
+    largest, length = outgrown * max(abs(state["x1"]), amplitude), window
     for _ in range(MOST_WINDOWS):
+        if sizes is not None and _over(state, sizes, amplitude):
+            verdict = "decays"
+            break
         try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
             seen, length = _look(loop, length, window, {"start": state, "mode": mode, "sizes": sizes})
-        except NoOrbit:
-            rounding = sizes is not None and abs(state["x2"]) <= RESTS_WITHIN * sizes["x2"]
-            verdict = "decays" if rounding and abs(state["x1"]) <= RESTS_WITHIN * amplitude else "undecided"
+        except (NoOrbit, effort.PartGivenUp):
+            verdict = "undecided"
             break
         motion, position = seen.motion, seen.states[place]
         peak = max(peak, float(np.abs(seen.torque).max()))
@@ -88,16 +96,22 @@ def fate(loop: Loop, start: dict[str, float], amplitude: float, period: float, w
     return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak, end)
 
 
+def _over(state: dict[str, float], sizes: dict[str, float], amplitude: float) -> bool:
+    """Whether a motion has come to the set point: what it does next is rounding, and takes for ever to follow."""
+    return abs(state["x1"]) <= RESTS_WITHIN * amplitude and abs(state["x2"]) <= RESTS_WITHIN * sizes["x2"]
+
+
 def _look(loop: Loop, length: float, window: float, how: dict[str, Any]) -> tuple[LoopMotion, float]:
     """A motion and how long it was followed: where it cannot be for so long, half as long, or half of that.
 
     A slip that creeps to the set point ends in rounding, in which events can no more be told from one another.
-    Raises NoOrbit: not even for the shortest time.
+    Raises NoOrbit, effort.PartGivenUp: not even for the shortest time.
     """
     while True:
         try:
-            return loop_motion(loop, length, **how, tol=MOTION_TOLERANCE), length
-        except NoOrbit:
+            with effort.at_most(MOST_WORK_OF_A_LOOK):
+                return loop_motion(loop, length, **how, tol=MOTION_TOLERANCE), length
+        except (NoOrbit, effort.PartGivenUp):
             length /= 2
             if length < SHORTEST_LOOK * window:
                 raise

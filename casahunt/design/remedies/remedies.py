@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -55,6 +55,8 @@ LARGER_SIZES = (1.5, 2.0, 3.0)
 RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
                       DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
 """Parts with which a loop rests where the plain servo does."""
+MOST_FOR_THE_WORST = 10.0
+"""By how much more of a remedy than the servo as given needs the worst of a set may need, for it to be sought."""
 MOST_CORNERS, MOST_UNCERTAIN = 4, 6
 """Corners of an uncertain servo at which the border is computed, where slopes lead to the next one; and parameters that
 may be uncertain where all corners are looked at."""
@@ -282,6 +284,7 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
     box = asked.box
     if not box:
         return math.nan
+    remedy = _no_farther(asked, remedy, more_of(remedy, found.size, MOST_FOR_THE_WORST))
     if not found.moves:
         return _worst_by_motions(asked, remedy, found)
     seen: dict[tuple[float, ...], Border] = {}
@@ -295,6 +298,12 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
             return math.nan
         seen[corner] = at
     return max((found.size, *(each.size for each in seen.values())), key=lambda size: size * remedy.sense)
+
+
+def _no_farther(asked: _Asked, remedy: Remedy, size: float) -> Remedy:
+    """The remedy, its border sought up to a size only."""
+    last = size / asked.scales.of(remedy, asked.loop)
+    return replace(remedy, last=min(last, remedy.last, key=lambda each: each * remedy.sense))
 
 
 def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:

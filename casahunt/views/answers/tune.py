@@ -68,7 +68,8 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
             f"{after[0]['start']} takes {_peak(after[0])}, before {_peak(now['tasks'][0])}",
         )
     yield item("why not less", ", ".join(BINDS.get(name, name) for name in record["binding"]) or "nothing")
-    yield item("checked", f"{check['result']}, in ways that the search for it did not use")
+    which = "the continuous loop is " if unless(record) else ""
+    yield item("checked", f"{which}{check['result']}, in ways that the search for it did not use")
     yield item("linear loop", _loops(check))
     yield item("simulated", f"it {_tasks(check['tasks'])}")
     if record["before"] is not None:

@@ -304,7 +304,11 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
     if by_options:
         given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key)) is not None}
     numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in given.items()}
-    if not table and not numbers or numbers.get("sample_time") == 0:
+    if numbers.get("sample_time") == 0:
+        if dropped := [f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time"]:
+            say(progress(options), f"the loop is taken as a continuous one: {', '.join(dropped)} left out")
+        return None
+    if not table and not numbers:
         return None
     return drive_of_table(table, **numbers)
 

@@ -269,10 +269,11 @@ def remedy_lines(
             yield ROW.format(*words).rstrip()
         for row in ending:
             yield from _row(row, of_a_set)
+    others = [row for row in found.remedies if not row.ends_hunting]
+    if ending and others:
         yield ""
-    for row in found.remedies:
-        if not row.ends_hunting:
-            yield f"  {row.name:17s}  {_why_not(row)}"
+    for row in others:
+        yield f"  {row.name:17s}  {_why_not(row)}"
     if ending:
         yield ""
         yield "  ends it        the smallest size that does, or where less is more the largest"
