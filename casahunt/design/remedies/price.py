@@ -75,7 +75,7 @@ def fate(
     largest, length = outgrown * max(abs(state["x1"]), amplitude), window
     for _ in range(MOST_WINDOWS):
         if sizes is not None and _over(state, sizes, amplitude):
-            verdict = "decays"
+            verdict = "rests"
             break
         try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
             seen, length = _look(loop, length, window, {"start": state, "mode": mode, "sizes": sizes})
