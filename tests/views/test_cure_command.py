@@ -90,9 +90,12 @@ def test_bounds_that_a_record_does_not_have_are_told(cured):
     assert not list(command._unbounded(SimpleNamespace(bounded=True)))
     assert "not every interval is bounded" in next(command._unbounded(SimpleNamespace(bounded=False)))
     assert said["bounded"] and "do not bound" not in page and "<span class=good>the model explains" in page
+    assert "may be too little" not in page
     said["bounded"], said["identified"]["explained"] = False, False
+    said["remedies"]["remedies"][0]["worst_size"] = None
     page = cure_page(said, {"fit": b""})
     assert "do not bound every parameter" in page and "<span class=bad>the model does not explain" in page
+    assert "may be too little" in page
     assert 'alt="the model does not explain the records"' in page
     assert "of the amplitude is left" in page and "misfit" not in page  # which is 9 of a fit that explains too
 

@@ -14,7 +14,7 @@ from matplotlib import image
 
 from casahunt.design.remedies.cures import Cure
 from casahunt.views.commands.output import LINE_WIDTH, MEANINGS
-from casahunt.views.commands.remedies import advice_of, none_within
+from casahunt.views.commands.remedies import NOT_FOR_THE_WORST, _row, advice_of, none_within
 
 GAIN = ("remedies", "--gain", 0.04)
 BAND, LEAK = 0.0433457242337, 0.246844841
@@ -112,6 +112,11 @@ def test_the_worst_servo_of_a_set(capsys, tmp_path):
     code, out, _ = run(capsys, *GAIN, "--only", "dead band", "--quiet", "--uncertainty", path)
     worst = re.search(r"the worst servo of the set: ([\d.]+) rad", out)
     assert code == 0 and worst and float(worst[1]) > BAND
+
+
+def test_a_worst_servo_without_a_size_says_for_whom_the_size_to_choose_is():
+    row = Cure("leak", "1/s", "fold", 1.0, 1e-9, 1.1, beyond=(1.1,), stays=("rests",), worst_size=math.nan)
+    assert any(f"the worst servo of the set: {NOT_FOR_THE_WORST}" in line for line in _row(row, True))
 
 
 REFUSED = [

@@ -65,6 +65,8 @@ OWN = {"gain": "K", "derivative": "kd", "integral": "ki"}
 """Remedies that are numbers of the controller, and which."""
 ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
+NOT_FOR_THE_WORST = "not found; the size to choose is for the values as given"
+"""What is said of the worst servo of a set where no size was found for it."""
 HEADINGS = (
     ("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles"),
     ("", "", "", "", "", "rest, rad", "step, N m", "in, s"),
@@ -339,7 +341,7 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     if row.kind == "motions":
         yield "    as simulated motions show it, to about 2 %; its cycles could not be followed so far"
     if of_a_set:
-        worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else "not found"
+        worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else NOT_FOR_THE_WORST
         yield f"    the worst servo of the set: {worst}"
 
 
