@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal, cast
@@ -45,8 +46,8 @@ BRANCH_TOLERANCES = (1e-9, 1e-10, 1e-8, 1e-7)
 """Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
 the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
 MOST_CYCLES = 300
-"""Orbits after which cycles are followed no further: where slips all but stop half-way, steps become ever smaller, and
-multipliers 1e20, while motions tell in a second where hunting ends."""
+"""Orbits after which cycles are followed no further (most borders take 4 to 74): where slips all but stop
+half-way, steps become ever smaller, and multipliers 1e20, while motions tell in a second where hunting ends."""
 MOST_WORK_OF_A_BORDER = 1e6
 """Work (effort.py), half a minute of a processor or less, after which the same holds: with a bristle a cycle may take
 long."""
@@ -63,6 +64,20 @@ MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
 """Where they start besides, at rest, in amplitudes of a cycle."""
 
 
+@dataclass(frozen=True)
+class Swing:
+    """A state on a motion that hunts, its amplitude [rad] and period [s]."""
+
+    state: dict[str, float]
+    amplitude: float
+    period: float
+
+    @classmethod
+    def of(cls, cycle: Orbit) -> Swing:
+        """That of a cycle."""
+        return cls(on_the_cycle(cycle), cycle.amplitude, cycle.period)
+
+
 @dataclass(frozen=True, eq=False)
 class Border:
     """Where hunting ends.
@@ -74,6 +89,7 @@ class Border:
     first, orbit : the first and the last cycle; None where not even the first was computed.
     moves : by how much the size moves with other parameters of the loop; {} where it is no fold.
     why : a sentence, where it is no fold.
+    swing : the last motion that hunts, where motions show it.
     """
 
     kind: Kind
@@ -83,6 +99,7 @@ class Border:
     orbit: SystemOrbit | None
     moves: dict[str, float]
     why: str = ""
+    swing: Swing | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,49 +161,47 @@ def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit])
     i = bisect_left(outwards, True, hi=len(outwards) - 1, key=lambda orbit: not orbit.stable)
     cycle = outwards[max(i - 1, 0)]
     at = cycle.problem.value(remedy.size)
-    size = end_of_motions(loop, remedy, cycle, at, last)
-    if size is None or size == at:
+    found = end_of_motions(loop, remedy, Swing.of(cycle), at, last)
+    if found is None or found[0] == at:
         return None
+    size, swing = found
     why = f"{_went(way[0].problem.value(remedy.size), at, remedy)}, on as motions"
-    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why)
+    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why, swing)
 
 
-@dataclass(frozen=True)
-class _Swing:
-    """A state on a motion that hunts, its amplitude [rad] and period [s]."""
-
-    state: dict[str, float]
-    amplitude: float
-    period: float
-
-
-def end_of_motions(loop: Loop, remedy: Remedy, cycle: Orbit, size: float, last: float) -> float | None:
-    """The size from which on no motion hunts, from one on, which it is if none does there; None: one does at the last
-    size, or is too unclear to be handed on.
+def end_of_motions(
+    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, starts: Sequence[float] = MOTION_STARTS
+) -> tuple[float, Swing] | None:
+    """The size from which on no motion hunts, from one on, which it is if none does there, and the last that does;
+    None: one does at the last size, or is too unclear to be handed on.
 
     A motion that hunts is handed on to the next size, which is as near as it must be: those that start beside it leave
-    hunting for good before it ends.
+    hunting for good before it ends.  swing: one to begin with; starts: where others start besides, at rest, in
+    amplitudes.
     """
     at, rests, stride = size, size, FIRST_MORE
-    swing = _hunting(with_remedy(loop, remedy, at), _Swing(on_the_cycle(cycle), cycle.amplitude, cycle.period))
-    while swing is not None and stride > MOTIONS_KNOW:
+    further = _hunting(with_remedy(loop, remedy, at), swing, starts)
+    if further is None:
+        return size, swing
+    swing = further
+    while stride > MOTIONS_KNOW:
         trial = more_of(remedy, at, 1 + stride)
-        further = _hunting(with_remedy(loop, remedy, trial), swing)
+        further = _hunting(with_remedy(loop, remedy, trial), swing, starts)
         if further is None:
             rests, stride = trial, stride / 2
         elif rests == size and (further is swing or remedy.sense * (trial - last) > 0):
             return None
         else:
             at, swing = trial, further
-    return rests
+    return rests, swing
 
 
-def _hunting(loop: Loop, before: _Swing) -> _Swing | None:
+def _hunting(loop: Loop, before: Swing, starts: Sequence[float]) -> Swing | None:
     """The motion that hunts from a state on another one, or from rest beside it; None where all rest or decay.
 
     One that is unclear is taken to hunt: then it is the one before that is handed on.
     """
-    beside = (loop.at_rest(-part * before.amplitude) for part in MOTION_STARTS)
+    beside = (loop.at_rest(-part * before.amplitude) for part in starts)
     for start in (before.state, *beside):
         with effort.at_most(MOST_WORK_OF_A_MOTION):
             seen = fate(loop, start, before.amplitude, before.period, outgrown=HUNTS_UP_TO)
@@ -195,7 +210,7 @@ def _hunting(loop: Loop, before: _Swing) -> _Swing | None:
             t, x = seen.times[late], seen.position[late] - np.ptp(seen.position[late]) / 2 - seen.position[late].min()
             ups = t[1:][(x[:-1] < 0) & (x[1:] >= 0)]
             period = float(np.diff(ups).mean()) if ups.size > 1 else before.period
-            return _Swing(seen.end, float(np.ptp(x)) / 2, period)
+            return Swing(seen.end, float(np.ptp(x)) / 2, period)
         if seen.verdict not in ENDED:
             return before
     return None

@@ -35,6 +35,8 @@ RESTS_WITHIN = 1e-7
 BY_SEVERITY: tuple[Verdict, ...] = ("rests", "decays", "undecided", "hunts", "grows")
 ENDED: tuple[Verdict, ...] = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
+STOOD_PERIODS = 0.5
+"""And one of which no state moves for so many periods: where a hunting one is stuck, the integrator winds."""
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its largest value is zero."""
 SHORTEST_LOOK = 1e-3
@@ -74,9 +76,6 @@ def fate(
     times, positions = [np.zeros(1)], [np.array([state["x1"]])]
     largest, length = outgrown * max(abs(state["x1"]), amplitude), window
     for _ in range(MOST_WINDOWS):
-        if sizes is not None and _over(state, sizes, amplitude):
-            verdict = "rests"
-            break
         try:  # states are measured as at first: of one that has come to rest nothing but rounding is left
             seen, length = _look(loop, length, window, {"start": state, "mode": mode, "sizes": sizes})
         except (NoOrbit, effort.PartGivenUp):
@@ -91,14 +90,26 @@ def fate(
         if length == window and (told := _told(position, amplitude, largest, within)) is not None:
             verdict = told
             break
+        if _over(seen, state, sizes, amplitude, period):
+            verdict = "rests"
+            break
     small = {name: ROUNDING_OF_A_STATE * size for name, size in (sizes or {}).items()}  # of zero, would slip
     end = {name: value if abs(value) > small.get(name, 0.0) else 0.0 for name, value in state.items()}
     return Fate(cast(Verdict, verdict), np.concatenate(times), np.concatenate(positions), peak, end)
 
 
-def _over(state: dict[str, float], sizes: dict[str, float], amplitude: float) -> bool:
-    """Whether a motion has come to the set point: what it does next is rounding, and takes for ever to follow."""
-    return abs(state["x1"]) <= RESTS_WITHIN * amplitude and abs(state["x2"]) <= RESTS_WITHIN * sizes["x2"]
+def _over(
+    seen: LoopMotion, state: dict[str, float], sizes: dict[str, float], amplitude: float, period: float
+) -> bool:
+    """Whether a motion has come to the set point, or no state of it has moved of late.
+
+    What it does next is rounding, in which events crowd: it takes for ever to follow.
+    """
+    before = int(np.searchsorted(seen.times, seen.times[-1] - STOOD_PERIODS * period, "right")) - 1
+    of_late = seen.states[:, max(before, 0) :]
+    stands = np.all(np.ptp(of_late, axis=1) <= RESTS_WITHIN * np.array([sizes[name] for name in state]))
+    there = abs(state["x1"]) <= RESTS_WITHIN * amplitude and abs(state["x2"]) <= RESTS_WITHIN * sizes["x2"]
+    return bool(stands or there)
 
 
 def _look(loop: Loop, length: float, window: float, how: dict[str, Any]) -> tuple[LoopMotion, float]:

@@ -41,6 +41,7 @@ from .border import (
     MOTIONS_KNOW,
     Border,
     Scales,
+    Swing,
     border,
     end_of_motions,
     more_of,
@@ -48,7 +49,7 @@ from .border import (
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
-from .price import ENDED, LOOKED_PERIODS, MOST_WINDOWS, task, verdict
+from .price import ENDED, LOOKED_PERIODS, MOST_WINDOWS, STARTS_BESIDE, task, verdict
 
 LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
@@ -308,14 +309,17 @@ def _no_farther(asked: _Asked, remedy: Remedy, size: float) -> Remedy:
 
 def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:
     """The size with which motions end at all corners of the box; nan where these are too many, or one hunts on."""
-    size, last, cycle = found.size, remedy.last * asked.scales.of(remedy, asked.loop), found.orbit or asked.orbit
+    size, last = found.size, remedy.last * asked.scales.of(remedy, asked.loop)
+    swing = found.swing or Swing.of(found.orbit or asked.orbit)
     if len(asked.box) > MOST_UNCERTAIN:
         return math.nan
     for corner in product(*asked.box.values()):
-        more = end_of_motions(asked.at(corner), remedy, cycle, more_of(remedy, size, 1 - MOTIONS_KNOW), last)
+        begin = more_of(remedy, size, 1 - MOTIONS_KNOW)
+        more = end_of_motions(asked.at(corner), remedy, swing, begin, last, STARTS_BESIDE)
         if more is None:
             return math.nan
-        size = max(size, more, key=lambda each: each * remedy.sense)
+        if more[0] * remedy.sense > size * remedy.sense:
+            size, swing = more
     return size
 
 

@@ -43,16 +43,16 @@ def test_a_look_that_takes_too_long_is_a_shorter_one(monkeypatch):
     assert price.fate(loop, loop.at_rest(-0.1), cycle.amplitude, cycle.period).verdict == "undecided"
     assert np.allclose(np.divide(lengths[1:], lengths[:-1]), 0.5)
     assert lengths[0] == 2 * cycle.period and lengths[-1] < 3 * price.SHORTEST_LOOK * lengths[0]
-    before = border._Swing(loop.at_rest(-0.1), cycle.amplitude, cycle.period)
-    assert border._hunting(loop, before) is before
+    before = border.Swing(loop.at_rest(-0.1), cycle.amplitude, cycle.period)
+    assert border._hunting(loop, before, (1.0,)) is before
 
 
 def test_a_cycle_that_is_much_larger_than_before_is_hunting():
     """As next to the border of a servo the cycle of a worse one is: to a verdict on a remedy it grows."""
     servo = Servo()
     cycle, loop = find_orbit(servo, "switch", 0.1), loop_of(servo, "switch", 0.1)
-    small = border._Swing(loop.at_rest(-0.25 * cycle.amplitude), cycle.amplitude / 10, cycle.period)
-    seen = border._hunting(loop, small)
+    small = border.Swing(loop.at_rest(-0.25 * cycle.amplitude), cycle.amplitude / 10, cycle.period)
+    seen = border._hunting(loop, small, (1.0,))
     assert seen is not small and seen.amplitude == pytest.approx(cycle.amplitude, rel=0.01)
     grows = price.fate(loop, loop.at_rest(-0.25 * cycle.amplitude), cycle.amplitude / 10, cycle.period)
     assert grows.verdict == "grows"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from casahunt import Controller, Friction, Options, Servo, effort, find_orbit, remedies
+from casahunt import Controller, Friction, Options, Servo, Uncertainty, effort, find_orbit, remedies
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies.border import TURN_KNOWN
@@ -105,20 +105,35 @@ def test_where_cycles_are_followed_no_further_motions_tell_the_border(monkeypatc
     assert seen.size_error == pytest.approx(border.MOTIONS_ERROR * seen.size) and "on as motions" in seen.why
 
 
+def test_motions_tell_the_worst_servo_as_folds_do(monkeypatch):
+    """Its size is 13 % beyond that of the servo as given: motions go on from the last one that hunts there."""
+    uncertain = Uncertainty({"friction.static": (0.52, 0.54), "friction.viscous": (0.095, 0.105)})
+
+    def asked():
+        return remedies(Servo(), "switch", 0.1, only=["derivative"], uncertainty=uncertain).remedies[0]
+
+    exact = asked()
+    monkeypatch.setattr(border, "MOST_WORK_OF_A_BORDER", 1500)
+    seen = asked()
+    assert exact.kind == "fold" and seen.kind == "motions"
+    assert seen.worst_size == pytest.approx(exact.worst_size, rel=border.MOTIONS_ERROR)
+    assert seen.worst_size > 1.1 * seen.size
+
+
 def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     """One that ends there already, at a size beyond, or not up to the last one; and one that is unclear from the start,
     which would run away, and unclear on the way, which is taken to hunt."""
     leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
-    cycle = type("Cycle", (), {"amplitude": 1.0, "period": 1.0})
+    first = border.Swing({}, 1.0, 1.0)
     monkeypatch.setattr(border, "with_remedy", lambda loop, remedy, size: size)
-    monkeypatch.setattr(border, "on_the_cycle", lambda cycle: {})
 
     def end(hunts, unclear=lambda size: False):
-        def hunting(size, before):
-            return None if not hunts(size) else before if unclear(size) else border._Swing({}, 1.0, 1.0)
+        def hunting(size, before, starts):
+            return None if not hunts(size) else before if unclear(size) else border.Swing({}, 1.0, 1.0)
 
         monkeypatch.setattr(border, "_hunting", hunting)
-        return border.end_of_motions(None, leak, cycle, 1.0, 10.0)
+        found = border.end_of_motions(None, leak, first, 1.0, 10.0)
+        return found and found[0]
 
     assert end(lambda size: False) == 1.0
     assert end(lambda size: size < 3.7) == pytest.approx(3.7, rel=2 * border.MOTIONS_KNOW)
