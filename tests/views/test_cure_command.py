@@ -110,6 +110,17 @@ def test_a_fold_that_is_not_found_says_so(capsys, record, monkeypatch):
     assert code == 0 and one_json(out)["fold"] == {"gain": None, "worst": None, "refused": "nothing there"}
 
 
+@pytest.mark.parametrize(("step", "name"), [("find_fold", "fold"), ("worst_corner", "uncertainty")])
+def test_a_fold_that_takes_too_long_is_left_to_its_own_command(capsys, record, monkeypatch, step, name):
+    """Remedies are what is asked for."""
+    monkeypatch.setattr(command, step, lambda *a, **k: command.effort.problem(int(command.MOST_WORK_BESIDE) + 1))
+    words = "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--quiet", "--json"
+    code, out, _ = run(capsys, *words)
+    fold = one_json(out)["fold"]
+    assert code == 0 and fold["worst"] is None and (fold["gain"] is None) is (name == "fold")
+    assert f"casahunt {name} looks longer" in fold["refused"]
+
+
 @pytest.mark.parametrize(("words", "says"), [
     (("--only", "brake"), "unknown remedy 'brake'"), (("--max-error", "-1"), "max_error = -1"),
     (("--free", "friction.stiction"), "friction.static"), (("--gain", "0"), "gain"),
