@@ -49,6 +49,15 @@ ROOT_OPTIONS = {
     "ipopt.acceptable_iter": 2,
 }
 """Options of a root."""
+FOLD_OPTIONS = {
+    # Where the equations are lost next to a fold, restoring them leads nowhere; ten steps are the rule.
+    "ipopt.max_resto_iter": 0,
+    "ipopt.max_iter": 20,
+}
+"""Options of a largest parameter."""
+FAR = 2.0
+"""How far from its start an unknown of a largest parameter may go, in units of itself or of its scale: far outside
+MUMPS takes ever more memory for its pivots, and minutes for a step."""
 
 MINIMUM_OPTIONS = {
     "ipopt.max_iter": 100,
@@ -78,7 +87,7 @@ def _ipopt_solver(t: Transcription, goal: Literal["root", "fold"]) -> ca.Functio
         nu, options = ca.MX.sym("nu", t.size + 1), IPOPT_OPTIONS | ROOT_OPTIONS
     else:
         data, rows, jacobian, nu = g.data, g.residual, g.jacobian, g.nu
-        hessian, objective, options = lagrangian_hessian(t, g), -g.z[t.size], IPOPT_OPTIONS
+        hessian, objective, options = lagrangian_hessian(t, g), -g.z[t.size], IPOPT_OPTIONS | FOLD_OPTIONS
     jac_g = ca.Function("jac_g", [g.z, data], [rows, jacobian], ["x", "p"], ["g", "jac"])
     hess_lag = ca.Function(
         "hess_lag", [g.z, data, ca.MX.sym("lam_f"), nu], [hessian], ["x", "p", "lam_f", "lam_g"], ["hess_gamma_x_x"]
@@ -118,6 +127,9 @@ def _run_ipopt(
     solver = _ipopt_solver(t, goal)
     lower, upper = np.full(t.size + 1, -np.inf), np.full(t.size + 1, np.inf)
     lower[t.size - t.phases : t.size] = 0.0
+    if goal == "fold":
+        far = FAR * np.maximum(1.0, np.abs(z))
+        lower, upper = np.maximum(lower, z - far), z + far
     lower[-1], upper[-1] = -freedom, freedom
     found, stats = _call(
         solver,
