@@ -55,7 +55,7 @@ FOLD_OPTIONS = {
     "ipopt.max_iter": 20,
 }
 """Options of a largest parameter."""
-FAR = 2.0
+FARTHEST_FROM_START = 2.0
 """How far from its start an unknown of a largest parameter may go, in units of itself or of its scale: far outside
 MUMPS takes ever more memory for its pivots, and minutes for a step."""
 
@@ -128,7 +128,7 @@ def _run_ipopt(
     lower, upper = np.full(t.size + 1, -np.inf), np.full(t.size + 1, np.inf)
     lower[t.size - t.phases : t.size] = 0.0
     if goal == "fold":
-        far = FAR * np.maximum(1.0, np.abs(z))
+        far = FARTHEST_FROM_START * np.maximum(1.0, np.abs(z))
         lower, upper = np.maximum(lower, z - far), z + far
     lower[-1], upper[-1] = -freedom, freedom
     found, stats = _call(

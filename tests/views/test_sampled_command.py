@@ -125,6 +125,11 @@ def test_refusals(capsys, built, words, said):
     assert code == 2 and not out and said in err and err.count("\n") == 1
 
 
+def test_what_the_continuous_loop_leaves_out_is_told(capsys, built):
+    code, out, err = run(capsys, "simulate", built, "--gain", 1, "--time", 3, "--sample-time", 0)
+    assert code == 0 and "as built" not in out and "taken as a continuous one: drive.encoder left out" in err
+
+
 def test_without_a_sample_time_nothing_is_as_built(capsys):
     code, _, err = run(capsys, "simulate", "--gain", 1, "--encoder", 2000)
     assert code == 2 and "drive.sample_time: must be given" in err
@@ -181,6 +186,7 @@ def test_a_gain_that_hunts_as_built_is_not_recommended_alone(capsys, built):
     assert code == 1 and "does not do alone in the loop as built" in err
     first = " ".join(out.split("\n  hunting")[0].split())
     assert first.endswith("V/rad, but not alone: in the loop as built it hunts there, see below")
+    assert "the continuous loop is verified" in " ".join(out.split())
     code, out, err = run(capsys, "tune", built, "--quiet", "--set", "drive.dead_band=0.01")
     assert code == 0 and "but not alone" not in out and not err
 

@@ -305,12 +305,10 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
         given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key)) is not None}
     numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in given.items()}
     if numbers.get("sample_time") == 0:
-        if dropped := [f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time"]:
-            say(progress(options), f"the loop is taken as a continuous one: {', '.join(dropped)} left out")
+        dropped = ", ".join(f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time")
+        say(progress(options) if dropped else None, f"the loop is taken as a continuous one: {dropped} left out")
         return None
-    if not table and not numbers:
-        return None
-    return drive_of_table(table, **numbers)
+    return drive_of_table(table, **numbers) if table or numbers else None
 
 
 def _tables(options: argparse.Namespace) -> dict[str, Any]:

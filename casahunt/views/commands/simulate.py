@@ -74,10 +74,10 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("step: must be left out without --csv")
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
-    drive = drive_of(options, by_options=True)
-    if drive is None and options.sample_time is not None:
+    if options.sample_time is not None and finite("sample-time", options.sample_time) == 0:
         of_drive_alone = (key for key in DRIVE_KEYS if key != "sample_time")
         left_out(options, "it is of the loop as built, and --sample-time 0 is the continuous one", *of_drive_alone)
+    drive = drive_of(options, by_options=True)
     if loop is not None:
         if drive is not None:
             raise InputError("sample-time: must be left out, of a loop of parts only the continuous motion is computed")

@@ -22,7 +22,9 @@ FURTHER = (
     "pictures. The files <a href='servo.toml'>servo.toml</a> and <a href='friction.toml'>friction.toml</a> are beside "
     "this page; all numbers are in <a href='cure.json'>cure.json</a>."
 )
-ALONE = "<p>Where the worst servo has no size, the size to choose is for the values as found: it may be too little.</p>"
+FOR_THE_VALUES_ONLY = (
+    "<p>Where the worst servo has no size, the size to choose is for the values as found: it may be too little.</p>"
+)
 
 
 def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
@@ -52,7 +54,7 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         f"{p.text('fold/refused')}</p>",
         *([f"<h2>What ends it at gain {p.with_unit('gain', GAIN_UNIT, '.6g')}, the cheapest first</h2>",
            table(list(HEAD), [_row(p, i) for i in ending])] if ending else ["<p>No remedy was found.</p>"]),
-        *([ALONE] if any(rows[i]["worst_size"] is None for i in ending) else []),
+        *([FOR_THE_VALUES_ONLY] if any(rows[i]["worst_size"] is None for i in ending) else []),
         f"<p>{FURTHER}</p>",
     ])  # fmt: skip
 
