@@ -7,7 +7,7 @@ import json
 import pytest
 
 from casahunt import Servo, cli, effort, find_orbit, simulate
-from casahunt.effort import GivenUp, PartGivenUp, counting_work
+from casahunt.effort import GivenUp, counting_work
 
 SIMULATE = ["simulate", "--gain", "0.04", "--time", "20"]
 UNSTABLE = ["orbit", "--model", "lugre", "--gain", "0.1", "--branch", "unstable"]
@@ -94,10 +94,3 @@ def test_a_part_may_take_so_much_and_counts_for_the_whole():
         assert (whole.work, whole.problems) == (26, 2)
         with pytest.raises(GivenUp, match=r"work of 3.6e\+01"), effort.at_most(50):
             effort.problem(10)
-
-
-def test_a_part_of_a_part_is_given_up_as_one():
-    """Where the outer one is at its end, too: only the whole gives up the whole."""
-    with counting_work(None, limit=100), effort.at_most(10):
-        with pytest.raises(PartGivenUp), effort.at_most(20):
-            effort.problem(11)

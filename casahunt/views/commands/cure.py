@@ -57,7 +57,7 @@ FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"ca
 """What --out writes, and what stands in each."""
 MOST_WORK_BESIDE = 2e5
 """Work (effort.py) after which it is left to the commands made for it: it is not what is asked for here, and takes a
-tenth of that, or less, where it is found soon."""
+quarter of that, or less, where it is found soon."""
 FOLD_SHOWN = 1e-4
 """Relative error to which fold gains are shown: friction from a record is known far less."""
 
@@ -150,8 +150,10 @@ def _fold(found: Identification, how: Options) -> dict[str, Any]:
     try:
         with effort.at_most(MOST_WORK_BESIDE):
             worst = worst_corner(found.servo, found.model, found.uncertainty, options=how, fold=fold)
-    except (NoOrbit, effort.PartGivenUp) as refusal:
+    except effort.PartGivenUp as refusal:
         return {"gain": fold.gain, "worst": None, "refused": f"{refusal}; casahunt uncertainty looks longer"}
+    except NoOrbit as refusal:
+        return {"gain": fold.gain, "worst": None, "refused": str(refusal)}
     return {"gain": fold.gain, "worst": worst.gain, "refused": worst.failures[0] if worst.failures else ""}
 
 
