@@ -3,7 +3,7 @@
     (H + mu diag H) dz = J's,   H = J'CJ        mu: the least with which no parameter changes by more than the reach
 
 Records of many periods know the period far better than all else, so the deviance has narrow curved valleys: a step goes
-all the way across, as far as the reach along, and the next ones bring it back to the bottom.
+all the way across, as far as the reach along, bent as the bottom is, and the next ones bring it back there.
 
 Symbols: k parameters, z unknowns, mu damping.
 """
@@ -38,6 +38,8 @@ RESTORATIONS = 6
 """Steps that may follow one to a larger deviance, until it counts as taken in vain: a record of many periods knows the
 period far better than all else, so a long step along what it hardly knows leaves the bottom of a curved valley by its
 square, and the next ones come back to it."""
+SMALL_PART, MOST_BENT = 0.1, 1.0
+"""Of a step, where its curvature is looked at; and acceleration, in units of the step, above which it is none."""
 ACROSS_VALLEY, RESTORED_PART = 0.9, 0.5
 """Part of what was lost that such a step is to bring back, so that it goes across the valley, and not along it once
 more; and that by which the excess of the deviance falls in each."""
@@ -64,7 +66,7 @@ def climb(
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is;
     far: they are far off, and steps that are too long are cut instead of damped."""
-    reach, mu, before = MOST_OF_A_STEP, FIRST_DAMPING, np.zeros(point.k)
+    reach, mu, before, curved = MOST_OF_A_STEP, FIRST_DAMPING, np.zeros(point.k), False
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
         dz = _cut(point, step(point, mu, held), reach) if far else within(point, reach, held)
         way = dz[: point.k] / point.steps
@@ -75,7 +77,11 @@ def climb(
             way = dz[: point.k] / point.steps
         before = way
         hoped, most, last = gain(point, dz), most - 1, math.inf
-        trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
+        trial = None if curved else at(question, _moved(point, dz), noises, point, stretched=stretched)
+        if curved or trial is not None and trial.deviance > point.deviance:
+            curved, most = True, most - 2
+            dz = _bent(question, point, dz, noises, held, stretched)
+            trial = at(question, _moved(point, dz), noises, point, stretched=stretched)
         for _ in range(RESTORATIONS):
             if trial is None or not 0 < trial.deviance - point.deviance < RESTORED_PART * last:
                 break
@@ -164,6 +170,31 @@ def within(point: Point, reach: float, held: int | None, by: float = 0.0) -> Arr
 def _cut(point: Point, dz: Array, reach: float) -> Array:
     """A step no longer than the reach."""
     return dz * min(1.0, reach / max(_length(point, dz), SHORTEST_STEP))
+
+
+def _bent(
+    question: Question, point: Point, dz: Array, noises: Sequence[Noise], held: int | None, stretched: bool
+) -> Array:
+    """A step with its geodesic acceleration a, along which the values v that are compared go as the step says:
+
+        dz + a/2,   J'WJ a = -J'W v'',   v'' = 2/h ((v(z + h dz) - v(z))/h - J dz)
+
+    Transtrum and Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization,
+    arXiv:1201.5885 (2012).  In slips as short as samples such steps are five to ten times as long.
+    """
+    near = at(question, _moved(point, SMALL_PART * dz), noises, point, stretched=stretched)
+    if near is None:
+        return dz
+    pull = np.zeros(dz.size)
+    for here, there in zip(point.rows, near.rows, strict=True):
+        bend = ((there.values - here.values) / SMALL_PART - here.J @ dz) * 2 / SMALL_PART
+        pull -= here.J.T @ (here.weights * bend)
+    free = np.append(point.z[: point.k] + dz[: point.k] > point.lowest, np.full(dz.size - point.k, True))
+    if held is not None:
+        free[held] = False
+    a = np.zeros(dz.size)
+    a[free] = _solution(point.curvature[np.ix_(free, free)], pull[free], LEAST_DAMPING)
+    return dz + a / 2 if _length(point, a) < MOST_BENT * _length(point, dz) else dz
 
 
 def _across(point: Point, lost: float, held: int | None) -> Array:

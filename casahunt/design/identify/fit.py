@@ -21,7 +21,7 @@ Symbols: m samples, k parameters, z unknowns.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -36,7 +36,7 @@ from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times
 from ...servo.servo import Servo
 from ..record.waveform import swings_of
-from .likelihood import Noise
+from .likelihood import Noise, Rows
 from .torque import term, torque_of
 
 Array = np.ndarray
@@ -151,7 +151,7 @@ class Point:
 
     lowest, steps (k,): how small the unknowns of these may be, and what a change of them is measured by; torques: of
     the motor, None where a record has none [N m].
-    gradient and curvature are those of -deviance/2 and deviance/2.
+    gradient and curvature are those of -deviance/2 and deviance/2, by sums of J's and J'WJ over the rows.
     """
 
     z: Array
@@ -163,6 +163,7 @@ class Point:
     gradient: Array
     curvature: Array
     torques: tuple[Array | None, ...]
+    rows: tuple[Rows, ...] = ()
 
     @property
     def k(self) -> int:
@@ -182,34 +183,44 @@ def at(
         )  # fmt: skip
     except (NoOrbit, InputError):
         return None
-    deviance, gradient, curvature = 0.0, np.zeros(z.size), np.zeros((z.size, z.size))
+    rows: list[Rows] = []
     positions: list[Array] = []
     torques: list[Array | None] = []
     for i, (data, orbit, noise) in enumerate(zip(question.records, orbits, noises, strict=True)):
         laid = _laid(question, orbit, data, z, question.own(i), stretched)
-        x, J, log_period = laid.position, laid.J, laid.log_period
         at_z = [*range(k), *range(k + 2 * i, k + 2 * i + 2)]
-        found = noise.slopes(data.position, x)
-        deviance += -2 * float(np.sum(found.value))
-        gradient[at_z] += J.T @ found.score
-        curvature[np.ix_(at_z, at_z)] += J.T @ (found.curvature[:, None] * J)
-        if stretched:
-            size = data.period_error
-            off = math.log(data.period / orbit.period) / size
-            deviance += off**2
-            gradient[:k] += log_period * off / size
-            curvature[:k, :k] += np.outer(log_period, log_period) / size**2
-        if data.torque is not None and laid.torque is not None:
-            more = term(data.torque, laid.torque, laid.torque_J)
-            deviance += more.deviance
-            gradient[at_z] += more.gradient
-            curvature[np.ix_(at_z, at_z)] += more.curvature
-        positions.append(x)
+        compared = _compared(data, laid, noise, orbit, stretched)
+        rows += [each._replace(J=_spread(each.J, at_z, z.size)) for each in compared]
+        positions.append(laid.position)
         torques.append(laid.torque)
+    deviance = sum(each.deviance for each in rows)
     if not np.isfinite(deviance):
         return None
-    lowest, steps = question.unknowns(np.zeros(k)), question.steps(z)
-    return Point(z, lowest, steps, orbits, tuple(positions), deviance, gradient, curvature, tuple(torques))
+    gradient = sum((each.J.T @ each.score for each in rows), np.zeros(z.size))
+    curvature = sum((each.J.T @ (each.weights[:, None] * each.J) for each in rows), np.zeros((z.size, z.size)))
+    return Point(
+        z, question.unknowns(np.zeros(k)), question.steps(z), orbits, tuple(positions), deviance, gradient, curvature,
+        tuple(torques), tuple(rows),
+    )  # fmt: skip
+
+
+def _compared(data: Data, laid: _Laid, noise: Noise, orbit: HuntingOrbit, stretched: bool) -> Iterator[Rows]:
+    """What a record says of a cycle that is laid over it, with derivatives by its own unknowns."""
+    found = noise.slopes(data.position, laid.position)
+    yield Rows(-2 * float(np.sum(found.value)), laid.position, found.score, found.curvature, laid.J)
+    if stretched:
+        off = math.log(data.period / orbit.period) / data.period_error
+        J = np.append(laid.log_period / data.period_error, (0.0, 0.0))
+        yield Rows(off**2, np.array([-off]), np.array([off]), np.ones(1), J[None])
+    if data.torque is not None and laid.torque is not None:
+        yield term(data.torque, laid.torque, laid.torque_J)
+
+
+def _spread(J: Array, at_z: list[int], size: int) -> Array:
+    """Derivatives by some unknowns as derivatives by all."""
+    whole = np.zeros((len(J), size))
+    whole[:, at_z] = J
+    return whole
 
 
 def _cycle(q: Question, servo: Servo, z: Array, i: int, near: Point | None) -> HuntingOrbit:

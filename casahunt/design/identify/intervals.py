@@ -16,13 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...servo.servo import flatten
 from .climb import LEAST_DAMPING, climb, expected, gain, step, too_long, within
 from .fit import MOST_OF_A_STEP, NEXT_TO_NOTHING, Array, Point, Question, at
 from .likelihood import Noise
 
 NORMAL_95 = 1.959964
 FAR_OUT_FACTOR = 10.0
-"""A parameter that may be ten times as large, or ten times its scale, is not bounded."""
+"""A parameter that may be ten times as large, or ten times its scale, is not bounded; one that bends the friction, ten
+times what was stated: its slope at next to nothing does not say how far it may go."""
 MOST_REFITS = 24
 END_NEAR, END_CLOSE = 0.1, 0.03
 """Relative distance from the end of an interval, at which its slope is as good as a refit; and between two refits on
@@ -37,7 +39,7 @@ LITTLE_RISE = 0.1
 """Of the deviance per sample: up to there the model is linear in all unknowns."""
 MOST_UNSURE = 1
 """Refits of one end that may stop short of their optimum."""
-MOST_REFIT_STEPS = 60
+MOST_REFIT_STEPS = 150
 REFIT = 2e-3
 """Decrease of the deviance that ends a refit: so that the slope of the profile is right too."""
 NO_RISE = 0.1
@@ -48,9 +50,10 @@ UNSURE_PART = 0.1
 """Part of the rise by which a refit may lie above its optimum: the end of the interval is then off by a twentieth."""
 STRIDE_GROWTH = 1.5
 """Of strides behind one that was too long."""
-OUR_PART, FOLLOWED_PART, FAR_LONGER = 0.5, 0.3, 0.5
+OUR_PART, FOLLOWED_PART, FAR_LONGER, LITTLE_LONGER = 0.5, 0.3, 0.5, 0.01
 """Part of the rise that may be there because another parameter is followed no further; by which factor it is then
-followed further, and how much longer the interval is there, relatively, if it has no end."""
+followed further, and how much longer the interval is there, relatively, if it has no end: more than a little of what
+the parameter is, too."""
 LONGEST_STRIDE = 3.0
 """Factor by which a step outwards may be longer than the last one."""
 MODEL_RISE = 2.0
@@ -98,9 +101,9 @@ def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, ri
 
 def _farthest(question: Question, best: Point, j: int, sign: int) -> float:
     """How far the unknown may go before it is said that nothing bounds it."""
-    q, scale = question.numbers(best.z), question.scales[j]
-    size = q[j]
-    q[j] = max(FAR_OUT_FACTOR * size, FAR_OUT_FACTOR * scale) if sign > 0 else 0.0
+    q = question.numbers(best.z)
+    least = flatten(question.servo)[question.free[j]] if question.bends[j] else question.scales[j]
+    q[j] = FAR_OUT_FACTOR * max(q[j], least) if sign > 0 else 0.0
     return abs(float(question.unknowns(q)[j] - best.z[j]))
 
 
@@ -117,8 +120,8 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     way = _way(best, j, sign)
     first = math.sqrt(max(float(way @ best.curvature @ way), 1e-12))
     farthest, wanted = _farthest(question, best, j, sign), math.sqrt(rise)
-    if farthest == 0 or wanted > 2 * first * farthest:
-        return sign * math.inf  # next to nothing already, or the others make up for all of it
+    if farthest == 0 or wanted > 2 * first * farthest and not (sign > 0 and question.bends[j]):
+        return sign * math.inf  # next to nothing already, or the others make up for all of it, as linear as it is
     point, below, above, stride, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0
     for _ in range(MOST_REFITS):
         by = min(_next(below, above, wanted, farthest) - below.reach, stride)
@@ -136,15 +139,13 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
             if by < END_NEAR * reach and trial is None and above is None:
                 return sign * reach  # the model has no cycle beyond
             continue
-        root = math.sqrt(max(trial.deviance - best.deviance, 1e-12))
-        if root < (1 + END_NEAR) * wanted and _only_ours(question, best, trial, noises, j, rise):
+        seen = _seen(best, trial, j, sign, first, wanted)
+        if seen.root < (1 + END_NEAR) * wanted and _only_ours(question, best, trial, noises, j, seen, wanted):
             return sign * math.inf
-        no_rise = root < NO_RISE * wanted  # nor would its slope: the best point is known to some hundredths
-        seen = _Seen(reach, root, first if no_rise else -float(_way(trial, j, sign) @ trial.gradient) / root)
-        more = (wanted - root) / seen.slope if seen.slope > 0 else math.inf
-        if abs(root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
+        more = (wanted - seen.root) / seen.slope if seen.slope > 0 else math.inf
+        if abs(seen.root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
             return sign * (reach + more if reach + more < farthest else math.inf)
-        if root > wanted:
+        if seen.root > wanted:
             above = seen
         else:
             below, point, stride = seen, trial, STRIDE_GROWTH * stride
@@ -155,7 +156,17 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     raise Unsettled
 
 
-def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[Noise], j: int, rise: float) -> bool:
+def _seen(best: Point, point: Point, j: int, sign: int, first: float, wanted: float) -> _Seen:
+    """A refit on a profile.  Where there is no rise its slope is none either, but `first`, that at the best point: its
+    deviance is known to some hundredths."""
+    root = math.sqrt(max(point.deviance - best.deviance, 1e-12))
+    slope = first if root < NO_RISE * wanted else -float(_way(point, j, sign) @ point.gradient) / root
+    return _Seen(abs(float(point.z[j] - best.z[j])), root, slope)
+
+
+def _only_ours(
+    question: Question, best: Point, point: Point, noises: Sequence[Noise], j: int, seen: _Seen, wanted: float
+) -> bool:
     """Whether an interval ends there only because another parameter that may not be nothing is followed no further: a
     little further it ends far off."""
     ours, above = question.lowest == NEXT_TO_NOTHING, point.deviance - best.deviance
@@ -168,9 +179,9 @@ def _only_ours(question: Question, best: Point, point: Point, noises: Sequence[N
     again = _refit(further, best, near, step(near, LEAST_DAMPING, j), noises, j)
     if again is None or point.deviance - again.deviance < OUR_PART * above:
         return False
-    root, reach = math.sqrt(max(again.deviance - best.deviance, 1e-12)), float(point.z[j] - best.z[j])
-    slope = -float(_way(again, j, 1) @ again.gradient) / root * math.copysign(1.0, reach)
-    return (math.sqrt(rise) - root) > FAR_LONGER * abs(reach) * slope
+    sign = 1 if point.z[j] > best.z[j] else -1
+    ahead = _seen(best, again, j, sign, seen.slope, wanted)
+    return wanted - ahead.root > ahead.slope * max(FAR_LONGER * seen.reach, LITTLE_LONGER * abs(point.z[j]))
 
 
 def _outwards(point: Point, j: int, by: float, room: float) -> Array:
@@ -197,8 +208,12 @@ def _outwards(point: Point, j: int, by: float, room: float) -> Array:
     dz = step(point, LEAST_DAMPING, j, short or long)
     if abs(dz[j]) > NEXT_TO_NO_STEP * abs(by):
         return dz
-    behind = within(point, MOST_OF_A_STEP, j, by)
-    return behind if -gain(point, behind) <= room else dz
+    for _ in range(STEP_HALVINGS):
+        behind = within(point, MOST_OF_A_STEP, j, by)
+        if -gain(point, behind) <= room:
+            return max(dz, behind, key=lambda each: float(abs(each[j])))
+        by /= 2
+    return dz
 
 
 def _way(point: Point, j: int, sign: int) -> Array:

@@ -47,6 +47,17 @@ class Slopes(NamedTuple):
     curvature: Array
 
 
+class Rows(NamedTuple):
+    """Values (m,) that are compared with data, and what they add to the deviance: that of their own, its score, which
+    is minus half its slope by the values, and half its curvature by each.  J (m, u): derivatives by u unknowns."""
+
+    deviance: float
+    values: Array
+    score: Array
+    weights: Array
+    J: Array
+
+
 @dataclass(frozen=True)
 class Noise:
     """Standard deviation sigma of the noise [rad], and the quantum q of the rounding [rad], 0 where there is none."""

@@ -20,6 +20,7 @@ from ...orbits import StateSensitivity
 from ...servo.controller import torque_gains_of_gains, torque_gains_of_times
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Pid, Servo, flatten
+from .likelihood import Rows
 
 Array = np.ndarray
 
@@ -35,14 +36,6 @@ class Torque(NamedTuple):
     value: Array
     rate: Array
     derivatives: Array
-
-
-class Term(NamedTuple):
-    """What a measured torque adds to the deviance, to minus half of its gradient and to half of its curvature."""
-
-    deviance: float
-    gradient: Array
-    curvature: Array
 
 
 def torque_of(orbit: HuntingOrbit, found: StateSensitivity, names: tuple[str, ...]) -> Torque:
@@ -72,12 +65,11 @@ def residual(measured: Array, torque: Array) -> tuple[Array, float]:
     return r, math.sqrt(max(float(np.mean(r**2)), (ALL_BUT_NONE * float(np.abs(torque).max())) ** 2))
 
 
-def term(measured: Array, torque: Array, J: Array) -> Term:
+def term(measured: Array, torque: Array, J: Array) -> Rows:
     """What a measured torque adds.
 
     measured, torque: (n,); J: (n, u) derivatives of the torque by unknowns.
     """
     r, sigma = residual(measured, torque)
-    J = J - J.mean(axis=0)
     deviance = r.size * (math.log(sigma**2) + float(np.mean(r**2)) / sigma**2)
-    return Term(deviance, J.T @ r / sigma**2, J.T @ J / sigma**2)
+    return Rows(deviance, -r, r / sigma**2, np.full(r.size, sigma**-2), J - J.mean(axis=0))

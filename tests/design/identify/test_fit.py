@@ -20,7 +20,7 @@ from casahunt.design.identify.best import best_of_starts
 from casahunt.design.identify.climb import climb, expected
 from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Point, Question, at
 from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
-from casahunt.design.identify.likelihood import Noise
+from casahunt.design.identify.likelihood import Noise, Rows
 from casahunt.design.identify.start import lowest_of, scales_of, starts
 from casahunt.design.identify.suitable import suitable
 from casahunt.servo.servo import flatten
@@ -121,6 +121,70 @@ def test_steps_that_go_back_are_shorter(monkeypatch):
     monkeypatch.setattr(climbing, "at", at)
     found = climb(None, at(None, np.array([5.3, 5.3]), ()), (), settled=1e-9)
     assert found.z == pytest.approx([5.0, 5.0], abs=1e-4) and len(evaluated) < 24
+
+
+def in_a_bent_valley(question, z, noises, near=None, *, stretched=False):
+    """The bottom is y = x^2, of a width of 1e-3, and falls by 1 on the way to its end at x = 5."""
+    x, y = z
+    r, weights = np.array([y - x**2, x - 5.0]), np.array([1e6, 0.03])
+    J = np.array([[-2 * x, 1.0], [1.0, 0.0]])
+    rows = (Rows(float(r @ (weights * r)), r, -weights * r, weights, J),)
+    H = J.T @ (weights[:, None] * J)
+    steps = np.array([1.0, 100.0])
+    return Point(z, np.full(2, -1e9), steps, (), (), rows[0].deviance, J.T @ rows[0].score, H, (), rows)
+
+
+def test_a_step_goes_along_the_bottom_of_a_bent_valley():
+    """Exactly, where it is bent as a parabola; straight where that is bent by more than the step, or not computed."""
+    point = in_a_bent_valley(None, np.array([1.0, 1.0]), ())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(climbing, "at", in_a_bent_valley)
+        straight = climbing.step(point, 1e-13)
+        bent = climbing._bent(None, point, straight, (), None, False)
+        x, y = np.array([1.0, 1.0]) + bent
+        assert straight == pytest.approx([4.0, 8.0], rel=1e-2) and y == pytest.approx(x**2, rel=1e-3)
+        patch.setattr(climbing, "at", lambda *a, **k: None)
+        assert climbing._bent(None, point, straight, (), None, False) is straight
+        patch.setattr(climbing, "at", in_a_bent_valley)
+        short = replace(point, steps=np.array([1.0, 4.0]))
+        assert climbing._bent(None, short, straight, (), None, False) is straight
+
+
+def test_the_way_along_a_bent_valley_is_short(monkeypatch):
+    """Straight steps, which are restored across the valley, need three times as many evaluations."""
+    evaluations = {}
+    for bent in (True, False):
+        called = evaluations[bent] = []
+        monkeypatch.setattr(climbing, "at", lambda *a, called=called, **k: called.append(a) or in_a_bent_valley(*a))
+        if not bent:
+            monkeypatch.setattr(climbing, "_bent", lambda question, point, dz, *rest: dz)
+        found = climb(None, in_a_bent_valley(None, np.array([1.0, 1.0]), ()), (), settled=1e-6, most=10_000)
+        assert found.z == pytest.approx([5.0, 25.0], rel=2e-3)
+    assert 3 * len(evaluations[True]) < len(evaluations[False])
+
+
+def test_a_peak_of_friction_that_may_be_narrow_bounds_both_its_height_and_its_width():
+    """Servo 37 of seed 59: the likeliest one is next to none, and there neither slope says how far they go: friction of
+    ten times the values was looked at for the worst servo; and the viscous friction had no end that was found."""
+    made = Made(37, 59, "switch", (2000.0, 20000.0))
+    found = identify([made.record], made.starts[0], made.gain, advise=False)
+    truth = flatten(made.servo)
+    assert found.status is Status.CONVERGED
+    for name, (low, high) in found.intervals.items():
+        assert low <= truth[name] <= high < math.inf, name
+    for name in ("friction.static", "friction.coulomb", "friction.stribeck_velocity"):
+        assert found.intervals[name][1] < 2 * truth[name], name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "seed"), [(35, 59), (0, 43)])
+def test_intervals_are_found_where_slips_are_as_short_as_samples(number, seed):
+    """What a few samples in slips know to a microsecond is a narrow valley, and bent."""
+    made = Made(number, seed, "switch", (2000.0, 20000.0))
+    found = identify([made.record], made.starts[0], made.gain, advise=False)
+    assert found.status is Status.CONVERGED
+    for name, (low, high) in found.intervals.items():
+        assert low <= flatten(made.servo)[name] <= high, name
 
 
 def test_a_step_outwards_leaves_behind_what_is_hardly_known():
