@@ -52,7 +52,7 @@ from scripts.remedies import truth  # noqa: E402
 
 REMEDIES = "dead band,leak,derivative,integral"
 """That are looked at where nothing else is said: a dead band, a leak and the plain numbers of the controller."""
-WANTED, TIME_LIMIT = 0.95, 180.0
+WANTED, TIME_LIMIT = 0.95, 600.0
 """Share that is to work; processor time of an answer [s]."""
 STARTS, PERIODS, SAMPLES, LATE = (0.3, 1.0, 3.0), 40, 100, 10
 """Of a LuGre motion: where it starts, in amplitudes, its periods, samples in each, and those that are late."""
@@ -109,16 +109,17 @@ def _with_bristle(made: Made, name: str, size: float, start: float, period: floa
 
 def checked(made: Made, model: Model, remedies: str) -> tuple[str, str, Counter[str]]:
     """(outcome, what was seen, outcomes of all rows)."""
-    rows = Counter[str]()
+    rows, began = Counter[str](), time.process_time()
     try:
         with within(TIME_LIMIT):
             code, found, complaint = cured(made, model, remedies)
     except TooSlow:
         return "too slow", f"no answer within {TIME_LIMIT:g} s", rows
+    complaint = f"{complaint} answer after {time.process_time() - began:.1f} s"
     if not found:
         return "refused", f"exit {code}: {complaint}", rows
     table = found["remedies"]
-    best, outcome, seen = table["best"], "no remedy", complaint
+    best, outcome, seen, others = table["best"], "no remedy", complaint, ""
     for row in table["remedies"]:
         if row["kind"] in ("none", "not found", "does not fit") or row["stays"][0] not in ("rests", "decays"):
             continue
@@ -129,8 +130,8 @@ def checked(made: Made, model: Model, remedies: str) -> tuple[str, str, Counter[
         if row["name"] == best:
             outcome, seen = did, f"{text}: {how} {complaint}"
         elif did != "works":
-            seen += f"; [{text}: {did} {how}]"
-    return outcome, seen, rows
+            others += f"; [{text}: {did} {how}]"
+    return outcome, seen + others, rows
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -154,13 +155,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except NoOrbit as error:
             print(f"{number:4d} no record: {error}"[:150], flush=True)
             continue
-        began = time.process_time()
         outcome, seen, rows = checked(made, options.model, options.remedies)
         sums[outcome] += 1
         every += rows
         if outcome != "works":
             named.append(f"{number} {outcome}: {seen}")
-        print(f"{number:4d} {outcome}: {seen}  {time.process_time() - began:.1f} s", flush=True)
+        print(f"{number:4d} {outcome}: {seen}", flush=True)
     print("\n".join(named))
     print(f"{dict(sums)} of {sums.total()} servos; rows: {dict(every)}")
     return int(sums["works"] < WANTED * sums.total())
