@@ -11,7 +11,7 @@ the numbers of the controller, and what still decays then is taken for one that 
 
     works       no motion hunts
     hunts       one does: the remedy is none
-    unclear     a motion whose swings neither repeat nor come to rest
+    unclear     a motion whose swings neither repeat nor come to rest, or that stood still and broke away once
     no remedy   the command names none, or says that the model does not explain its own record
     refused     the command has no answer
     too slow    or none within `TIME_LIMIT`
@@ -58,8 +58,9 @@ STARTS, PERIODS, SAMPLES, LATE = (0.3, 1.0, 3.0), 40, 100, 10
 """Of a LuGre motion: where it starts, in amplitudes, its periods, samples in each, and those that are late."""
 WITH_BRISTLE = {"leak": "leak", "dead band": "band"}
 """Remedies of a LuGre servo that are parts of their own, by the argument of `remedied`."""
-STANDS, SMALLER = 0.01, 0.9
-"""Part of its start within which one stays that rests; and of its reach before, below which it falls."""
+STANDS, SMALLER, BROKEN_AWAY = 0.01, 0.9, 10.0
+"""Part of its start within which one stays that rests; of its reach before, below which it falls, and above which it
+has stood still until then."""
 
 
 def cured(made: Made, model: str, remedies: str) -> tuple[int, dict[str, Any], str]:
@@ -82,7 +83,7 @@ def followed(made: Made, model: Model, name: str, size: float) -> tuple[str, str
     cycle = find_orbit(made.servo, model, made.gain)
     if model != "switch":
         said = [_with_bristle(made, name, size, start * cycle.amplitude, cycle.period) for start in STARTS]
-        return "hunts" if "hunts" in said else "works", str(dict(Counter(said)))
+        return next((one for one in ("hunts", "unclear") if one in said), "works"), str(dict(Counter(said)))
     motion = truth(made.servo, made.gain, name, size, cycle)
     hunts, said = motion.hunts(motion.at_brink(1.0))
     return {True: "hunts", False: "works", None: "unclear"}[hunts], str(dict(Counter(said)))
@@ -104,7 +105,9 @@ def _with_bristle(made: Made, name: str, size: float, start: float, period: floa
     x = remedied(replace(made.servo, controller=pid), gain, start, times, **parts)
     reach = np.ptp(x.reshape(PERIODS, SAMPLES), axis=1)
     late, before = reach[-LATE:].max(), reach[-2 * LATE : -LATE].max()
-    return "rests" if late < STANDS * start else "decays" if late < SMALLER * before else "hunts"
+    if late < STANDS * start:
+        return "rests"
+    return "decays" if late < SMALLER * before else "hunts" if late < BROKEN_AWAY * before else "unclear"
 
 
 def checked(made: Made, model: Model, remedies: str) -> tuple[str, str, Counter[str]]:
