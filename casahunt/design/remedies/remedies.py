@@ -169,7 +169,6 @@ class _Asked:
         ends = zip(*(end.tolist() for end in uncertainty.box(servo)), strict=True)
         return dict(zip(called(uncertainty.parameters), ends, strict=True))
 
-
     def at(self, corner: tuple[float, ...]) -> Loop:
         """The loop of a corner of the box."""
         return self.loop.replace(**dict(zip(self.box, corner, strict=True)))
