@@ -213,8 +213,48 @@ def test_the_cheapest_that_holds_as_built_is_named(capsys, built, monkeypatch):
     monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: dict.fromkeys(does, hunts))
     code, out, err = run(capsys, *words)
     said = " ".join(out.split())
-    assert "cheapest remedy: leak, 1.04 1/s" in said and "(see below); leak does not do" in said
+    assert "no remedy that holds in the loop as built was found; of the continuous loop: leak, 1.04 1/s" in said
+    assert "(see below); leak does not do" in said
     assert code == 1 and "leak does not do in the loop as built: it is hunting" in err
+
+
+def test_one_that_holds_as_built_and_costs_too_much_does_do_there(capsys, built, monkeypatch):
+    """Where no other is within the limits: it said of the dead band that it does, and that it does not."""
+    words = ("remedies", built, "--gain", 1, "--only", "dead band,gain", "--max-error", 1e-4, "--quiet")
+    does = {"dead band": AsBuilt("at rest", "", math.nan, None), "gain": AsBuilt("hunting", "", math.nan, None)}
+    monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: does)
+    code, out, _ = run(capsys, *words)
+    said = " ".join(out.split())
+    assert code == 1
+    assert "no remedy with error at rest up to 0.0001 rad that holds in the loop as built was found" in said
+    assert "of the continuous loop: gain, 4.458 V/rad" in said
+    assert "comes to rest with dead band (see below); gain does not do" in said and "dead band does not do" not in said
+
+
+def test_the_linear_loop_and_a_tuning_have_the_delay_of_the_drive(capsys, built):
+    """Half a sample and the delay, by the formula: the phase at the crossover less omega D."""
+    loop = ("loop", built, "--gain", 1, "--set", "drive.delay=0.002", "--json", "--quiet")
+    found = one_json(run(capsys, *loop)[1])
+    crossover, = found["loops"][0]["gain_crossovers"]
+    late = found["with_delay"]["margins"][0]
+    assert found["with_delay"]["delay"] == pytest.approx(0.0025)
+    lost = math.degrees(crossover["frequency"] * 0.0025)
+    assert late["phase_margin"] == pytest.approx(crossover["phase_margin_deg"] - lost, rel=1e-6)
+    said = " ".join(run(capsys, *loop[:-2], "--quiet")[1].split())
+    assert "with delay and sampling of the drive, 0.0025 s: stable, phase margin" in said
+    said = " ".join(run(capsys, "loop", built, "--gain", 1, "--set", "drive.delay=0.3", "--quiet")[1].split())
+    assert "0.3005 s: unstable" in said
+    assert "with_delay" not in one_json(run(capsys, "loop", "--gain", 1, "--json", "--quiet")[1])
+    tuned = one_json(run(capsys, "tune", built, "--json", "--quiet")[1])["demands"]
+    assert (tuned["delay"], tuned["sample_time"]) == (0.0, 0.001)
+    tuned = one_json(run(capsys, "tune", built, "--sample-time", 0, "--json", "--quiet")[1])["demands"]
+    assert tuned["sample_time"] == 0.0
+
+
+def test_a_remedy_where_no_gain_will_do_is_checked_as_built(capsys, built):
+    words = ("tune", built, "--gain", 1, "--max-torque", 5, "--remedy", "dead band", "--json", "--quiet")
+    code, out, _ = run(capsys, *words)
+    assert code == 0 and one_json(out)["as_built"]["dead band"]["kind"] == "at rest"
 
 
 def test_a_servo_without_a_drive_is_told_nothing_of_it(capsys):

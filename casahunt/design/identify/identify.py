@@ -96,7 +96,8 @@ class Identification(Result):
     """
 
     _quantities = ("status", "model", "values", "misfit = judgement.misfit", "explained = judgement.explained")
-    _details = ("untold", "scatter = judgement.scatter", "systematic = judgement.systematic", "servo")
+    _details = ("untold", "scatter = judgement.scatter", "systematic = judgement.systematic",
+                "unsteady = judgement.unsteady", "servo")  # fmt: skip
 
     status: Status
     model: Model

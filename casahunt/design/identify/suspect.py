@@ -1,5 +1,6 @@
 """What to suspect where a record hunts at another frequency than the model, by what the record shows.
 
+units       period or amplitude are off by the factor of another one
 encoder     its steps are seen, and the amplitude is less than `ENCODER_BORDER` of them
 a pattern   to and fro it takes the time of the model, but repeats only after more swings than two, as counts make it
 friction    with other values, which the record tells, the model explains it
@@ -23,6 +24,11 @@ FAR_FREQUENCY = 0.1
 COARSE_SAMPLES = 0.1
 """Time between two samples, in units of the loop's 1/omega, omega^2 = kp/J, from which on a drive that samples so hunts
 otherwise than the continuous loop by some per cent (scripts/as_built.py order)."""
+UNITS = {1e3: "in milliseconds", 1e6: "in microseconds"}, {180 / math.pi: "in degrees", 1 / (2 * math.pi): "in turns"}
+"""Of times and of angles, by how much larger numbers are."""
+ABOUT_RIGHT, A_COUNT = 0.3, 10.0
+"""Of a model, in logarithms of its period and amplitude; and positions in whole numbers that are larger by so much are
+counts."""
 MOST_SUSPECTS = 2
 """Parameters that are named."""
 
@@ -37,6 +43,8 @@ def suspicion(
     samples, swings in its period; fit: of the model to it.
     """
     ratio = orbit.period / period
+    if unit := _unit(orbit, period, amplitude, quantum):
+        return unit
     if abs(math.log(ratio)) < math.log1p(FAR_FREQUENCY):
         return ""
     far = f"the frequency is {ratio:.3g} times that of the servo as given, {1 / orbit.period:.4g} Hz: suspect"
@@ -56,6 +64,19 @@ def suspicion(
     coarse = coarse if step * omega > COARSE_SAMPLES else ""
     loop = "a filter or a delay in the loop, or its sampling"
     return f"{far} {loop}: no friction was found to explain the record{coarse}"
+
+
+def _unit(orbit: HuntingOrbit, period: float, amplitude: float, quantum: float) -> str:
+    """The sentence on a unit by which the record is off; "" where it is not."""
+    if math.isclose(quantum, 1.0) and amplitude > A_COUNT * orbit.amplitude:
+        return "the positions look as if they were in counts: --position-unit takes the angle of one in rad"
+    off = math.log(period / orbit.period), math.log(amplitude / orbit.amplitude)
+    for what, which in (("times", 0), ("positions", 1)):
+        for factor, unit in UNITS[which].items():
+            if abs(off[which] - math.log(factor)) < ABOUT_RIGHT and abs(off[1 - which]) < ABOUT_RIGHT:
+                option = "--time-unit" if which == 0 else "--position-unit"
+                return f"the {what} look as if they were {unit}: {option} says so"
+    return ""
 
 
 def _others(orbit: HuntingOrbit, found: Identification) -> str:

@@ -9,8 +9,9 @@ in the second half of the motion; swings S_i = |T_{i+1} - T_i|.
                 after a pattern of p swings, p even, over two patterns, and do not drift: the period is the pattern's.
                 Counts that do not lie the same way on both sides make patterns longer than two swings.
                 Or, without a pattern, at least `ENDLESS` swings in the second half of the motion get no smaller
-    decaying    each of the last `FALLING` swings is smaller than the one before, or it has stayed in the second half
-                of the motion within `DIED_OUT` of (Fs - Fc)/kp, the size of hunting by stiction
+    decaying    each of the last `FALLING` swings is smaller than the one before (of `ENDLESS`, where so many are in
+                the second half of the motion), or it has stayed in the second half within `DIED_OUT` of (Fs - Fc)/kp,
+                the size of hunting by stiction
     growing     the motion was given up far away from the set point
     undecided   none of these
 """
@@ -32,6 +33,8 @@ TURNED_BACK = 0.25
 PATTERN_WITHIN, DRIFT = 2e-2, 1e-4
 """Parts of the largest swing, and of the longest one: by which those of two patterns may differ, and if all differ one
 way."""
+TOLD_APART = 1e-3
+"""By how much patterns that repeat may differ before it is said."""
 DIED_OUT = 1e-2
 """Part of (Fs - Fc)/kp."""
 LONGEST_PATTERN = 16
@@ -145,18 +148,20 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     turns = turning_points(x, TURNED_BACK * float(np.ptp(half)))
     t, S = times[turns], np.abs(np.diff(x[turns]))
     last, lasts = (tuple(map(float, values[-LONGEST_PATTERN:])) for values in (S, np.diff(t)))
-    pattern = _pattern(S, np.diff(t), end.count / 2)
+    pattern, off = _pattern(S, np.diff(t), end.count / 2)
     if pattern:
         amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
-        return SampledVerdict("hunting", f"{count}, in size and time", amplitude, period, pattern, last, lasts)
+        text = f"{count}, in size and time" + (f", to {100 * off:.1g} %" if off > TOLD_APART else "")
+        return SampledVerdict("hunting", text, amplitude, period, pattern, last, lasts)
     if not end.count and np.abs(half).max() <= DIED_OUT * end.unit:
         text = f"within {np.abs(half).max():.2g} rad of the set point since {times[-half.size]:.4g} s"
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
-    if _falls(S[-FALLING - 1 :]):
-        text = f"the last {FALLING} swings are each smaller than the one before, {S[-1]:.3g} rad at the end"
-        return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
     late = S[t[:-1] >= times[-1] / 2]
+    falling = max(FALLING, min(late.size - 1, ENDLESS))  # of a chatter some few are smaller by chance
+    if S.size > falling and bool((np.diff(S[-falling - 1 :]) < 0).all()):
+        text = f"the last {falling} swings are each smaller than the one before, {S[-1]:.3g} rad at the end"
+        return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
     if late.size >= ENDLESS and late[late.size // 2 :].max() >= SMALLER * late[: late.size // 2].max():
         text = f"{late.size} swings in the second half of the motion, which get no smaller and do not repeat"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
@@ -165,23 +170,19 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     return SampledVerdict("undecided", text, swings=last)
 
 
-def _pattern(S: Array, lasts: Array, grain: float) -> int:
-    """The shortest pattern in which the last swings repeat; 0: none.
+def _pattern(S: Array, lasts: Array, grain: float) -> tuple[int, float]:
+    """The shortest pattern in which the last swings repeat, 0: none; and by how much two of it differ, relatively.
 
     S, lasts: (m,) swings [rad] and their times [s]; grain: what swings may differ by besides [rad].
     """
     for p in range(2, LONGEST_PATTERN + 1, 2):
         if S.size < 2 * p + 2:  # two patterns, and what tells their drift
-            return 0
+            break
         now, before = slice(-p - 2, None), slice(-2 * p - 2, -p)
         change, later = S[now] - S[before], np.abs(lasts[now] - lasts[before])
         size, longest = float(S[-p:].max()), float(lasts[-p:].max())
         drifts = bool((change > 0).all() or (change < 0).all()) and float(np.abs(change).max()) > DRIFT * size
         alike = np.abs(change).max() <= PATTERN_WITHIN * size + grain and later.max() <= PATTERN_WITHIN * longest
         if alike and not drifts:
-            return p
-    return 0
-
-
-def _falls(S: Array) -> bool:
-    return S.size > FALLING and bool((np.diff(S) < 0).all())
+            return p, max(float(np.abs(change).max()) / size, float(later.max()) / longest)
+    return 0, math.nan

@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from ...servo.delayed_loop import Margins
 from ...servo.linear_loop import LinearLoop
 from .answer import Answer, item, short
 
 NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry friction is not in it."
 
 
-def loop_answer(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Answer:
+def loop_answer(
+    loops: Sequence[LinearLoop], viscous: float, frictionless: float, lag: float = 0.0, delayed: Sequence[Margins] = ()
+) -> Answer:
     """What is said of linear loops.
 
-    viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad].
+    viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad]; lag, delayed: delay
+    and half a sample of the drive as built [s], and the margins with it, where the servo file describes one.
     """
     plain = [
         "linear loop, dry friction left out",
@@ -26,6 +30,10 @@ def loop_answer(loops: Sequence[LinearLoop], viscous: float, frictionless: float
         for c in loop.gain_crossovers:
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
         plain.append(item("gain margin", _gain_margin(loop)))
+    for loop, margins in zip(loops, delayed, strict=bool(delayed)):
+        plain.append(
+            f"gain {loop.gain:.10g} V/rad with delay and sampling of the drive, {short(lag)} s: {_with_delay(margins)}"
+        )
     return Answer([*plain, NOT_SAID], _details(loops, viscous, frictionless))
 
 
@@ -45,6 +53,14 @@ def _gain_margin(loop: LinearLoop) -> str:
         if 0 < factor < math.inf
     ]
     return "; ".join(limits) or f"none: {'stable' if loop.stable else 'unstable'} at every gain"
+
+
+def _with_delay(found: Margins) -> str:
+    if not found.stable:
+        return "unstable"
+    ends = (short(factor) for factor in (found.lowest_factor, found.highest_factor) if 0 < factor < math.inf)
+    limits = f"; gain may be multiplied by {' to '.join(ends)}" if found.highest_factor < math.inf else ""
+    return f"stable, phase margin {short(found.phase_margin)} degrees{limits}"
 
 
 def _details(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Iterator[str]:

@@ -20,6 +20,7 @@ from typing import Any
 from ... import effort
 from ...checks import to_error
 from ...design.identify.identify import BOUND_FACTOR, Identification
+from ...design.identify.judgement import UNSTEADY
 from ...design.remedies.cures import Cures
 from ...design.remedies.remedies import remedies
 from ...design.uncertainty.worst_corner import worst_corner
@@ -34,7 +35,7 @@ from ..answers.answer import Answer
 from ..evidence.cure_page import TITLE, cure_page
 from ..evidence.record import made
 from . import identify as identification
-from .arguments import add_command, add_out, how_of, positive
+from .arguments import add_command, add_out, drive_of, how_of, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
@@ -111,9 +112,9 @@ def run(options: argparse.Namespace) -> int:
             whole = plain(record) | {"made": made(options.servo, options.set)}
             page = cure_page(whole, {"fit": png(fitted_records(found))})
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
-            options.outputs.write(write_results, out, FILES, identification.texts_of(found) | own)
-    lines = [advice_of(cures, limits, built, of_a_set=True), *identification.identified_lines(found, suspect, read),
-             *_unbounded(found), *_fold_lines(fold),
+            options.outputs.write(write_results, out, FILES, identification.texts_of(found, drive_of(options)) | own)
+    lines = [advice_of(cures, limits, built, of_a_set=True), *_doubted(found),
+             *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built)]  # fmt: skip
     answer = Answer(lines, [*identification.identified_details(found), *remedy_details(cures)])
     give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
@@ -130,6 +131,12 @@ def _judged(
         complain("casahunt cure", none_within(cures, limits))
     fails = fails_as_built("casahunt cure", cures, built)
     return 0 if found.judgement.explained and cures.best and not fails else 1
+
+
+def _doubted(found: Identification) -> Iterator[str]:
+    """What speaks against the servo for which remedies are sought."""
+    if not found.judgement.explained or found.judgement.unsteady > UNSTEADY:
+        yield "  of a servo that is in doubt, since the model does not explain all of the records: see below"
 
 
 def _unbounded(found: Identification) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 Keys of the JSON object, the `to_dict` of the identification: parameters {name: {value, low, high}}, 95 %, low 0 or high
 null where the records do not bound it, both null where status is "fit_not_converged"; misfit, 1 where the model leaves
-nothing but noise; explained; scatter and systematic (judgement.py); untold, combinations that the records do not tell,
+nothing but noise; explained; scatter, systematic and unsteady (judgement.py); untold, combinations that the records do not tell,
 as powers of the parameters; further_gain, of the record that would tell most besides, or null; records; servo; suspect,
 null or what to suspect where the first record hunts far from the frequency of the servo as given; wall_s.
 """
@@ -10,6 +10,7 @@ null or what to suspect where the first record hunts far from the frequency of t
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,10 +20,12 @@ import numpy as np
 
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
+from ...design.identify.judgement import UNSTEADY, Judgement
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
 from ...errors import InputError, NoOrbit
 from ...results import tables_of
+from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
 from ...servo.servo import flatten
 from ...servo.units import unit_of
@@ -33,6 +36,7 @@ from .arguments import (
     add_out,
     add_reading,
     add_torque,
+    drive_of,
     how_of,
     later_part,
     model_of,
@@ -49,6 +53,8 @@ SIGN = "# casahunt identify"
 FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
 """What --out writes, and what stands in each: the intervals, as `uncertainty`, `tune` and `remedies` take them, and the
 servo with the values found."""
+MORE_AT_FIRST = 1.5
+"""So many times what is left of the later half of a record is a transient."""
 FITTED_DIGITS = 6
 """Of a value in the details."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
@@ -106,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
     found = fit()
     if options.out is not None and found.status.ok:
         with folder(options.out, FILES) as out:
-            options.outputs.write(write_results, out, FILES, texts_of(found))
+            options.outputs.write(write_results, out, FILES, texts_of(found, drive_of(options)))
     suspect = suspected(options, found)
     give(
         options,
@@ -135,8 +141,9 @@ def suspected(options: argparse.Namespace, found: Identification) -> str:
     return suspicion(given, data.period, data.amplitude, data.quantum, step, data.swings, lambda: found)
 
 
-def texts_of(found: Identification) -> dict[str, str]:
-    """The intervals as an uncertainty file, and the servo with the values found, by the names of `FILES`."""
+def texts_of(found: Identification, drive: Drive | None) -> dict[str, str]:
+    """The intervals as an uncertainty file, and the servo with the values found and the drive that it had, by the names
+    of `FILES`."""
     uncertainty = found.uncertainty.intervals
     widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
     intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
@@ -144,6 +151,9 @@ def texts_of(found: Identification) -> dict[str, str]:
     for key, value in flatten(found.servo).items():
         section, name = key.split(".")
         sections.setdefault(section, []).append(f"{name} = {value!r}")
+    if drive is not None:
+        given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
+        sections[DRIVE_TABLE] = [f"{key} = {json.dumps(value)}" for key, value in given.items()]
     servo = "\n\n".join("\n".join([f"[{section}]", *lines]) for section, lines in sections.items())
     texts = (
         f"{SIGN}: 95 % intervals, {found.model} model, for --uncertainty with the servo in servo.toml{widened}\n"
@@ -160,6 +170,7 @@ def not_explained(found: Identification) -> str:
         f"{found.judgement.systematic:.2g} of the amplitude and no noise; the values are its nearest, and less certain "
         "than they look; draw it with --plot, and try another --model, more --free parameters, or the filter and "
         "sampling of the record"
+        + _transient(found)
         + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
 
@@ -169,20 +180,43 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     data, judgement = found.records, found.judgement
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     does = "explains" if judgement.explained else "does NOT explain"
-    yield f"{found.model} servo from {many}: the model {does} what was recorded"
+    mean = ", in the mean of its periods" if judgement.explained and judgement.unsteady > UNSTEADY else ""
+    yield f"{found.model} servo from {many}: the model {does} what was recorded{mean}"
     yield from read
     yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
         yield "  the values are NOT settled: they are those where the search stopped, and nobody knows how far off"
-    else:
+    elif judgement.explained:
         yield "  from, to: the true value lies there in 95 of 100 cases, if the servo is as the model has it"
+    else:
+        yield "  from, to: of the nearest servo that the model has; the true values may lie outside"
     yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude"
+    if judgement.unsteady > UNSTEADY:
+        yield f"  {_unsteady(judgement)}"
     for powers in found.untold:
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:
         yield f"  to know more, record at gain {found.further[0]:.3g} V/rad too"
     if suspect:
         yield f"  {suspect}"
+
+
+def _transient(found: Identification) -> str:
+    """That the beginning of a record may be a transient, where more is left of it."""
+    data, left = found.records[0], found.residuals[0]
+    early, late = (float(np.sqrt(np.mean(half**2))) for half in np.array_split(left, 2))
+    if early < MORE_AT_FIRST * late:
+        return ""
+    return f"; {early / late:.2g} times as much is left of the first half of {data.name}: leave more out by --from"
+
+
+def _unsteady(judgement: Judgement) -> str:
+    """What is said of records whose periods differ."""
+    return (
+        f"periods differ from one another by {judgement.unsteady:.2g} of the amplitude: that is no noise of the "
+        "samples, and not in the model, so the true values may lie outside; suspect the encoder's counts in the "
+        "derivative of the controller, or a disturbance"
+    )
 
 
 def _rows(found: Identification, most: int) -> Iterator[str]:
@@ -192,7 +226,10 @@ def _rows(found: Identification, most: int) -> Iterator[str]:
         low, high = found.intervals[name]
         width = (high - low if math.isfinite(high) else value) / 20
         numbers = (value, low, high)
-        texts = [to_absolute_error(each, width, most=most) if math.isfinite(each) else "" for each in numbers]
+        ends = {math.inf: "no end"}
+        texts = [
+            to_absolute_error(each, width, most=most) if math.isfinite(each) else ends.get(each, "") for each in numbers
+        ]
         yield ROW.format(name, *texts, unit_of(name)).rstrip()
 
 

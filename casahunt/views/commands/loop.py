@@ -6,9 +6,10 @@ import argparse
 from typing import Any
 
 from ...results import tables_of
+from ...servo.delayed_loop import margins
 from ...servo.linear_loop import linear_loop, lowest_stable_gain, routh_hurwitz_gain
 from ..answers.loop import loop_answer
-from .arguments import add_command, add_gain, positive, servo_of
+from .arguments import add_command, add_gain, drive_of, positive, servo_of
 from .output import give
 
 
@@ -31,6 +32,10 @@ def run(options: argparse.Namespace) -> int:
         "lowest_stable_gain_without_viscous_friction": frictionless,
         "loops": loops,
     }
-    answer = loop_answer(loops, viscous, frictionless)
+    drive = drive_of(options)
+    lag = 0.0 if drive is None else drive.delay + drive.sample_time / 2
+    delayed = [margins(servo, gain, delay=lag) for gain in gains] if lag else []
+    record |= {"with_delay": {"delay": lag, "margins": delayed}} if lag else {}
+    answer = loop_answer(loops, viscous, frictionless, lag, delayed)
     give(options, record, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
     return 0

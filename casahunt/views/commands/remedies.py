@@ -315,7 +315,7 @@ def _advice_as_built(found: Cures, built: Mapping[str, AsBuilt | str]) -> str:
     said = "in the loop as built: " + (
         f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT
     )
-    for name in cheaper:
+    for name in (name for name in cheaper if name not in does):
         said += f"; {name} {'was not checked' if isinstance(built[name], str) else 'does not do'}"
     return said
 
@@ -384,6 +384,9 @@ def advice_of(
     if math.isfinite(best.settling):
         costs.append(f"settles in {_settles(best.settling)} s")
     alone = "; what the worst servo of the set needs was not found" if of_a_set and math.isnan(best.worst_size) else ""
-    holds = " that holds in the loop as built" if best.name in _at_rest(built) else ""
-    named = f"{best.name}, {_with(best.recommended, best.unit)}"
-    return f"cheapest remedy{holds}{within}: {named} ({', '.join(costs)}){alone}"
+    named = f"{best.name}, {_with(best.recommended, best.unit)} ({', '.join(costs)}){alone}"
+    if best.name in _at_rest(built):
+        return f"cheapest remedy that holds in the loop as built{within}: {named}"
+    if isinstance(built.get(best.name), AsBuilt):
+        return f"no remedy{within} that holds in the loop as built was found; of the continuous loop: {named}"
+    return f"cheapest remedy{within}: {named}"

@@ -50,12 +50,12 @@ from ..answers.answer import Answer
 from ..answers.tune import known_to, loop_name, tuning_answer
 from ..evidence.page import TITLE, evidence_page
 from ..evidence.record import before_tasks, evidence_record, made
-from .arguments import add_command, add_out, finite, how_of, model_of, positive, servo_of
+from .arguments import add_command, add_out, drive_of, finite, how_of, model_of, positive, servo_of
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
 from .progress import progress, tell, telling
-from .remedies import remedy_details, remedy_lines
+from .remedies import built_lines, fails_as_built, remedies_as_built, remedy_details, remedy_lines
 from .sampled import as_record, checked, checked_lines
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
@@ -76,8 +76,8 @@ def add(commands: Any) -> None:
     command.add_argument("--cost", default="gain", help=f"{', '.join(COSTS)} (default gain)")
     command.add_argument("--phase-margin", default=30.0, help="of the linear loop, degrees (default 30)")
     command.add_argument("--gain-margin", default=2.0, help="factor, up and down (default 2)")
-    command.add_argument("--delay", default=0.0, help="of the loop, s (default 0)")
-    command.add_argument("--sample-time", default=0.0, help="of a zero-order hold, s (default 0)")
+    command.add_argument("--delay", help="of the loop, s (default that of [drive], or 0)")
+    command.add_argument("--sample-time", help="of a zero-order hold, s (default that of [drive], or 0)")
     command.add_argument("--max-torque", metavar="NM", help=f"on a step of {max(TASK_STEPS):g} rad, N m")
     command.add_argument("--gain", help="gain used now, for the simulated tasks before")
     command.add_argument(
@@ -156,12 +156,15 @@ def _judged(tuning: Tuning, built: AsBuilt | None) -> int:
 
 def _demands(options: argparse.Namespace) -> Demands:
     """What is asked for."""
+    drive = drive_of(options)
+    of_drive = {key: 0.0 if drive is None else getattr(drive, key) for key in ("delay", "sample_time")}
+    own = {key: of_drive[key] if (text := getattr(options, key)) is None else text for key in of_drive}
     return Demands(
         margin=finite("margin", options.margin),
         phase_margin=finite("phase-margin", options.phase_margin),
         gain_margin=finite("gain-margin", options.gain_margin),
-        delay=finite("delay", options.delay),
-        sample_time=finite("sample-time", options.sample_time),
+        delay=finite("delay", own["delay"]),
+        sample_time=finite("sample-time", own["sample_time"]),
         max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
     )
 
@@ -182,16 +185,19 @@ def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: fl
     """The size of a remedy where no gain will do; returns the exit code."""
 
     limits = {} if most is None else {"max_torque": most}
+    built = remedies_as_built(options, found, servo_of(options), found.gain)
     plain = [
         f"no gain was found that will do: {refusal}",
         "so the controller stays, with a remedy; the margins asked of the linear loop are not asked of it",
-        *remedy_lines(found, limits, of_a_set=options.uncertainty is not None),
+        *remedy_lines(found, limits, of_a_set=options.uncertainty is not None, built=built),
+        *built_lines(built),
     ]
     answer = Answer(plain, remedy_details(found))
-    give(options, {"refused": refusal} | found.to_dict(), answer, table=tables_of([found]))
+    seen = {"as_built": built} if built else {}
+    give(options, {"refused": refusal} | found.to_dict() | seen, answer, table=tables_of([found]))
     if not found.best:
         complain("casahunt tune", "nor does this remedy; casahunt remedies looks at others")
-    return 0 if found.best else 1
+    return 1 if not found.best else fails_as_built("casahunt tune", found, built)
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:

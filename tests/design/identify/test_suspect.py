@@ -65,6 +65,20 @@ def test_steps_of_an_encoder(capsys, tmp_path):
         identify([record], AS_BUILT, 1.0, advise=False)
 
 
+@pytest.mark.parametrize(("time", "angle", "quantum", "says"), [
+    (1e3, 1.0, 0.0, "the times look as if they were in milliseconds: --time-unit"),
+    (1.0, 180 / np.pi, 0.0, "the positions look as if they were in degrees: --position-unit"),
+    (1.0, 0.5 / np.pi, 0.0, "the positions look as if they were in turns"),
+    (1.0, 1304.0, 1.0, "the positions look as if they were in counts"),
+    (0.98, 1.2, 0.0, ""),
+])  # fmt: skip
+def test_a_unit_is_known_by_its_factor(time, angle, quantum, says):
+    orbit = find_orbit(Servo(), "switch", GAIN)
+    period, amplitude = 1.05 * time * orbit.period, 0.9 * angle * orbit.amplitude
+    said = suspicion(orbit, period, amplitude, quantum, 0.01 * period, 2, lambda: pytest.fail("fitted"))
+    assert said.startswith(says) and bool(said) is bool(says)
+
+
 def test_a_pattern_of_an_encoder_whose_steps_are_not_seen():
     """The same drive, its position measured apart from its encoder: 4 swings in a period, as its verdict says."""
     motion = simulate_sampled(AS_BUILT, 1.0, Drive(sample_time=1e-3, encoder=2000), time=60.0)

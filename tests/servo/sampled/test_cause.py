@@ -108,6 +108,24 @@ def test_swings_that_shrink_slowly_are_no_hunting(shrinks, kind):
     assert judge(t, x, Ending(np.nan, False, "", 0.0, 1.0)).kind == kind
 
 
+def test_some_smaller_swings_of_a_chatter_are_no_decay():
+    """The last four are, by chance; all of the last twelve of what dies out."""
+    sizes = 1 + 0.3 * np.random.default_rng(3).uniform(-1, 1, 200)
+    sizes[-5:] = np.sort(sizes[-5:])[::-1]
+    for each, kind in ((sizes, "hunting"), (0.97 ** np.arange(200.0), "decaying")):
+        x = np.concatenate([[sign * size for size in each] for sign in [1]]) * (-1.0) ** np.arange(200)
+        assert judge(np.arange(200.0), x, Ending(np.nan, False, "", 0.0, 0.0)).kind == kind
+
+
+def test_by_how_much_swings_repeat_is_said():
+    t = np.arange(0, 40, 1e-3)
+    x = np.cos(np.pi * t) * (1 + 0.005 * np.sin(9 * t))
+    found = judge(t, x, Ending(np.nan, False, "", 0.0, 1.0))
+    assert found.kind == "hunting" and found.sentence.startswith("each swing repeats, in size and time, to 0.")
+    exact = judge(t, np.cos(np.pi * t), Ending(np.nan, False, "", 0.0, 1.0))
+    assert exact.sentence == "each swing repeats, in size and time"
+
+
 def test_a_dead_band_that_ends_it_by_chance_is_passed_over(seen, monkeypatch):
     """One reading's band ends it, the next do not: the smallest one is behind them."""
     motion = seen[4.458][0]
