@@ -188,11 +188,12 @@ def end_of_motions(
         trial = more_of(remedy, at, 1 + stride)
         further = _hunting(with_remedy(loop, remedy, trial), swing, starts)
         if further is None:
-            rests, stride = trial, stride / 2
+            rests = trial
         elif rests == size and (further is swing or remedy.sense * (trial - last) > 0):
             return None
         else:
             at, swing = trial, further
+        stride /= 1 if rests == size else 2  # between one that hunts and one that rests: half of the way
     return rests, swing
 
 

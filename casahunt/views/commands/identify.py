@@ -2,9 +2,10 @@
 
 Keys of the JSON object, the `to_dict` of the identification: parameters {name: {value, low, high}}, 95 %, low 0 or high
 null where the records do not bound it, both null where status is "fit_not_converged"; misfit, 1 where the model leaves
-nothing but noise; explained; scatter, systematic and unsteady (judgement.py); untold, combinations that the records do not tell,
-as powers of the parameters; further_gain, of the record that would tell most besides, or null; records; servo; suspect,
-null or what to suspect where the first record hunts far from the frequency of the servo as given; wall_s.
+nothing but noise; explained; scatter, systematic and unsteady (judgement.py); untold, combinations that the records do
+not tell, as powers of the parameters; further_gain, of the record that would tell most besides, or null; records;
+servo; suspect, null or what to suspect where the first record hunts far from the frequency of the servo as given;
+wall_s.
 """
 
 from __future__ import annotations

@@ -140,3 +140,19 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     assert end(lambda size: True) is None
     assert end(lambda size: size < 3.7, lambda size: size > 1.1) is None
     assert end(lambda size: size < 3.7, lambda size: size > 3.6) == pytest.approx(3.7, rel=2 * border.MOTIONS_KNOW)
+
+
+def test_one_that_is_unclear_wherever_it_is_handed_on_ends_the_search(monkeypatch):
+    """Behind one that has come to rest: it went on to larger sizes for ever."""
+    leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
+    seen = []
+
+    def hunting(size, before, starts):
+        seen.append(size)
+        assert len(seen) < 30
+        return border.Swing({}, 1.0, 1.0) if size == 1.0 else None if len(seen) == 2 else before
+
+    monkeypatch.setattr(border, "with_remedy", lambda loop, remedy, size: size)
+    monkeypatch.setattr(border, "_hunting", hunting)
+    found = border.end_of_motions(None, leak, border.Swing({}, 1.0, 1.0), 1.0, 10.0)
+    assert found[0] == 1 + border.FIRST_MORE and max(seen) == found[0]
