@@ -179,13 +179,13 @@ def end_of_motions(
     hunting for good before it ends.  swing: one to begin with; starts: where others start besides, at rest, in
     amplitudes.
     """
-    at, rests, stride = size, size, FIRST_MORE
+    at, rests = size, size
     further = _hunting(with_remedy(loop, remedy, at), swing, starts)
     if further is None:
         return size, swing
     swing = further
-    while stride > MOTIONS_KNOW:
-        trial = more_of(remedy, at, 1 + stride)
+    while rests == size or abs(rests - at) > abs(more_of(remedy, at, 1 + MOTIONS_KNOW) - at):
+        trial = more_of(remedy, at, 1 + FIRST_MORE) if rests == size else (at + rests) / 2
         further = _hunting(with_remedy(loop, remedy, trial), swing, starts)
         if further is None:
             rests = trial
@@ -193,7 +193,6 @@ def end_of_motions(
             return None
         else:
             at, swing = trial, further
-        stride /= 1 if rests == size else 2  # between one that hunts and one that rests: half of the way
     return rests, swing
 
 
