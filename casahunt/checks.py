@@ -37,7 +37,8 @@ def number(key: str, value: Any) -> float:
     truth = type(value).__name__ in ("bool", "bool_")  # of Python and of numpy
     several = getattr(value, "ndim", 0) != 0  # an array of one number is none
     if truth or several or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
-        raise InputError(f"{key} = {quoted(value)}: must be a finite number")
+        bare = ", without quotes and unit" if isinstance(value, str) and value[:1].isdigit() else ""
+        raise InputError(f"{key} = {quoted(value)}: must be a finite number{bare}")
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):

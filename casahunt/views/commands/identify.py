@@ -21,7 +21,7 @@ import numpy as np
 
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
-from ...design.identify.judgement import UNSTEADY, Judgement
+from ...design.identify.judgement import NEGLIGIBLE, UNSTEADY, Judgement
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
 from ...errors import InputError, NoOrbit
@@ -191,7 +191,7 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
         yield "  from, to: the true value lies there in 95 of 100 cases, if the servo is as the model has it"
     else:
         yield "  from, to: of the nearest servo that the model has; the true values may lie outside"
-    yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude"
+    yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude; {NEGLIGIBLE:g} is next to nothing"
     if judgement.unsteady > UNSTEADY:
         yield f"  {_unsteady(judgement)}"
     for powers in found.untold:

@@ -325,6 +325,8 @@ def remedy_details(found: Cures) -> Iterator[str]:
     for row in found.remedies:
         if math.isfinite(row.size):
             yield f"  {row.name:17s}  {_exact(row)}"
+        elif row.why:
+            yield f"  {row.name:17s}  {row.why}"
 
 
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
@@ -355,7 +357,10 @@ def _settles(time: float) -> str:
 def _why_not(row: Cure) -> str:
     """Why a remedy is none."""
     if not math.isfinite(row.size):
-        return ("not found: " if row.kind == "not found" else "") + row.why
+        why = row.why
+        if why.startswith("followed"):  # what stopped it stands in the details
+            why = f"{why.partition(': ')[0]}, and could not be further"
+        return ("not found: " if row.kind == "not found" else "") + why
     return f"no remedy: its cycle ends at {_with(row.size, row.unit)}, but the motion beyond {_after(row)}"
 
 
