@@ -6,6 +6,7 @@ import json
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from command_line import one_json, run
 
@@ -148,8 +149,10 @@ def test_a_fit_that_did_not_settle_is_no_servo(capsys, record, monkeypatch):
 @pytest.mark.parametrize(("explained", "best"), [(True, "dead band"), (False, "dead band"), (True, "")])
 def test_what_speaks_against_the_answer(capsys, explained, best):
     judgement = SimpleNamespace(explained=explained, systematic=0.3, misfit=9.0)
-    found = SimpleNamespace(judgement=judgement, model="switch", records=(SimpleNamespace(quantum=0.0),))
+    data, left = SimpleNamespace(quantum=0.0, name="mine.csv"), np.repeat([3.0, 1.0 if best else 3.0], 50)
+    found = SimpleNamespace(judgement=judgement, model="switch", records=(data,), residuals=(left,))
     cures = SimpleNamespace(best=best, remedies=())
     assert command._judged(found, cures, {}, {}) == int(not (explained and best))
     err = capsys.readouterr().err
     assert ("does not explain the record" in err) is not explained and ("no remedy ends hunting" in err) == (not best)
+    assert ("3 times as much is left of the first half of mine.csv: leave more out by --from" in err) is not explained

@@ -33,7 +33,7 @@ TURNED_BACK = 0.25
 PATTERN_WITHIN, DRIFT = 2e-2, 1e-4
 """Parts of the largest swing, and of the longest one: by which those of two patterns may differ, and if all differ one
 way."""
-TOLD_APART = 1e-3
+DIFFERENCE_TOLD = 1e-3
 """By how much patterns that repeat may differ before it is said."""
 DIED_OUT = 1e-2
 """Part of (Fs - Fc)/kp."""
@@ -152,7 +152,7 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     if pattern:
         amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
-        text = f"{count}, in size and time" + (f", to {100 * off:.1g} %" if off > TOLD_APART else "")
+        text = f"{count}, in size and time" + (f", to {100 * off:.1g} %" if off > DIFFERENCE_TOLD else "")
         return SampledVerdict("hunting", text, amplitude, period, pattern, last, lasts)
     if not end.count and np.abs(half).max() <= DIED_OUT * end.unit:
         text = f"within {np.abs(half).max():.2g} rad of the set point since {times[-half.size]:.4g} s"
