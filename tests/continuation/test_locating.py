@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, find_fold
-from casahunt.collocation import ipopt
 from casahunt.collocation.admissibility import check_admissible
 from casahunt.collocation.ipopt import maximise_parameter
 from casahunt.collocation.linearisation import Linearisation
@@ -60,16 +59,6 @@ def test_conditions_and_ipopt_agree(at_fold):
     assert ours.parameter == pytest.approx(theirs.parameter, abs=1e-12)
     assert ours.multipliers == pytest.approx(theirs.multipliers, abs=1e-6 * np.abs(theirs.multipliers).max())
     assert ours.bend < 0 and np.isnan(theirs.bend)
-
-
-@pytest.mark.parametrize("far", [1e-4, 1.0])
-def test_the_largest_gain_at_the_end_of_what_ipopt_may_search_is_no_fold(orbit, monkeypatch, far):
-    """From a cycle 1 % below the fold, so near that the fold is not within reach."""
-    t, u, setting = unknowns_of(beside := orbit("switch", 0.99 * FOLD["K"]))
-    setting = replace(setting, dp=along(beside.problem, "gain"))
-    monkeypatch.setattr(ipopt, "FARTHEST_FROM_START", far)
-    found = maximise_parameter(t, u, setting, freedom=0.1)
-    assert found.status is (Status.CONVERGED if far == 1.0 else Status.NOT_CONVERGED)
 
 
 def test_a_smallest_gain_is_no_largest(at_fold):
