@@ -19,7 +19,7 @@ class InputError(ValueError):
     ...     Servo(inertia="0.1")
     ... except InputError as refusal:
     ...     print(refusal)
-    servo.inertia = '0.1': must be a finite number
+    servo.inertia = '0.1': must be a finite number, without quotes and unit
     """
 
 
