@@ -20,7 +20,6 @@ from typing import Any
 from ... import effort
 from ...checks import to_error
 from ...design.identify.identify import BOUND_FACTOR, Identification
-from ...design.identify.judgement import UNSTEADY
 from ...design.remedies.cures import Cures
 from ...design.remedies.remedies import remedies
 from ...design.uncertainty.worst_corner import worst_corner
@@ -135,7 +134,7 @@ def _judged(
 
 def _doubted(found: Identification) -> Iterator[str]:
     """What speaks against the servo for which remedies are sought."""
-    if not found.judgement.explained or found.judgement.unsteady > UNSTEADY:
+    if not (found.judgement.explained and found.judgement.repeats):
         yield "  of a servo that is in doubt, since the model does not explain all of the records: see below"
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
-from ...design.identify.judgement import NEGLIGIBLE, UNSTEADY, Judgement
+from ...design.identify.judgement import NEGLIGIBLE, Judgement
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
 from ...errors import InputError, NoOrbit
@@ -55,7 +55,7 @@ FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
 """What --out writes, and what stands in each: the intervals, as `uncertainty`, `tune` and `remedies` take them, and the
 servo with the values found."""
 MORE_AT_FIRST = 1.5
-"""So many times what is left of the later half of a record is a transient."""
+"""What is left of the first half of a record, in units of that of the later one, from which on it is a transient."""
 FITTED_DIGITS = 6
 """Of a value in the details."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
@@ -181,18 +181,18 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     data, judgement = found.records, found.judgement
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     does = "explains" if judgement.explained else "does NOT explain"
-    mean = ", in the mean of its periods" if judgement.explained and judgement.unsteady > UNSTEADY else ""
+    mean = ", in the mean of its periods" if judgement.explained and not judgement.repeats else ""
     yield f"{found.model} servo from {many}: the model {does} what was recorded{mean}"
     yield from read
     yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
         yield "  the values are NOT settled: they are those where the search stopped, and nobody knows how far off"
-    elif judgement.explained:
+    elif judgement.explained and judgement.repeats:
         yield "  from, to: the true value lies there in 95 of 100 cases, if the servo is as the model has it"
     else:
         yield "  from, to: of the nearest servo that the model has; the true values may lie outside"
     yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude; {NEGLIGIBLE:g} is next to nothing"
-    if judgement.unsteady > UNSTEADY:
+    if not judgement.repeats:
         yield f"  {_unsteady(judgement)}"
     for powers in found.untold:
         yield f"  not told by the record: {_combination(powers)}"
@@ -206,7 +206,7 @@ def _transient(found: Identification) -> str:
     """That the beginning of a record may be a transient, where more is left of it."""
     data, left = found.records[0], found.residuals[0]
     early, late = (float(np.sqrt(np.mean(half**2))) for half in np.array_split(left, 2))
-    if early < MORE_AT_FIRST * late:
+    if not early > MORE_AT_FIRST * late > 0:
         return ""
     return f"; {early / late:.2g} times as much is left of the first half of {data.name}: leave more out by --from"
 

@@ -311,11 +311,11 @@ def _advice_as_built(found: Cures, built: Mapping[str, AsBuilt | str]) -> str:
     """Of those that hold in the loop as built, and of cheaper ones: the sentence below the one that names the best."""
     does = _at_rest(built)
     names = [row.name for row in found.remedies if row.name in built]
-    cheaper = names[: names.index(found.best) + (found.best not in does)] if found.best in names else []
+    before = names[: names.index(found.best) + 1] if found.best in names else []
     said = "in the loop as built: " + (
         f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT
     )
-    for name in (name for name in cheaper if name not in does):
+    for name in (name for name in before if name not in does):
         said += f"; {name} {'was not checked' if isinstance(built[name], str) else 'does not do'}"
     return said
 

@@ -272,14 +272,14 @@ def test_periods_that_differ_are_seen_whatever_the_noise(tmp_path, capsys):
     """
     times = np.arange(0.0, 12 * PERIOD, PERIOD / 150)
     x = positions(Servo(), "switch", GAIN, AMPLITUDE, times)
-    x = measured(x, 0.01 * AMPLITUDE, 0.0, 0.3, np.random.default_rng(4))
-    record = Record(times[times > PERIOD], x[times > PERIOD], "steady")
-    steady = identify([record], Servo(), GAIN, free=["friction.static"], advise=False)
-    assert steady.judgement.unsteady < judgement.UNSTEADY / 3
+    for noise in (0.15, 0.01):
+        y = measured(x, noise * AMPLITUDE, 0.0, 0.3, np.random.default_rng(4))
+        record = Record(times[times > PERIOD], y[times > PERIOD], "steady")
+        assert identify([record], Servo(), GAIN, free=["friction.static"], advise=False).judgement.repeats
     off = 0.2 * AMPLITUDE * np.random.default_rng(5).uniform(-1, 1, 12)
     x = record.position + off[(record.times // PERIOD).astype(int)]
     found = identify([Record(record.times, x, "uneven")], Servo(), GAIN, free=["friction.static"], advise=False)
-    assert found.judgement.unsteady > 2 * judgement.UNSTEADY
+    assert found.judgement.unsteady == pytest.approx(0.2 / math.sqrt(3), rel=0.2) and not found.judgement.repeats
     path, servo = tmp_path / "uneven.csv", tmp_path / "servo.toml"
     np.savetxt(path, np.column_stack([record.times, x]), delimiter=",", header="time_s,position_rad", comments="")
     servo.write_text('[servo]\n[drive]\nsample_time = 0.002\nderivative = "filtered"\n')
