@@ -2,11 +2,11 @@
 
     records -> identify -> fold gain, and that of the worst servo -> remedies for the worst servo -> the loop as built
 
-Each step is a command of its own.  Keys of the JSON object: advice (the sentence that names a remedy); suspect, as
-`identify` gives it; identified, remedies, as_built, as `identify` and `remedies` give them; fold {gain, worst,
-refused}: up to which gain the servo as found can hunt, and the worst one that the records allow, null where it was not
-computed, and why not; bounded, whether the records bound every parameter; gain, of the first record, at which remedies
-are looked for; limits; wall_s.
+Each step is a command of its own.  Keys of the JSON object: advice (the sentence that names a remedy); doubt, null or a
+sentence, where the model does not explain all; suspect, as `identify` gives it; identified, remedies, as_built, as
+`identify` and `remedies` give them; fold {gain, worst, refused}: up to which gain the servo as found can hunt, and the
+worst one that the records allow, null where it was not computed, and why not; bounded, whether the records bound every
+parameter; gain, of the first record, at which remedies are looked for; limits; wall_s.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ def run(options: argparse.Namespace) -> int:
     )  # fmt: skip
     built = remedies_as_built(options, cures, found.servo, gain)
     cures = that_holds(cures, built, limits, of_a_set=True)
-    suspect = identification.suspected(options, found)
+    suspect, doubt = identification.suspected(options, found), _doubt(found)
     record = {
-        "suspect": suspect or None,
+        "suspect": suspect or None, "doubt": doubt or None,
         "advice": advice_of(cures, limits, built, of_a_set=True), "gain": gain, "limits": limits,
         "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
         "remedies": cures.to_dict(),
@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
             page = cure_page(whole, {"fit": png(fitted_records(found))})
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
             options.outputs.write(write_results, out, FILES, identification.texts_of(found, drive_of(options)) | own)
-    lines = [advice_of(cures, limits, built, of_a_set=True), *_doubted(found),
+    lines = [advice_of(cures, limits, built, of_a_set=True), *([f"  {doubt}"] if doubt else []),
              *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built)]  # fmt: skip
     answer = Answer(lines, [*identification.identified_details(found), *remedy_details(cures)])
@@ -132,10 +132,11 @@ def _judged(
     return 0 if found.judgement.explained and cures.best and not fails else 1
 
 
-def _doubted(found: Identification) -> Iterator[str]:
-    """What speaks against the servo for which remedies are sought."""
-    if not (found.judgement.explained and found.judgement.repeats):
-        yield "  of a servo that is in doubt, since the model does not explain all of the records: see below"
+def _doubt(found: Identification) -> str:
+    """What speaks against the servo for which remedies are sought; "" where nothing does."""
+    if found.judgement.explained and found.judgement.repeats:
+        return ""
+    return "of a servo that is in doubt, since the model does not explain all of the records: see below"
 
 
 def _unbounded(found: Identification) -> Iterator[str]:

@@ -40,6 +40,7 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     return document(TITLE, [
         "<h1>What stops the hunting?</h1><p class=dim>casahunt cure, from records</p>", made_line(p),
         f"<p><strong>{p.text('advice')}</strong></p>",
+        *([f"<p class=bad>{p.text('doubt')}</p>"] if record["doubt"] else []),
         "<h2>What the records tell</h2>",
         table(["parameter", "value", "95 % from", "to"],
               [_parameter(p, name) for name in record["identified"]["parameters"]]),
