@@ -14,7 +14,7 @@ from matplotlib import image
 
 from casahunt.design.remedies.cures import Cure
 from casahunt.views.commands.output import LINE_WIDTH, MEANINGS
-from casahunt.views.commands.remedies import NOT_FOR_THE_WORST, _row, advice_of, none_within
+from casahunt.views.commands.remedies import NOT_FOR_THE_WORST, _row, _why_not, advice_of, none_within, remedy_details
 
 GAIN = ("remedies", "--gain", 0.04)
 BAND, LEAK = 0.0433457242337, 0.246844841
@@ -147,3 +147,11 @@ def test_what_is_refused_writes_nothing(capsys, tmp_path, monkeypatch, words, sa
 def test_a_servo_that_does_not_hunt(capsys, tmp_path):
     code, out, err = run(capsys, "remedies", "--gain", 1, "--quiet", "--csv", tmp_path / "rows.csv")
     assert (code, out) == (1, "") and err.startswith("casahunt remedies: ") and list(tmp_path.iterdir()) == []
+
+
+def test_why_cycles_could_not_be_followed_stands_in_the_details():
+    """A mesh and Newton's method mean nothing to who asks for a remedy."""
+    row = Cure("leak", "1/s", "not found", why="followed from 0.1 to 0.5 1/s: no step from leak = 0.5 converged")
+    (said,) = remedy_details(SimpleNamespace(remedies=(row,)))
+    assert "no step from leak = 0.5 converged" in said
+    assert _why_not(row) == "not found: followed from 0.1 to 0.5 1/s, and could not be further"

@@ -16,6 +16,7 @@ from ...errors import InputError, NoOrbit
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import flatten
 from ...servo.units import unit_of
+from ..record.units import Quantity, parsed_unit
 from .identify import Identification
 from .suitable import in_a_pattern, of_few_steps
 
@@ -24,8 +25,8 @@ FAR_FREQUENCY = 0.1
 COARSE_SAMPLES = 0.1
 """Time between two samples, in units of the loop's 1/omega, omega^2 = kp/J, from which on a drive that samples so hunts
 otherwise than the continuous loop by some per cent (scripts/as_built.py order)."""
-UNITS = {1e3: "in milliseconds", 1e6: "in microseconds"}, {180 / math.pi: "in degrees", 1 / (2 * math.pi): "in turns"}
-"""Of times and of angles, by how much larger numbers are."""
+UNITS: tuple[tuple[Quantity, str], ...] = ("time", "ms"), ("time", "us"), ("angle", "deg"), ("angle", "rev")
+"""That are taken for s and rad."""
 ABOUT_RIGHT, A_COUNT = 0.3, 10.0
 """Of a model, in logarithms of its period and amplitude; and positions in whole numbers that are larger by so much are
 counts."""
@@ -69,13 +70,13 @@ def suspicion(
 def _unit(orbit: HuntingOrbit, period: float, amplitude: float, quantum: float) -> str:
     """The sentence on a unit by which the record is off; "" where it is not."""
     if math.isclose(quantum, 1.0) and amplitude > A_COUNT * orbit.amplitude:
-        return "the positions look as if they were in counts: --position-unit takes the angle of one in rad"
-    off = math.log(period / orbit.period), math.log(amplitude / orbit.amplitude)
-    for what, which in (("times", 0), ("positions", 1)):
-        for factor, unit in UNITS[which].items():
-            if abs(off[which] - math.log(factor)) < ABOUT_RIGHT and abs(off[1 - which]) < ABOUT_RIGHT:
-                option = "--time-unit" if which == 0 else "--position-unit"
-                return f"the {what} look as if they were {unit}: {option} says so"
+        return "the positions look like counts: --position-unit takes the angle of one in rad"
+    late, large = math.log(period / orbit.period), math.log(amplitude / orbit.amplitude)
+    for quantity, unit in UNITS:
+        off, other = (late, large) if quantity == "time" else (large, late)
+        if abs(off + math.log(parsed_unit(quantity, unit).factor)) < ABOUT_RIGHT and abs(other) < ABOUT_RIGHT:
+            what, option = ("times", "--time-unit") if quantity == "time" else ("positions", "--position-unit")
+            return f"the {what} look like {unit}: {option} {unit}"
     return ""
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from ...servo.delayed_loop import Margins
 from ...servo.linear_loop import LinearLoop
 from .answer import Answer, item, short
 
+STABLE_BELOW, STABLE_ABOVE = "at any lower gain", "at any higher one"
 NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry friction is not in it."
 
 
@@ -55,12 +56,18 @@ def _gain_margin(loop: LinearLoop) -> str:
     return "; ".join(limits) or f"none: {'stable' if loop.stable else 'unstable'} at every gain"
 
 
+def stable_between(low: float, high: float, written: Callable[[float], str] = short) -> str:
+    """Between which factors of the gain a loop is stable; 0 and infinity where nothing limits it."""
+    falls = f"down to {written(low)} times the gain" if low else STABLE_BELOW
+    rises = f"up to {written(high)} times" if math.isfinite(high) else STABLE_ABOVE
+    return f"{falls} and {rises}"
+
+
 def _with_delay(found: Margins) -> str:
     if not found.stable:
         return "unstable"
-    ends = (short(factor) for factor in (found.lowest_factor, found.highest_factor) if 0 < factor < math.inf)
-    limits = f"; gain may be multiplied by {' to '.join(ends)}" if found.highest_factor < math.inf else ""
-    return f"stable, phase margin {short(found.phase_margin)} degrees{limits}"
+    limits = stable_between(found.lowest_factor, found.highest_factor)
+    return f"phase margin {short(found.phase_margin)} degrees, stable {limits}"
 
 
 def _details(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Iterator[str]:

@@ -5,6 +5,7 @@ record: the JSON object of the tuning (commands/tune.py has its keys).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -13,8 +14,8 @@ from ...design.tune.demands import NUMBERS
 from ...servo.simulation.verdict import SETTLES
 from ...servo.units import unit_of
 from .answer import Answer, item, short
+from .loop import stable_between
 
-STABLE_BELOW, STABLE_ABOVE = "at any lower gain", "at any higher one"
 NO_LICENCE = "with dry friction lower gains may hunt all the same"
 DOES = {
     "at rest": "comes to rest", "decaying": "is on its way to rest",
@@ -117,10 +118,9 @@ def _loops(check: Mapping[str, Any]) -> str:
     if not all(loop["stable"] for loop in loops):
         return "not stable"
     lows, highs = ([loop[key] for loop in loops if loop[key]] for key in ("lowest_factor", "highest_factor"))
-    low = f"down to {short(max(lows))} times the gain" if lows else STABLE_BELOW
-    high = f"up to {short(min(highs))} times" if highs else STABLE_ABOVE
+    limits = stable_between(max(lows, default=0.0), min(highs, default=math.inf))
     least = short(min(loop["phase_margin"] for loop in loops))
-    return f"phase margin {least} degrees; without dry friction it is stable {low} and {high}, {NO_LICENCE}"
+    return f"phase margin {least} degrees; without dry friction it is stable {limits}, {NO_LICENCE}"
 
 
 def _tasks(tasks: Sequence[Mapping[str, Any]]) -> str:
@@ -186,5 +186,4 @@ def _factors(loop: Mapping[str, Any]) -> str:
     low, high = loop["lowest_factor"], loop["highest_factor"]
     if not loop["stable"]:
         return "unstable"
-    falls = f"stable down to {low:.5g} times the gain" if low else f"stable {STABLE_BELOW}"
-    return falls + (f" and up to {high:.5g} times" if high is not None else f" and {STABLE_ABOVE}")
+    return f"stable {stable_between(low or 0.0, math.inf if high is None else high, '{:.5g}'.format)}"

@@ -289,8 +289,7 @@ def _tell_what_is_taken(options: argparse.Namespace, servo: Servo, tables: dict[
 
 
 def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive | None:
-    """The drive of the command line: the table [drive] of the servo file and overrides; None without any, or with a
-    sample time of 0, which is the continuous loop.
+    """The drive of the command line, [drive] of the file and overrides; None without any, or with a sample time of 0.
 
     by_options: also by the options of the command that are called like its keys. Raises InputError: one is wrong.
     """
@@ -301,12 +300,13 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
         if key.startswith(OF_DRIVE):
             name = choice_of("key", key.strip(), [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
             given[name.removeprefix(OF_DRIVE)] = value.strip()
-    if by_options:
-        given |= {key: value for key in DRIVE_KEYS if (value := getattr(options, key)) is not None}
+    given |= {key: value for key in DRIVE_KEYS if by_options and (value := getattr(options, key)) is not None}
     numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in given.items()}
     if numbers.get("sample_time") == 0:
         dropped = ", ".join(f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time")
-        say(progress(options) if dropped else None, f"the loop is taken as a continuous one: {dropped} left out")
+        stream = progress(options) if dropped and not hasattr(options, "continuous") else None
+        options.continuous = True
+        say(stream, f"the loop is taken as a continuous one: {dropped} left out")
         return None
     return drive_of_table(table, **numbers) if table or numbers else None
 

@@ -33,9 +33,11 @@ def run(options: argparse.Namespace) -> int:
         "loops": loops,
     }
     drive = drive_of(options)
-    lag = 0.0 if drive is None else drive.delay + drive.sample_time / 2
-    delayed = [margins(servo, gain, delay=lag) for gain in gains] if lag else []
-    record |= {"with_delay": {"delay": lag, "margins": delayed}} if lag else {}
+    lag, delayed = 0.0, []
+    if drive is not None:
+        lag = drive.delay + drive.sample_time / 2
+        delayed = [margins(servo, gain, delay=lag) for gain in gains]
+        record["with_delay"] = {"delay": lag, "margins": delayed}
     answer = loop_answer(loops, viscous, frictionless, lag, delayed)
     give(options, record, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
     return 0

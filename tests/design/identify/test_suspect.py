@@ -66,10 +66,10 @@ def test_steps_of_an_encoder(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(("time", "angle", "quantum", "says"), [
-    (1e3, 1.0, 0.0, "the times look as if they were in milliseconds: --time-unit"),
-    (1.0, 180 / np.pi, 0.0, "the positions look as if they were in degrees: --position-unit"),
-    (1.0, 0.5 / np.pi, 0.0, "the positions look as if they were in turns"),
-    (1.0, 1304.0, 1.0, "the positions look as if they were in counts"),
+    (1e3, 1.0, 0.0, "the times look like ms: --time-unit ms"),
+    (1.0, 180 / np.pi, 0.0, "the positions look like deg: --position-unit deg"),
+    (1.0, 0.5 / np.pi, 0.0, "the positions look like rev: --position-unit rev"),
+    (1.0, 1304.0, 1.0, "the positions look like counts: --position-unit"),
     (0.98, 1.2, 0.0, ""),
 ])  # fmt: skip
 def test_a_unit_is_known_by_its_factor(time, angle, quantum, says):
