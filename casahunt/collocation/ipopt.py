@@ -53,11 +53,9 @@ FOLD_OPTIONS = {
     # Where the equations are lost next to a fold, restoring them leads nowhere; ten steps are the rule.
     "ipopt.max_resto_iter": 0,
     "ipopt.max_iter": 20,
-    # Far outside MUMPS takes ever more memory for its pivots, and minutes for a step.  No bounds near by: they change
-    # where IPOPT stops next to folds, and whether those are known to the tolerance.
-    "ipopt.diverging_iterates_tol": 1e6,
 }
-"""Options of a largest parameter."""
+"""Options of a largest parameter.  No bounds near by: they change where IPOPT stops, and whether folds are known to the
+tolerance."""
 
 MINIMUM_OPTIONS = {
     "ipopt.max_iter": 100,

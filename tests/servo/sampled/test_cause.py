@@ -111,7 +111,7 @@ def test_swings_that_shrink_slowly_are_no_hunting(shrinks, kind):
 def test_some_smaller_swings_of_a_chatter_are_no_decay():
     """The last four are, by chance; all of the last twelve of what dies out."""
     sizes = 1 + 0.3 * np.random.default_rng(3).uniform(-1, 1, 200)
-    sizes[-5:] = np.sort(sizes[-5:])[::-1]
+    sizes[-8:] = np.sort(sizes[-8:])[::-1]
     for each, kind in ((sizes, "hunting"), (0.97 ** np.arange(200.0), "decaying")):
         x = each * (-1.0) ** np.arange(200)
         assert judge(np.arange(200.0), x, Ending(np.nan, False, "", 0.0, 0.0)).kind == kind
