@@ -115,14 +115,17 @@ def test_table_and_picture(capsys, tmp_path, built):
     (("--dead-band", 0.1, "--hysteresis", 0.1), "dead_band and hysteresis exclude each other"),
     (("--encoder", "many"), "drive.encoder = 'many': must be a finite number"),
     (("--leak", "0,5"), "drive.leak = '0,5': must be a finite number; decimals take a point, 0.5"),
-    (("--sample-time", 0, "--dead-band", 0.01), "dead-band: must be left out, it is of the loop as built, and"),
+    (("--sample-time", 0, "--encoder", 100), "encoder: must be left out, it is of the loop as built, and without a"),
+    (("--sample-time", 0, "--enter-ratio", 0.3), "enter-ratio: must be left out without hysteresis"),
+    (("--sample-time", 0, "--dwell", 1, "--model", "lugre"), "dwell: must be left out, in the continuous loop it goes"),
+    (("--sample-time", 0, "--leak", -1), "leak = -1: must be at least 0 (leak)"),
     (("--regularised",), "regularised: must be left out"),
     (("--bristle", "1e-6"), "bristle = 1e-06: must be 0 with the model 'switch'"),
     (("--time", "1e6"), "between 1 and 5000000 samples"),
 ])  # fmt: skip
 def test_refusals(capsys, built, words, said):
     code, out, err = run(capsys, "simulate", built, "--gain", 1, *words)
-    assert code == 2 and not out and said in err and err.count("\n") == 1
+    assert code == 2 and not out and said in err.splitlines()[-1] and err.count("casahunt simulate:") == 1
 
 
 def test_what_the_continuous_loop_leaves_out_is_told(capsys, built):
@@ -297,3 +300,35 @@ def test_a_band_of_the_drive_gives_way_to_the_one_that_is_checked(capsys, built)
     words = ("--only", "dead band", "--set", "drive.hysteresis=0.001", "--json", "--quiet")
     _, out, _ = run(capsys, "remedies", built, "--gain", 1, *words)
     assert one_json(out)["as_built"]["dead band"]["kind"] == "at rest"
+
+
+@pytest.mark.parametrize("words", [(), ("--sample-time", 0)], ids=["no drive", "sample time 0"])
+def test_a_remedy_of_the_table_is_tried_in_the_continuous_loop_by_one_option(capsys, built, words):
+    """Table 1's servo hunts up to a leak of 0.2468 1/s; stuck beside the set point, friction holds
+    |kp + ki/leak| |x1| <= Fs."""
+    given = ("simulate", *([built] if words else []), *words, "--gain", 1 if words else 0.04, "--json", "--quiet")
+    hunts = one_json(run(capsys, *given, "--leak", 0.1)[1])
+    rests = one_json(run(capsys, *given, "--leak", 4.0)[1])
+    assert hunts["verdict"] == "hunting" and rests["verdict"] == "at rest"
+    assert "leak" in hunts["parts"] and rests["parameters"]["leak"] == 4.0
+    p = rests["parameters"]
+    held = rests["gain"] * p["motor_gain"] * (p["kp"] + p["ki"] / 4.0) * abs(rests["end"]["x1"])
+    assert held <= p["static"]
+
+
+def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
+    code, out, _ = run(capsys, "simulate", "--gain", 0.04, "--hysteresis", 0.2, "--enter-ratio", 0.25)
+    assert code == 0 and out.startswith("switch servo at gain 0.04 V/rad, set point 1 rad, 100 s: at rest")
+    assert "it has come to rest, and nothing in the loop moves it again" in out
+    assert "rad from the set point (x1)" in out
+
+
+def test_above_the_fold_it_is_said_that_the_drive_may_hunt_by_a_count(capsys, built):
+    """At 4.458, where the continuous loop is proven to rest, this drive hunts; a dead band ends it."""
+    _, out, _ = run(capsys, "fold", built, "--quiet")
+    assert "above that gain" in out and "hunting by a count of the encoder" in re.sub(r"\s+", " ", out)
+    assert one_json(run(capsys, "fold", built, "--json", "--quiet")[1])["beyond"].startswith("quantisation")
+    code, _, err = run(capsys, "orbit", built, "--gain", 5.0)
+    assert code == 1 and "hunting by a count of the encoder where the continuous loop rests (casahunt simulate" in err
+    for words in (("--set", "drive.dead_band=0.004"), ("--set", "drive.encoder=0"), ("--set", "drive.sample_time=0")):
+        assert "hunting by" not in run(capsys, "orbit", built, "--gain", 5.0, *words)[2]

@@ -148,12 +148,11 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     turns = turning_points(x, TURNED_BACK * float(np.ptp(half)))
     t, S = times[turns], np.abs(np.diff(x[turns]))
     last, lasts = (tuple(map(float, values[-LONGEST_PATTERN:])) for values in (S, np.diff(t)))
-    pattern, off = _pattern(S, np.diff(t), end.count / 2)
+    pattern, in_size, in_time = _pattern(S, np.diff(t), end.count / 2)
     if pattern:
         amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
-        text = f"{count}, in size and time" + (f", to {100 * off:.1g} %" if off > DIFFERENCE_TOLD else "")
-        return SampledVerdict("hunting", text, amplitude, period, pattern, last, lasts)
+        return SampledVerdict("hunting", f"{count}, {_how_closely(in_size, in_time)}", amplitude, period, pattern, last, lasts)
     if not end.count and np.abs(half).max() <= DIED_OUT * end.unit:
         text = f"within {np.abs(half).max():.2g} rad of the set point since {times[-half.size]:.4g} s"
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
@@ -170,8 +169,16 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     return SampledVerdict("undecided", text, swings=last)
 
 
-def _pattern(S: Array, lasts: Array, grain: float) -> tuple[int, float]:
-    """The shortest pattern in which the last swings repeat, 0: none; and by how much two of it differ, relatively.
+def _how_closely(in_size: float, in_time: float) -> str:
+    """By how much a pattern that repeats differs from the one before, relatively: in size, in time."""
+    if in_size > PATTERN_WITHIN:
+        return f"in time to {100 * in_time:.1g} %, in size to less than half a count"
+    off = max(in_size, in_time)
+    return "in size and time" + (f", to {100 * off:.1g} %" if off > DIFFERENCE_TOLD else "")
+
+
+def _pattern(S: Array, lasts: Array, grain: float) -> tuple[int, float, float]:
+    """The shortest pattern in which the last swings repeat, 0: none; by how much two differ in size and in time.
 
     S, lasts: (m,) swings [rad] and their times [s]; grain: what swings may differ by besides [rad].
     """
@@ -184,5 +191,5 @@ def _pattern(S: Array, lasts: Array, grain: float) -> tuple[int, float]:
         drifts = bool((change > 0).all() or (change < 0).all()) and float(np.abs(change).max()) > DRIFT * size
         alike = np.abs(change).max() <= PATTERN_WITHIN * size + grain and later.max() <= PATTERN_WITHIN * longest
         if alike and not drifts:
-            return p, max(float(np.abs(change).max()) / size, float(later.max()) / longest)
-    return 0, math.nan
+            return p, float(np.abs(change).max()) / size, float(later.max()) / longest
+    return 0, math.nan, math.nan

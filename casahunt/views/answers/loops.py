@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...checks import error_text, to_absolute_error
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
 
 
 def loop_motion_answer(
-    title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], cycle: SystemOrbit | None
-) -> Answer:
+    title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], cycle: SystemOrbit | None,
+    angles: Collection[str],
+) -> Answer:  # fmt: skip
     """What is said of a motion.
 
-    title: which loop; parts: a line; record: its JSON object; cycle: that it goes on to.
+    title: which loop; parts: a line; record: its JSON object; cycle: that it goes on to; angles: states that are some.
     """
     verdict, motion = record["verdict"], found.motion
     plain = [f"{title}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s: {HEADS[verdict]}"]
@@ -29,7 +30,10 @@ def loop_motion_answer(
     else:
         plain.append(item("because", record["reason"]))
     voltage = "" if record["peak_voltage"] is None else f", by {record['peak_voltage']:.4g} V"
-    end = (f"{state} {short(value)}" for state, value in motion.end.items())
+    end = (
+        f"{short(value)} rad from the set point ({state})" if state in angles else f"{state} {short(value)}"
+        for state, value in motion.end.items()
+    )
     plain += [parts, item("at the end", ", ".join(end))]
     plain.append(item("largest torque", f"{record['peak_torque']:.4g} N m{voltage}"))
     return Answer(plain, _details(found, record))

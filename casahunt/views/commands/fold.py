@@ -1,8 +1,8 @@
 """casahunt fold: the largest gain at which the servo can hunt, and the largest one with a stable cycle.
 
-Key `stable` of the JSON object: see views/stability.py; `as_built`: as of orbit.  Of a loop of parts: the border of
-hunting in any parameter;
-`parameters` are those at the fold, `way` is "up" where the loop hunts below it.
+Key `stable` of the JSON object: see views/stability.py; `as_built`: as of orbit; `beyond`: what the drive may do at
+higher gains, or null.  Of a loop of parts: the border of hunting in any parameter; `parameters` are those at the fold,
+`way` is "up" where the loop hunts below it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "stable": stable, "solver": how.solver}
     stream = progress(options)
     tell(stream, orbit_line(stream, fold.orbit, mu="+1 (fold)"))
-    below, built = seen_by_encoder(options, fold.orbit.amplitude)
+    below, built = seen_by_encoder(options, fold.orbit.amplitude, beyond=True)
     more = {**more, **built}
     value, again = (f"{to_error(gain, fold.gain_error)} V/rad" for gain in (fold.gain, fold.optimised_value))
     answer = fold_answer(

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...checks import choice_of
+from ...errors import NoOrbit
 from ...export import Columns
 from ...orbits import Multipliers, Options, Orbit
 from ...orbits.archive import save_orbit
@@ -28,7 +29,7 @@ from .console import orbit_line
 from .loops import shared
 from .output import give
 from .progress import progress, tell
-from .sampled import seen_by_encoder
+from .sampled import hunts_on, seen_by_encoder
 
 if TYPE_CHECKING:
     from ...servo.parts import Loop
@@ -64,7 +65,10 @@ def run(options: argparse.Namespace) -> int:
         left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")
     servo = Servo() if loop is not None else servo_of(options)
     began = time.perf_counter()
-    found = _of_a_servo(servo, model, gain, branch, how) if loop is None else _of_a_loop(loop, branch, how)
+    try:
+        found = _of_a_servo(servo, model, gain, branch, how) if loop is None else _of_a_loop(loop, branch, how)
+    except NoOrbit as refusal:
+        raise hunts_on(options, refusal, gain) from None
     if loop is None:
         below, built = seen_by_encoder(options, found.orbit.amplitude)
         found = found._replace(below=(*found.below, *below), record=found.record | built)

@@ -37,7 +37,7 @@ from .console import complain, folder
 from .output import give
 from .output_paths import write_results
 from .progress import progress, tell
-from .sampled import checked_lines
+from .sampled import DRIVE_PARTS, checked_lines
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -48,12 +48,6 @@ SETTLING_DIGITS = 2
 """Digits of a settling time: it depends on where between two points of the motion the band is left last."""
 PLAIN_NUMBERS = {"derivative": "kd", "integral": "ki"}
 """Remedies that are a number of the controller by gains."""
-DRIVE_PARTS = {
-    "dead band": "dead_band", "shifted dead band": "shifted_dead_band", "hysteresis": "hysteresis",
-    "error dead band": "error_dead_band", "leak": "leak", "freeze": "dwell", "reset": "reset",
-    "reset at a stop": "reset_at_stop", "error filter": "error_filter_time", "feedforward": "compensated",
-}  # fmt: skip
-"""Remedies that the sampled controller has, by the key of their size."""
 NO_PART = "not checked: its size is that of a vibration much faster than the samples, which the drive cannot make"
 """Said of dither."""
 SURELY_KNOWN = 1e-9

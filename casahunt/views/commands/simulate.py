@@ -26,7 +26,6 @@ import numpy as np
 from ... import effort
 from ...checks import error_text, moderate
 from ...errors import InputError
-from ...servo.drive import DRIVE_KEYS
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
@@ -35,7 +34,7 @@ from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of
 from .console import complain
 from .loops.simulate import of_loop
 from .output import give
-from .sampled import add_drive, of_drive
+from .sampled import add_drive, of_drive, remedies_given, with_remedies
 
 MOST_ROWS = 10_000_000
 """Of a table: a gigabyte, of which nobody reads more."""
@@ -74,18 +73,21 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("step: must be left out without --csv")
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
-    if options.sample_time is not None and finite("sample-time", options.sample_time) == 0:
-        of_drive_alone = (key for key in DRIVE_KEYS if key != "sample_time")
-        left_out(options, "it is of the loop as built, and --sample-time 0 is the continuous one", *of_drive_alone)
+    remedies = remedies_given(options)
     drive = drive_of(options, by_options=True)
     if loop is not None:
         if drive is not None:
             raise InputError("sample-time: must be left out, of a loop of parts only the continuous motion is computed")
+        if remedies:
+            raise InputError(f"{next(iter(remedies)).replace('_', '-')}: must be left out, a loop has its remedies as parts")
         left_out(options, "a loop has its own friction, and its table is dense where the motion is fast", "regularised",
                  "step")  # fmt: skip
         return of_loop(options, loop, length, numbers)
     servo = servo_of(options)
     left_out(options, "it is of a loop of parts", "state")
+    if remedies:
+        left_out(options, "with a remedy the motion is one of a loop of parts", "regularised", "step")
+        return of_loop(options, with_remedies(servo, model, gain, remedies), length, numbers, f"{model} servo")
     if drive is not None:
         return of_drive(options, servo, drive, length, numbers)
     began = time.perf_counter()

@@ -124,6 +124,9 @@ def test_by_how_much_swings_repeat_is_said():
     assert found.kind == "hunting" and found.sentence.startswith("each swing repeats, in size and time, to 0.")
     exact = judge(t, np.cos(np.pi * t), Ending(np.nan, False, "", 0.0, 1.0))
     assert exact.sentence == "each swing repeats, in size and time"
+    x = (1 + 0.1 * np.sin(np.arange(80) ** 2)) * (-1.0) ** np.arange(80)  # a fifth apart, which half a count allows
+    counted = judge(np.arange(80.0), x, Ending(np.nan, False, "", 1.0, 1.0)).sentence
+    assert counted == "each swing repeats, in time to 0 %, in size to less than half a count"
 
 
 def test_a_dead_band_that_ends_it_by_chance_is_passed_over(seen, monkeypatch):

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 BRANCHES_OF_A_LOOP = ("stable", "unstable")
 
 
-def title(loop: Loop) -> str:
+def title(loop: Loop, called: str = "loop") -> str:
     """What a loop is called in the first line."""
-    return f"loop at gain {loop.value('gain'):.10g} V/rad"
+    return f"{called} at gain {loop.value('gain'):.10g} V/rad"
 
 
 def parts_line(loop: Loop) -> str:

@@ -33,14 +33,18 @@ if TYPE_CHECKING:
 
 LATE = 0.5
 """Part of the motion behind which nothing moves where it rests."""
+STANDS = "it has come to rest, and nothing in the loop moves it again"
+"""Where a motion meets no further event."""
 NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
 """Options that name a state of the servo."""
 
 
-def of_loop(options: argparse.Namespace, loop: Loop, length: float, numbers: Mapping[str, float]) -> int:
+def of_loop(
+    options: argparse.Namespace, loop: Loop, length: float, numbers: Mapping[str, float], called: str = "loop"
+) -> int:
     """Simulate and print; returns the exit code.
 
-    numbers: of the command line: set_point, position, velocity, integral, bristle, tol.
+    numbers: of the command line: set_point, position, velocity, integral, bristle, tol; called: what the loop is.
     """
     from ....servo.parts import loop_motion
 
@@ -57,8 +61,9 @@ def of_loop(options: argparse.Namespace, loop: Loop, length: float, numbers: Map
         "events": [(event.time, event.event, event.mode) for event in motion.events], "error": motion.error,
         "status": status, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
-    picture = ("simulation.loop_motion", found, numbers["set_point"], f"{title(loop)}: {verdict}")
-    answer = loop_motion_answer(title(loop), parts_line(loop), found, record, cycle)
+    name = title(loop, called)
+    picture = ("simulation.loop_motion", found, numbers["set_point"], f"{name}: {verdict}")
+    answer = loop_motion_answer(name, parts_line(loop), found, record, cycle, loop.angles)
     give(options, record, answer, table=_table(found), picture=picture)
     if not status.ok:
         said = f"known to {error_text(motion.error)} of the sizes of the states and of the time"
@@ -80,8 +85,8 @@ def _goes_on_to(loop: Loop, found: LoopMotion, tol: float) -> tuple[str, str, Sy
         cycle = find_cycle(
             loop.system, motion.phases[-1].mode, start=motion.end, follow=vary, options=Options(tol=min(tol, 1e-6))
         )
-    except ComesToRest as rests:
-        return "at rest", str(rests), None
+    except ComesToRest:
+        return "at rest", STANDS, None
     except NoOrbit as why:
         late = found.times >= LATE * motion.duration
         moved = max(float(np.ptp(found.states[loop.system.states.index(angle), late])) for angle in loop.angles)
