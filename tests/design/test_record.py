@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from casahunt import InputError, Record, Servo, cli, measure, simulate
 from casahunt.design.record.file import read_record
+from casahunt.views.commands import record as record_command
 
 KEYS = {
     "file", "columns", "kind", "reason", "periods", "amplitude", "amplitude_scatter", "amplitude_error", "frequency",
@@ -298,6 +300,27 @@ def test_command_says_that_it_is_no_limit_cycle(capsys, tmp_path):
     code, out, err = run(capsys, path, "--plot", tmp_path / "b.png")
     assert code == 1 and "no oscillation" in out and "does not oscillate" in err
     assert not (tmp_path / "b.png").exists()
+
+
+def test_periods_that_differ_by_more_than_they_last_have_no_numbers(capsys, tmp_path, monkeypatch):
+    """Such as the steps of an encoder that are taken for some."""
+    path = written(tmp_path / "a.csv", Record(T, np.exp(-T / 30) * np.sin(T)))
+    assert "amplitude  " in run(capsys, path)[1]
+    unknown = replace(measure(path), kind="irregular", reason="nothing repeats", period_error=1e7)
+    monkeypatch.setattr(record_command, "measured", lambda _: unknown)
+    code, out, err = run(capsys, path)
+    assert code == 1 and "irregular, no period that repeats" in out and "shows no limit cycle" in err
+    assert "amplitude" not in out and "Hz" not in out and "noise" not in out
+
+
+def test_the_steps_of_a_slow_motion_are_no_limit_cycle():
+    """A ramp read by an encoder repeats at each count; a servo that hunts by a count does not go away from it."""
+    t, step = np.arange(0, 5, 0.004), 2 * np.pi / 8192
+    slow = np.round((1 + 0.005 * t + 1e-5 * np.sin(40 * t)) / step) * step
+    found = measure(Record(t, slow))
+    assert found.kind == "irregular" and "what repeats are steps of 0.000767 rad, " in found.reason
+    by_a_count = 1 + step * (np.sin(6 * t) > 0)
+    assert measure(Record(t, by_a_count)).hunting
 
 
 def test_what_simulate_writes_record_reads(capsys, tmp_path):

@@ -38,7 +38,7 @@ from ...servo.simulation.trajectory import Trajectory
 from .file import Record, read_record
 from .period import FEWEST_PERIODS, Grid, find_period, gridded, in_blocks, off_line, usual_distance
 from .period_marks import Marks, level_of, mark, means_between
-from .verdict import Kind, Periods, deviation, judge_record, lasting, settled
+from .verdict import Kind, Periods, deviation, judge_record, lasting, settled, steps_alone
 from .waveform import factors, fold, number_of_equal_parts, peak_to_peak, quantum, shape_of, waves
 
 Array = np.ndarray
@@ -258,6 +258,8 @@ def measured(record: Record) -> Measurement:
         kind, reason = judge_record(found)
     if kind == "hunting":
         kind, reason = lasting(t, found)
+    if kind == "hunting":
+        kind, reason = steps_alone(times, found, quantum(y))
     return _averages(record, times, values, found, kind, reason, origin)
 
 

@@ -4,6 +4,7 @@
     settled    periods at the start, up to the last one that differs from those of the second half, are a transient
     steady     neither amplitudes nor periods change steadily, in the whole and in the second half
     lasting    it does not end before the record does
+    more       than the steps of rounded positions in a slow motion, of which each period is one
     no chance  noise, of which the search has looked at many lags, has so alike periods once in `CHANCE` records at most
 
 Chance.  Passages of narrow noise through a threshold follow each other at any distance that the marks allow, evenly
@@ -50,6 +51,8 @@ CHANCE = 1e-3
 """Share of records of noise that may be called hunting."""
 NARROW_SIZES, NARROW_LENGTHS = math.sqrt(4 / math.pi - 1), REACH / math.sqrt(3)
 """Standard deviations, relative to their means, of the amplitudes and of the periods of narrow noise."""
+ONE_STEP = 1.5
+"""Steps of rounded positions that one of them may look like, from top to bottom."""
 LASTING = 2.5
 """Periods at the end of the record without a whole one, from which on the oscillation is over."""
 
@@ -172,6 +175,19 @@ def lasting(t: Array, found: Periods) -> tuple[Kind, str]:
     if rest < LASTING * period:
         return "hunting", ""
     return "irregular", f"the oscillation ends at about {last:.4g} s: the last {rest:.4g} s hold no whole period"
+
+
+def steps_alone(t: Array, found: Periods, step: float) -> tuple[Kind, str]:
+    """Whether each period is but the next step of rounded positions, along a slow motion.
+
+    t: (m,) times of the samples [s]; step: of the positions [rad]. Returns "hunting" and ""; or "irregular" and why.
+    """
+    k = found.lengths.size
+    divided = (t >= found.marks.times[0]) & (t <= found.marks.times[-1])
+    goes = float(np.ptp(found.marks.level[divided]))
+    if float(np.ptp(found.waves.mean(axis=0))) > ONE_STEP * step or goes < k * step / 2:
+        return "hunting", ""
+    return "irregular", f"what repeats are steps of {step:.3g} rad, {goes / step:.0f} of them along a slow motion"
 
 
 def _trend(values: Array) -> float:

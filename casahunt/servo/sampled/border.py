@@ -32,4 +32,5 @@ def by_counts(drive: Drive | None) -> str:
     if drive is None or not drive.quantises or any(getattr(drive, key) for key in BANDS) or drive.dwell is not None:
         return ""
     what = "a count of the encoder" if drive.encoder else "a step of the torque"
-    return f"quantisation, which no gain takes away, may keep the drive hunting by {what} where the continuous loop rests"
+    may = f"may keep the drive hunting by {what} where the continuous loop rests"
+    return f"quantisation, which no gain takes away, {may}"

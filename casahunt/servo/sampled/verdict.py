@@ -152,7 +152,8 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
     if pattern:
         amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
-        return SampledVerdict("hunting", f"{count}, {_how_closely(in_size, in_time)}", amplitude, period, pattern, last, lasts)
+        text = f"{count}, {_how_closely(in_size, in_time)}"
+        return SampledVerdict("hunting", text, amplitude, period, pattern, last, lasts)
     if not end.count and np.abs(half).max() <= DIED_OUT * end.unit:
         text = f"within {np.abs(half).max():.2g} rad of the set point since {times[-half.size]:.4g} s"
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)

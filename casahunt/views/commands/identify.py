@@ -58,6 +58,8 @@ MORE_AT_FIRST = 1.5
 """What is left of the first half of a record, in units of that of the later one, from which on it is a transient."""
 FITTED_DIGITS = 6
 """Of a value in the details."""
+OF_TABLE_1 = "without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?"
+"""Said of records without a servo file."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
 
 
@@ -99,7 +101,8 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
         tell(progress(options), f"fitting {len(free)} parameters to {many}")
         return identify(records, servo, gains, model, free=free, options=how)
 
-    return fit, [f"  {record.reading.sentence}" for record in records if record.reading is not None]
+    taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
+    return fit, [*taken, *(f"  {record.reading.sentence}" for record in records if record.reading is not None)]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -182,7 +185,8 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     does = "explains" if judgement.explained else "does NOT explain"
     mean = ", in the mean of its periods" if judgement.explained and not judgement.repeats else ""
-    yield f"{found.model} servo from {many}: the model {does} what was recorded{mean}"
+    said = f"the model {does} what was recorded{mean}" if found.status.ok else "the search for its numbers stopped short"
+    yield f"{found.model} servo from {many}: {said}"
     yield from read
     yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
@@ -194,7 +198,7 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude; {NEGLIGIBLE:g} is next to nothing"
     if not judgement.repeats:
         yield f"  {_unsteady(judgement)}"
-    for powers in found.untold:
+    for powers in found.untold if found.status.ok else ():
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:
         yield f"  to know more, record at gain {found.further[0]:.3g} V/rad too"

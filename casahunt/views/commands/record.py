@@ -147,17 +147,19 @@ def _lines(
     file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None, set_point: float | None
 ) -> Iterator[str]:
     kind = f"no{HARD_SPACE}oscillation" if m.kind == "still" else m.kind
-    yield f"record {file}: {kind}, {m.periods.size} whole periods"
+    known = m.periods.size > 0 and m.period_error < m.period
+    whole = "no period that repeats" if m.periods.size and not known else f"{m.periods.size} whole periods"
+    yield f"record {file}: {kind}, {whole}"
     if record.reading is not None:
         yield f"  {record.reading.sentence}"
-    if m.periods.size:
+    if known:
         yield from _beside(m, orbit, PLAIN_DIGITS)
     elif orbit:
         yield f"  predicted: amplitude {angle(orbit.amplitude)}, once in {rhythm(orbit.period)}"
-    level = to_absolute_error(m.mean_level, m.amplitude_error if m.periods.size else 0.0, most=PLAIN_DIGITS)
+    level = to_absolute_error(m.mean_level, m.amplitude_error if known else 0.0, most=PLAIN_DIGITS)
     offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
     yield f"  mean position {level} rad{offset}, drift {m.drift:.2g} rad/s"
-    if m.periods.size:
+    if known:
         yield f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)"
         for sentence in (*_remarks(m), of_clipped(record, m.quantum)):
             if sentence:

@@ -79,7 +79,8 @@ def run(options: argparse.Namespace) -> int:
         if drive is not None:
             raise InputError("sample-time: must be left out, of a loop of parts only the continuous motion is computed")
         if remedies:
-            raise InputError(f"{next(iter(remedies)).replace('_', '-')}: must be left out, a loop has its remedies as parts")
+            first = next(iter(remedies)).replace("_", "-")
+            raise InputError(f"{first}: must be left out, a loop has its remedies as parts")
         left_out(options, "a loop has its own friction, and its table is dense where the motion is fast", "regularised",
                  "step")  # fmt: skip
         return of_loop(options, loop, length, numbers)

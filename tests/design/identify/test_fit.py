@@ -321,7 +321,11 @@ def test_and_the_command_fails(short, record, tmp_path, capsys):
     said = json.loads(out)
     assert said["status"] == "fit_not_converged" and said["parameters"]["friction.static"]["low"] is None
     assert err.count("\n") == 1 and "other values" in err and not (tmp_path / "out").exists()
-    assert cli.main(words) == 1 and "NOT settled" in capsys.readouterr().out
+    assert cli.main(words) == 1
+    out = capsys.readouterr().out
+    assert "NOT settled" in out and "the search for its numbers stopped short" in out
+    assert "the model" not in out and "not told by" not in out  # nobody knows
+    assert "those of Table 1 of the report; is that yours?" in " ".join(out.split())
 
 
 def test_better_points_without_end_are_no_optimum(monkeypatch, record):
