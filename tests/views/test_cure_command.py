@@ -70,7 +70,7 @@ def test_what_no_remedy_meets(capsys, record):
 
 def test_what_hunts_as_built_is_no_cure(capsys, record, monkeypatch):
     """The remedy is held against the loop as built, where that is described."""
-    seen = AsBuilt("hunting", "one of 6 motions hunts", math.nan, None)
+    seen = AsBuilt("hunting", "one of 6 motions hunts", "one of 6 motions hunts", math.nan, None)
     monkeypatch.setattr(command, "remedies_as_built", lambda *a: {"dead band": seen})
     code, out, err = run(capsys, "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--quiet")
     assert code == 1 and "in the loop as built" in out

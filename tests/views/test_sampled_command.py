@@ -206,8 +206,8 @@ def test_the_remedy_named_first_says_whether_it_was_checked(capsys, built, monke
 def test_the_cheapest_that_holds_as_built_is_named(capsys, built, monkeypatch):
     """Not a cheaper one that hunts on there; where none holds, the cheapest, which does not do."""
     words = ("remedies", built, "--gain", 1, "--only", "leak,dead band", "--quiet")
-    hunts = AsBuilt("hunting", "it is hunting", math.nan, None)
-    does = {"leak": hunts, "dead band": AsBuilt("at rest", "it rests", math.nan, None)}
+    hunts = AsBuilt("hunting", "it hunts", "it is hunting", math.nan, None)
+    does = {"leak": hunts, "dead band": AsBuilt("at rest", "it rests", "it rests", math.nan, None)}
     monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: does)
     said = " ".join(run(capsys, *words)[1].split())
     assert "cheapest remedy that holds in the loop as built: dead band, 0.01714 rad (0.01714 rad at rest" in said
@@ -218,13 +218,15 @@ def test_the_cheapest_that_holds_as_built_is_named(capsys, built, monkeypatch):
     said = " ".join(out.split())
     assert "no remedy that holds in the loop as built was found; of the continuous loop: leak, 1.04 1/s" in said
     assert "(see below); leak does not do" in said
-    assert code == 1 and "leak does not do in the loop as built: it is hunting" in err
+    assert code == 1 and "leak does not do in the loop as built: it hunts" in err
+    assert "it is hunting" not in said  # what supports it stands in the details
+    assert "it is hunting" in run(capsys, *words, "--details")[1]
 
 
 def test_one_that_holds_as_built_and_costs_too_much_does_do_there(capsys, built, monkeypatch):
     """Where no other is within the limits: it said of the dead band that it does, and that it does not."""
     words = ("remedies", built, "--gain", 1, "--only", "dead band,gain", "--max-error", 1e-4, "--quiet")
-    does = {"dead band": AsBuilt("at rest", "", math.nan, None), "gain": AsBuilt("hunting", "", math.nan, None)}
+    does = {"dead band": AsBuilt("at rest", "", "", math.nan, None), "gain": AsBuilt("hunting", "", "", math.nan, None)}
     monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: does)
     code, out, _ = run(capsys, *words)
     said = " ".join(out.split())

@@ -51,7 +51,7 @@ CHANCE = 1e-3
 """Share of records of noise that may be called hunting."""
 NARROW_SIZES, NARROW_LENGTHS = math.sqrt(4 / math.pi - 1), REACH / math.sqrt(3)
 """Standard deviations, relative to their means, of the amplitudes and of the periods of narrow noise."""
-ONE_STEP = 1.5
+LIKE_ONE_STEP = 1.5
 """Steps of rounded positions that one of them may look like, from top to bottom."""
 LASTING = 2.5
 """Periods at the end of the record without a whole one, from which on the oscillation is over."""
@@ -185,7 +185,7 @@ def steps_alone(t: Array, found: Periods, step: float) -> tuple[Kind, str]:
     k = found.lengths.size
     divided = (t >= found.marks.times[0]) & (t <= found.marks.times[-1])
     goes = float(np.ptp(found.marks.level[divided]))
-    if float(np.ptp(found.waves.mean(axis=0))) > ONE_STEP * step or goes < k * step / 2:
+    if float(np.ptp(found.waves.mean(axis=0))) > LIKE_ONE_STEP * step or goes < k * step / 2:
         return "hunting", ""
     return "irregular", f"what repeats are steps of {step:.3g} rad, {goes / step:.0f} of them along a slow motion"
 

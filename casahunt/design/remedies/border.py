@@ -60,6 +60,8 @@ MOTIONS_ERROR = 0.02
 Table 1 were met to 3e-4 to 1.2e-3, that of integral action, from far off, to 0.017."""
 HUNTS_UP_TO = 50.0
 """So many times as large as before a motion may hunt: next to its border the cycle of another servo may be small."""
+NO_FIRST, NO_FARTHER = "no cycle with a little of it was found", "and could not be farther"
+"""Where nothing can be followed, and where it stops."""
 MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
 """Where they start besides, at rest, in amplitudes of a cycle."""
 
@@ -89,6 +91,7 @@ class Border:
     first, orbit : the first and the last cycle; None where not even the first was computed.
     moves : by how much the size moves with other parameters of the loop; {} where it is no fold.
     why : a sentence, where it is no fold.
+    evidence : what stopped the search, in the words of the trade; "" where nothing did.
     swing : the last motion that hunts, where motions show it.
     """
 
@@ -99,6 +102,7 @@ class Border:
     orbit: SystemOrbit | None
     moves: dict[str, float]
     why: str = ""
+    evidence: str = ""
     swing: Swing | None = None
 
 
@@ -147,12 +151,11 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
 def _given_up(remedy: Remedy, way: list[SystemOrbit], spent: str) -> Border:
     """How far cycles were followed."""
     if not way:
-        why = f"given up before a first cycle was found, {spent}"
-        return Border("not found", math.nan, math.nan, None, None, {}, why)
+        return Border("not found", math.nan, math.nan, None, None, {}, NO_FIRST, f"given up {spent}")
     values = [orbit.problem.value(remedy.size) for orbit in way]
     farthest = int(np.argmax(remedy.sense * np.array(values)))
-    why = f"{_went(values[0], values[farthest], remedy)}: given up {spent}"
-    return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why)
+    why = f"{_went(values[0], values[farthest], remedy)}, {NO_FARTHER}"
+    return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why, f"given up {spent}")
 
 
 def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit]) -> Border | None:
@@ -166,7 +169,7 @@ def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit])
         return None
     size, swing = found
     why = f"{_went(way[0].problem.value(remedy.size), at, remedy)}, on as motions"
-    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why, swing)
+    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why, swing=swing)
 
 
 def end_of_motions(
@@ -254,12 +257,13 @@ def _from_a_little(
         way.append(cycle)
         return _along(cycle, remedy, last, options, way)
     tried = ", ".join(f"{size:.4g}" for size in sizes)
-    return Border("not found", math.nan, math.nan, None, None, {}, f"no cycle at {remedy.size} = {tried}: {why}")
+    stopped = f"no cycle at {remedy.size} = {tried}: {why}"
+    return Border("not found", math.nan, math.nan, None, None, {}, NO_FIRST, stopped)
 
 
 def _went(first: float, last: float, remedy: Remedy) -> str:
     """From where to where cycles were followed."""
-    return f"followed from {first:.4g} to {last:.4g} {remedy.unit}".rstrip()
+    return f"its cycles were followed from {first:.4g} to {last:.4g} {remedy.unit}".rstrip()
 
 
 def _along(
@@ -283,8 +287,8 @@ def _along(
         before = branch
         if same or branch.end.kind == "points":
             break
-    why = f"{_went(branch.values[0], branch.values[-1], remedy)}: {branch.end}"
-    return Border("not found", float(branch.values[-1]), math.nan, cycle, branch.orbits[-1], {}, why)
+    why, last_cycle = f"{_went(branch.values[0], branch.values[-1], remedy)}, {NO_FARTHER}", branch.orbits[-1]
+    return Border("not found", float(branch.values[-1]), math.nan, cycle, last_cycle, {}, why, str(branch.end))
 
 
 def _turned(branch: Branch[SystemOrbit], sense: int) -> Border | None:

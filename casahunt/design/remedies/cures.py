@@ -56,6 +56,7 @@ class Cure(Result):
         motions end at all of them, in `unit`; nan where none was asked for, or found.  A servo inside of the box that
         is worse than those may exist.
     why : a sentence: why it is not seen to end hunting, or why it was not found.
+    evidence : what stopped the search where it was not found, in the words of the trade; "" where nothing did.
     followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.
 
@@ -72,7 +73,7 @@ class Cure(Result):
     )  # fmt: skip
     _details = (
         "size_error", "recommended", "recommended_rest_error [rad]", "rests", "peak_voltage [V]", "phase_margin [deg]",
-        "lowest_factor", "highest_factor", "beyond", "stays", "moves", "worst_size", "why",
+        "lowest_factor", "highest_factor", "beyond", "stays", "moves", "worst_size", "why", "evidence",
         "followed_to",
     )  # fmt: skip
 
@@ -96,6 +97,7 @@ class Cure(Result):
     moves: dict[str, float] = field(default_factory=dict)
     worst_size: float = math.nan
     why: str = ""
+    evidence: str = ""
     followed_to: float = math.nan
     first: SystemOrbit | None = None
 

@@ -220,7 +220,8 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         return Cure(remedy.name, remedy.unit, "does not fit", why=misfit)
     found, numbers = border(loop, remedy, asked.start, asked.scales, asked.options), _numbers(loop)
     if found.kind == "not found":
-        return Cure(remedy.name, remedy.unit, found.kind, why=found.why, followed_to=found.size, first=found.first)
+        return Cure(remedy.name, remedy.unit, found.kind, why=found.why, evidence=found.evidence,
+                    followed_to=found.size, first=found.first)  # fmt: skip
     if found.kind == "none":
         return _without_end(asked, remedy, found)
     size = found.size
@@ -250,14 +251,15 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
     """A remedy whose cycles go on: hunting does, if the last of them is stable or motions there hunt."""
     loop, orbit, size = asked.loop, found.orbit, f"{found.size:.4g} {remedy.unit}".rstrip()
+    to = "up to" if remedy.sense > 0 else "down to"
     if orbit is not None and not orbit.stable:
         seen = verdict(with_remedy(loop, remedy, found.size), orbit.amplitude, orbit.period)
         if seen not in ("hunts", "grows"):
-            goes = f"its cycle goes on up to {size}, the last size looked at, but is not stable there"
+            goes = f"its cycle goes on {to} {size}, the last size looked at, but is not stable there"
             did = "came to rest" if seen in ENDED else "could not be followed to their end"
             why = f"{goes}, and motions {did}: whether hunting ends before is not known"
             return Cure(remedy.name, remedy.unit, "not found", why=why, followed_to=found.size, first=found.first)
-    why = f"hunting goes on up to {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
+    why = f"hunting goes on {to} {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
     return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(loop)), why=why,
                 followed_to=found.size, first=found.first)  # fmt: skip
 

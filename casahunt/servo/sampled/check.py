@@ -35,6 +35,13 @@ MOST_CHECKED = 1_000_000
 """Samples of a motion of the check."""
 SET_POINT_STEP = 1.0
 """Of the first start [rad]."""
+UNENDED = {
+    "undecided": "in {:.4g} s it neither comes to rest nor repeats its swings",
+    "growing": "it leaves the set point for good",
+}
+BY_CAUSE = {
+    "quantisation": "by quantisation", "stiction": "by stiction", "not certain": "by what, is not certain",
+}  # fmt: skip
 BY_BADNESS = (*SETTLES, "undecided", "hunting", "growing")
 
 
@@ -45,7 +52,7 @@ class AsBuilt(Result):
     Attributes
     ----------
     kind : the worst verdict of its motions: "at rest", "decaying", "undecided", "hunting" or "growing".
-    sentence : what was seen, and where it hunts, why.
+    plain : what was seen; sentence : the same with what supports it, and where it hunts, why.
     dead_band : of the integrator, one that ends what still hunts at all set points of the check, a tenth more than the
         smallest at one of them [rad]; nan where nothing hunts, or none was found.
     worst : the motion of the worst verdict.
@@ -58,9 +65,10 @@ class AsBuilt(Result):
     """
 
     _quantities = ("kind", "dead_band [rad]")
-    _details = ("sentence",)
+    _details = ("plain", "sentence")
 
     kind: str
+    plain: str
     sentence: str
     dead_band: float
     worst: SampledMotion
@@ -100,16 +108,18 @@ def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     kind, count = worst.verdict.kind, len(motions)
     if kind in BY_BADNESS[:2]:
         how = "comes to rest for ever" if kind == "at rest" else "dies out"
-        return AsBuilt(kind, f"every one of {count} motions {how}", math.nan, worst)
+        said = f"every one of {count} motions {how}"
+        return AsBuilt(kind, said, said, math.nan, worst)
     beside = worst.set_point / drive.count if drive.encoder else 0.0
     where = f"{beside:g} of a count beside a reading" if beside else "on a reading" if drive.encoder else "0"
     text = f"with the set point {where} it is {kind}: {worst.verdict.sentence}"
     if kind != "hunting":
-        return AsBuilt(kind, text, math.nan, worst)
+        return AsBuilt(kind, UNENDED[kind].format(worst.duration), text, math.nan, worst)
     cause = cause_of(worst)
+    plain = "it hunts" if cause is None else f"it hunts, {BY_CAUSE[cause.kind]}"
     said = f"; {cause.kind}: {cause.sentence}" if cause is not None else ""
     first = cause.dead_band if cause is not None else smallest_dead_band(worst)
-    return AsBuilt(kind, f"{text}{said}", _ending(servo, gain, drive, first), worst)
+    return AsBuilt(kind, plain, f"{text}{said}", _ending(servo, gain, drive, first), worst)
 
 
 def _motions(servo: Servo, gain: float, drive: Drive) -> list[SampledMotion]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 from ...checks import to_error
@@ -30,13 +31,16 @@ PROVES_NOT = (
 )
 
 
-def tuning_answer(record: Mapping[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Answer:
+def tuning_answer(
+    record: Mapping[str, Any], tol: float, out: str | None, as_built: Sequence[str],
+    as_built_in_full: Sequence[str] = (),
+) -> Answer:  # fmt: skip
     """What is said of a tuning.
 
     tol: the error of what is computed to the tolerance and has no estimate of its own; out: where the evidence is;
-    as_built: lines of the check in the loop as built.
+    as_built, as_built_in_full: lines of the check in the loop as built, without and with what supports it.
     """
-    return Answer(_plain(record, tol, out, as_built), _details(record, tol))
+    return Answer(_plain(record, tol, out, as_built), chain(_details(record, tol), as_built_in_full))
 
 
 def known_to(record: Mapping[str, Any], tol: float) -> float:

@@ -115,7 +115,8 @@ def run(options: argparse.Namespace) -> int:
     lines = [advice_of(cures, limits, built, of_a_set=True), *([f"  {doubt}"] if doubt else []),
              *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built)]  # fmt: skip
-    answer = Answer(lines, [*identification.identified_details(found), *remedy_details(cures)])
+    details = *identification.identified_details(found), *remedy_details(cures), *built_lines(built, in_full=True)
+    answer = Answer(lines, details)
     give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
     return _judged(found, cures, built, limits)
 

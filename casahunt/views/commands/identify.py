@@ -185,7 +185,8 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     does = "explains" if judgement.explained else "does NOT explain"
     mean = ", in the mean of its periods" if judgement.explained and not judgement.repeats else ""
-    said = f"the model {does} what was recorded{mean}" if found.status.ok else "the search for its numbers stopped short"
+    said = f"the model {does} what was recorded{mean}"
+    said = said if found.status.ok else "the search for its numbers stopped short"
     yield f"{found.model} servo from {many}: {said}"
     yield from read
     yield from _rows(found, PLAIN_DIGITS)

@@ -50,6 +50,11 @@ PLAIN_NUMBERS = {"derivative": "kd", "integral": "ki"}
 """Remedies that are a number of the controller by gains."""
 NO_PART = "not checked: its size is that of a vibration much faster than the samples, which the drive cannot make"
 """Said of dither."""
+DITHER_SIZE = (
+    "its size is the root mean square of the velocity that the vibration has at the shaft; the torque for it, root "
+    "mean square too, is the inertia times that times 2 pi times its frequency"
+)
+"""What to set."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
@@ -136,7 +141,7 @@ def run(options: argparse.Namespace) -> int:
             options.outputs.write(write_results, out, FILES, texts)
     lines = [*remedy_lines(found, limits, of_a_set=uncertainty is not None, built=built), *built_lines(built)]
     result = found.to_dict() | {"as_built": built} if built else found
-    answer = Answer(lines, remedy_details(found))
+    answer = Answer(lines, [*remedy_details(found), *built_lines(built, in_full=True)])
     give(options, result, answer, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
         complain("casahunt remedies", none_within(found, limits))
@@ -173,12 +178,12 @@ def remedies_as_built(options: argparse.Namespace, found: Cures, servo: Servo, g
     return checked
 
 
-def built_lines(checked: Mapping[str, AsBuilt | str]) -> Iterator[str]:
-    """What the checks in the loop as built have found."""
+def built_lines(checked: Mapping[str, AsBuilt | str], *, in_full: bool = False) -> Iterator[str]:
+    """What the checks in the loop as built have found; in_full: with what supports it."""
     if checked:
         yield "in the loop as built, with Switch friction and the size to choose"
     for name, seen in checked.items():
-        yield from checked_lines(seen, name, "")
+        yield from checked_lines(seen, name, "", in_full=in_full)
 
 
 def _record(
@@ -208,7 +213,7 @@ def fails_as_built(program: str, found: Cures, built: Mapping[str, AsBuilt | str
     seen = built.get(found.best, "")
     if isinstance(seen, str) or not seen.goes_on:
         return 0
-    complain(program, f"{found.best} does not do in the loop as built: {seen.sentence}")
+    complain(program, f"{found.best} does not do in the loop as built: {seen.plain}")
     return 1
 
 
@@ -285,6 +290,8 @@ def remedy_lines(
         own = [f"{row.name}: {OWN[row.name]}" for row in ending if row.name in OWN]
         if own:
             yield f"  sizes          of the controller's own numbers, in place of the present ones: {', '.join(own)}"
+        if any(row.name == "dither" for row in ending):
+            yield f"  dither         {DITHER_SIZE}"
 
 
 def that_holds(
@@ -320,7 +327,7 @@ def remedy_details(found: Cures) -> Iterator[str]:
         if math.isfinite(row.size):
             yield f"  {row.name:17s}  {_exact(row)}"
         elif row.why:
-            yield f"  {row.name:17s}  {row.why}"
+            yield f"  {row.name:17s}  {row.why}" + (f" ({row.evidence})" if row.evidence else "")
 
 
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
@@ -351,10 +358,7 @@ def _settles(time: float) -> str:
 def _why_not(row: Cure) -> str:
     """Why a remedy is none."""
     if not math.isfinite(row.size):
-        why = row.why
-        if why.startswith("followed"):  # what stopped it stands in the details
-            why = f"{why.partition(': ')[0]}, and could not be further"
-        return ("not found: " if row.kind == "not found" else "") + why
+        return ("not found: " if row.kind == "not found" else "") + row.why
     return f"no remedy: its cycle ends at {_with(row.size, row.unit)}, but the motion beyond {_after(row)}"
 
 

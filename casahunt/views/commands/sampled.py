@@ -170,11 +170,13 @@ def as_record(found: AsBuilt | None) -> dict[str, Any]:
     return {} if found is None else {"as_built": found.to_dict()}
 
 
-def checked_lines(found: AsBuilt | str | None, what: str, heading: str = "in the loop as built") -> list[str]:
-    """What a check has found, as a line below a heading; what: its label."""
+def checked_lines(
+    found: AsBuilt | str | None, what: str, heading: str = "in the loop as built", *, in_full: bool = False
+) -> list[str]:
+    """What a check has found, as a line below a heading; what: its label; in_full: with what supports it."""
     if found is None:
         return []
-    text = found if isinstance(found, str) else found.sentence
+    text = found if isinstance(found, str) else found.sentence if in_full else found.plain
     if not isinstance(found, str) and not math.isnan(found.dead_band):
         count = found.worst.drive.count
         counts = f" ({found.dead_band / count:.3g} counts)" if count else ""

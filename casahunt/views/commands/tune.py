@@ -135,7 +135,9 @@ def run(options: argparse.Namespace) -> int:
             texts = evidence_page(record, images), json.dumps(record, indent=1) + "\n"
             options.outputs.write(write_results, out, FILES, dict(zip(FILES, texts, strict=True)))
     where = None if options.out is None or options.outputs.troubles else f"{options.out}/{', '.join(FILES)}"
-    answer = tuning_answer(record, how.tol, where, checked_lines(built, "motions"))
+    answer = tuning_answer(
+        record, how.tol, where, checked_lines(built, "motions"), checked_lines(built, "motions", in_full=True)
+    )
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, answer, table=table)
     return _judged(tuning, built)
@@ -192,7 +194,7 @@ def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: fl
         *remedy_lines(found, limits, of_a_set=options.uncertainty is not None, built=built),
         *built_lines(built),
     ]
-    answer = Answer(plain, remedy_details(found))
+    answer = Answer(plain, [*remedy_details(found), *built_lines(built, in_full=True)])
     seen = {"as_built": built} if built else {}
     give(options, {"refused": refusal} | found.to_dict() | seen, answer, table=tables_of([found]))
     if not found.best:

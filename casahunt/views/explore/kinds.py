@@ -335,11 +335,11 @@ def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
     """What is said where no size of a remedy was found that ends hunting."""
     if math.isnan(found.size):
         why = f"not found: no hunting cycle with little {remedy.name} was found to begin with"
-        return {"remedy_why": why, "evidence": found.why}
+        return {"remedy_why": why, "evidence": found.evidence}
     size = f"{brief(found.size)} {remedy.unit}".rstrip()
     if found.kind == "none":
         return {"remedy_why": f"hunting goes on up to {size}"}
-    return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.why}
+    return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.evidence}
 
 
 def cycle_beside(loop: Loop, bare: Any) -> Any:

@@ -84,9 +84,9 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
         row = asked()
         assert row.kind == "not found" and (row.first is not None) is begun
         if begun:
-            assert 0 < row.followed_to < end and "given up after the work of 300 intervals" in row.why
+            assert 0 < row.followed_to < end and "given up after the work of 300 intervals" in row.evidence
         else:
-            assert math.isnan(row.followed_to) and "given up before a first cycle was found" in row.why
+            assert math.isnan(row.followed_to) and "no cycle with a little of it was found" in row.why
     monkeypatch.undo()
     with pytest.raises(effort.GivenUp), effort.counting_work(None, limit=2000):  # of all, and not of the remedy
         asked()

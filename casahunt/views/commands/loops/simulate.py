@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 LATE = 0.5
 """Part of the motion behind which nothing moves where it rests."""
-STANDS = "it has come to rest, and nothing in the loop moves it again"
+STANDS_FOR_GOOD = "it has come to rest, and nothing in the loop moves it again"
 """Where a motion meets no further event."""
 NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
 """Options that name a state of the servo."""
@@ -86,7 +86,7 @@ def _goes_on_to(loop: Loop, found: LoopMotion, tol: float) -> tuple[str, str, Sy
             loop.system, motion.phases[-1].mode, start=motion.end, follow=vary, options=Options(tol=min(tol, 1e-6))
         )
     except ComesToRest:
-        return "at rest", STANDS, None
+        return "at rest", STANDS_FOR_GOOD, None
     except NoOrbit as why:
         late = found.times >= LATE * motion.duration
         moved = max(float(np.ptp(found.states[loop.system.states.index(angle), late])) for angle in loop.angles)
