@@ -81,7 +81,7 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     if not drop:
         return (
             "static equals Coulomb friction, and without a drop in the friction curve the integral action cannot "
-            "sustain an oscillation (Bisoffi et al.)"
+            "sustain an oscillation"
         )
     return (
         f"the friction curve falls by at most {steepest(f):.4g} N m s/rad, and viscous friction and the controller "

@@ -33,7 +33,7 @@ from .climb import climb, expected
 from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
-from .judgement import Judgement, further_gain, judged, untold
+from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
 from .likelihood import Noise
 from .noise import with_noise
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
@@ -48,8 +48,6 @@ LITTLE_TO_GAIN = 0.05
 """Decrease of the deviance that may still be expected at an optimum: a ninth of the way to the end of an interval."""
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
-LEAST_TOLD = 1e-6
-"""Information about a logarithm that is added to all directions: one that nothing tells has the variance 1e6."""
 GROSS = 0.1
 """Systematic rest, relative to the amplitude, of a fit that is none."""
 MOST_LEFT = 0.3
@@ -310,7 +308,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         covariance=np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))) * judgement.factor,
         judgement=judgement,
         untold=untold(question, J, judgement.factor),
-        further=further_gain(question, best, noises) if advise and ends else None,
+        further=further_gain(question, best, noises, ends) if advise and ends and judgement.holds else None,
         noises=tuple(noises),
         torque_noises=tuple(map(_torque_noise, question.records, best.torques)),
         orbits=best.orbits,

@@ -26,7 +26,7 @@ import numpy as np
 from ...servo.problem import HuntingOrbit
 from ..record.verdict import chi_square
 from .fit import Array, Point, Question, at
-from .intervals import NORMAL_95, marginal_information
+from .intervals import NORMAL_95, Interval, marginal_information
 from .likelihood import Noise
 from .torque import residual
 
@@ -53,6 +53,11 @@ GAIN_UP, GAIN_DOWN, GAINS_ABOVE, GAINS_BELOW = 1.4, 0.5, 12, 1
 LEAST_GAINED = 0.5
 """ln det below which a further record is not worth its name."""
 
+LEAST_TOLD = 1e-6
+"""Information about a logarithm that is added to all directions: one that nothing tells has the variance 1e6."""
+MOST_MADE_UP = math.log(10)
+"""By which the logarithm of a parameter is moved at most, to make up for another one."""
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -74,6 +79,11 @@ class Judgement:
     systematic: float
     factor: float
     unsteady: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the values are those of a model that the records bear out."""
+        return self.explained and self.repeats
 
     @property
     def repeats(self) -> bool:
@@ -162,15 +172,23 @@ def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]
     return found
 
 
-def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[float, float] | None:
-    """(gain, information gained) of the further record that would tell most; None where none would tell much."""
+def further_gain(
+    question: Question, point: Point, noises: Sequence[Noise], ends: Sequence[Interval]
+) -> tuple[float, float] | None:
+    """(gain, information gained) of the further record that would tell most; None where none would tell much.
+
+    ends: the intervals of the parameters; a higher gain is one at which the servos at the ends of all of them hunt too.
+    """
     J = marginal_information(question, point)
     data, noise = question.records[0], noises[0].plain
     known = np.linalg.slogdet(J)[1]
     z = np.concatenate([point.z[: len(question.free)], [0.0, 0.0]])
 
+    def at_gain(gain: float) -> Question:
+        return replace(question, records=(replace(data, gain=gain, torque=None),))
+
     def gained(gain: float) -> float | None:
-        other = replace(question, records=(replace(data, gain=gain, torque=None),))
+        other = at_gain(gain)
         there = at(other, z, [noise])
         if there is None:
             return None
@@ -181,5 +199,18 @@ def further_gain(question: Question, point: Point, noises: Sequence[Noise]) -> t
         found.append((data.gain * GAIN_UP**k, gained(data.gain * GAIN_UP**k)))
         if found[-1][1] is None:
             break
-    told = [(more, gain) for gain, more in found if more is not None]
-    return max(told)[::-1] if told and max(told)[0] > LEAST_GAINED else None
+    told = sorted(((more, gain) for gain, more in found if more is not None and more > LEAST_GAINED), reverse=True)
+    for more, gain in told:
+        if gain < data.gain or all(at(at_gain(gain), other, [noise]) for other in _at_ends(question, z, J, ends)):
+            return gain, more
+    return None
+
+
+def _at_ends(question: Question, z: Array, J: Array, ends: Sequence[Interval]) -> Iterator[Array]:
+    """The unknowns where one parameter is at an end of its interval, and the others make up for it."""
+    C, q = np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))), question.numbers(z)
+    for j, end in enumerate(ends):
+        for value in (end.low, end.high):
+            if 0 < value < math.inf and q[j] > 0:
+                by = np.clip(C[:, j] / C[j, j] * math.log(value / q[j]), -MOST_MADE_UP, MOST_MADE_UP)
+                yield np.concatenate([question.unknowns(q * np.exp(by)), [0.0, 0.0]])

@@ -135,7 +135,7 @@ def _judged(
 
 def _doubt(found: Identification) -> str:
     """What speaks against the servo for which remedies are sought; "" where nothing does."""
-    if found.judgement.explained and found.judgement.repeats:
+    if found.judgement.holds:
         return ""
     return "of a servo that is in doubt, since the model does not explain all of the records: see below"
 

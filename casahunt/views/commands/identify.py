@@ -192,7 +192,7 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
         yield "  the values are NOT settled: they are those where the search stopped, and nobody knows how far off"
-    elif judgement.explained and judgement.repeats:
+    elif judgement.holds:
         yield "  from, to: the true value lies there in 95 of 100 cases, if the servo is as the model has it"
     else:
         yield "  from, to: of the nearest servo that the model has; the true values may lie outside"

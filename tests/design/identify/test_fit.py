@@ -361,7 +361,8 @@ def test_parts_of_a_period_are_those_of_the_cycle(record):
     assert slips.mean() < 0.05 and np.unique(part[1:][slips]).size >= judgement.PARTS_OF_PERIOD / 4
 
 
-@pytest.mark.parametrize("counts", [12.6, pytest.param(30.6, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("counts", [12.6, 30.6])
 def test_counts_without_noise_that_rest_beside_a_border(counts):
     """0.02 of a count below it: were they said to carry noise of a tenth of one, hundreds of samples would deny their
     own servo."""

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from casahunt import InputError, Record, Servo, cli, find_orbit, identify, load, load_uncertainty, pictures
+from casahunt import InputError, NoOrbit, Record, Servo, cli, find_orbit, identify, load, load_uncertainty, pictures
+from casahunt.design.identify import identify as room
+from casahunt.design.identify import judgement
 from casahunt.design.identify.identify import FREE, data_of
+from casahunt.design.identify.intervals import Interval
 from casahunt.design.identify.suitable import suitable
 from scripts.peers.hunting_record import measured, positions
 
@@ -146,6 +149,24 @@ def test_the_further_record_has_a_gain_that_hunts(found):
     gain, information = found.further
     assert 0.04 < gain < 0.65 and information > 1
     assert find_orbit(found.servo, "switch", gain).period > 0
+
+
+def test_a_higher_gain_for_a_further_record_is_one_at_which_the_ends_hunt_too(monkeypatch):
+    """If static friction may be 0.46 N m, next to Coulomb friction, a gain near the fold of Table 1 shows nothing."""
+    monkeypatch.setattr(judgement, "GAINS_BELOW", 0)
+    monkeypatch.setattr(judgement, "LEAST_GAINED", -math.inf)
+
+    def asked(low: float) -> float:
+        ends = [Interval(low, 0.54)]
+        monkeypatch.setattr(room, "further_gain", lambda *args: judgement.further_gain(*args[:3], ends))
+        found = identify([made(each=250)], Servo(), GAIN, free=["friction.static"])
+        return found.further[0] if found.further is not None else GAIN
+
+    likely, sure = asked(0.52), asked(0.46)
+    weak = Servo().replace(**{"friction.static": 0.46})
+    with pytest.raises(NoOrbit):
+        find_orbit(weak, "switch", likely)
+    assert GAIN <= sure < likely and find_orbit(weak, "switch", sure).stable
 
 
 def test_its_picture_has_the_residual(found):

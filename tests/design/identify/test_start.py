@@ -118,7 +118,8 @@ def test_a_motion_from_where_the_record_sticks_finds_what_a_typical_one_does_not
 
 @pytest.mark.parametrize(
     "seed, number, model",
-    [(7, 15, "switch"), (7, 63, "lugre"), (13, 46, "lugre"), pytest.param(7, 2, "switch", marks=pytest.mark.slow),
+    [(7, 15, "switch"), (7, 63, "lugre"), pytest.param(13, 46, "lugre", marks=pytest.mark.slow),
+     pytest.param(7, 2, "switch", marks=pytest.mark.slow),
      pytest.param(7, 60, "lugre", marks=pytest.mark.slow), pytest.param(7, 76, "switch", marks=pytest.mark.slow)],
 )  # fmt: skip
 def test_its_own_model_explains_a_record(seed, number, model):

@@ -89,6 +89,7 @@ def test_a_factor_of_one_of_two_is_no_unit():
     assert suspicion(orbit, 1e3 * orbit.period, 3 * orbit.amplitude, 0.0, 1.0, 2, fit).startswith("the frequency is")
 
 
+@pytest.mark.slow
 def test_a_pattern_of_an_encoder_whose_steps_are_not_seen():
     """The same drive, its position measured apart from its encoder: 4 swings in a period, as its verdict says."""
     motion = simulate_sampled(AS_BUILT, 1.0, Drive(sample_time=1e-3, encoder=2000), time=60.0)

@@ -105,6 +105,7 @@ def test_where_cycles_are_followed_no_further_motions_tell_the_border(monkeypatc
     assert seen.size_error == pytest.approx(border.MOTIONS_ERROR * seen.size) and "on as motions" in seen.why
 
 
+@pytest.mark.slow
 def test_motions_tell_the_worst_servo_as_folds_do(monkeypatch):
     """Its size is 13 % beyond that of the servo as given: motions go on from the last one that hunts there."""
     uncertain = Uncertainty({"friction.static": (0.52, 0.54), "friction.viscous": (0.095, 0.105)})
