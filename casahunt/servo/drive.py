@@ -133,6 +133,12 @@ class Drive:
         """Whether it has a remedy other than a dead band of the integrator and a leak."""
         return any(getattr(self, key) != getattr(Drive, key) for key in REMEDIES)
 
+    def filter_of(self, lead: float) -> float:
+        """Time of the filter of the derivative [s], 0 without one; lead: kd/kp [s]."""
+        if self.derivative != "filtered":
+            return 0.0
+        return lead / 10 if self.filter_time is None else self.filter_time
+
     def exact(self) -> Drive:
         """The same drive without any quantisation."""
         return dataclasses.replace(self, encoder=0.0, quantise_torque=0.0)

@@ -4,6 +4,7 @@
 
 likelihood.py positions that carry noise and are rounded
 torque.py     the torque of the motor, where it was measured
+lags.py       the loop as built as a continuous one, to first order in its lags
 fit.py        the computed cycle laid over records
 climb.py      the way to the likeliest unknowns
 noise.py      the likeliest noise, and the model with it

@@ -36,6 +36,7 @@ from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times
 from ...servo.servo import Servo
 from ..record.waveform import swings_of
+from .lags import Lags, as_continuous
 from .likelihood import Noise, Rows
 from .torque import term, torque_of
 
@@ -66,6 +67,7 @@ class Data:
     shape : the waveform, measured at even phases (measure.py) [rad].
     name : of the file.
     torque : (m,) of the motor [N m]; None where it was not measured.
+    lags : of the drive that made it; None: of a continuous loop.
     """
 
     times: Array
@@ -79,6 +81,7 @@ class Data:
     shape: Array
     name: str
     torque: Array | None = None
+    lags: Lags | None = None
 
     @property
     def swings(self) -> int:
@@ -252,6 +255,8 @@ def cycle_at(servo: Servo, model: Model, data: Data, options: Options) -> Huntin
     Raises NoOrbit: they lead to none; InputError: the problem cannot be.
     """
     gain = data.gain
+    if data.lags is not None:
+        servo = as_continuous(servo, gain, data.lags)
     check_problem(servo, model, gain)
     check_hunts(servo, model)
     check_times(servo, model, gain)

@@ -20,13 +20,14 @@ from ...errors import InputError, NoOrbit, Status
 from ...export import Columns
 from ...orbits import Options
 from ...results import Result
+from ...servo.drive import Drive
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
 from ...servo.simulation.trajectory import Trajectory
 from ...servo.units import unit_of
 from ..record.file import Record
-from ..record.measure import Measurement, as_record
+from ..record.measure import as_record
 from ..uncertainty.set import Uncertainty
 from .best import best_of_starts, cut_off, explained_from, gain_that_fits
 from .climb import climb, expected
@@ -34,10 +35,11 @@ from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
+from .lags import lags_taken
 from .likelihood import Noise
 from .noise import with_noise
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
-from .suitable import in_a_pattern, of_few_steps, suitable
+from .suitable import data_of, in_a_pattern, of_few_steps, suitable
 from .torque import residual
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
@@ -46,8 +48,6 @@ MOST_BETTER = 4
 """Better points that refits may come upon, until it is said that there is no knowing where the best one lies."""
 LITTLE_TO_GAIN = 0.05
 """Decrease of the deviance that may still be expected at an optimum: a ninth of the way to the end of an interval."""
-LEAST_PERIOD_ERROR = 1e-4
-"""Relative error below which a measured period is not trusted on the way."""
 GROSS = 0.1
 """Systematic rest, relative to the amplitude, of a fit that is none."""
 MOST_LEFT = 0.3
@@ -180,6 +180,7 @@ def identify(
     model: Model = "switch",
     *,
     free: Sequence[str] = FREE,
+    drive: Drive | None = None,
     options: Options | None = None,
     advise: bool = True,
 ) -> Identification:
@@ -198,6 +199,9 @@ def identify(
         "switch" or "lugre".
     free
         the parameters that are sought.
+    drive
+        that made the records: its lags are taken into account to first order where friction alone is sought, from
+        positions alone, and they are short in this loop (`lags`); None: the loop is taken as a continuous one.
     options
         tolerance of the computed cycles.
     advise
@@ -230,7 +234,8 @@ def identify(
     if not len(records) or len(each) != len(records):
         raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
     samples = [as_record(record) for record in records]
-    data = tuple(data_of(record, suitable(record), gain) for record, gain in zip(samples, each, strict=True))
+    lags = lags_taken(samples, servo, each, free, drive)
+    data = tuple(data_of(record, suitable(record), gain, lags) for record, gain in zip(samples, each, strict=True))
     options = of_kind("options", options or Options(), Options)
     scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
     return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales, lowest), advise=advise)
@@ -251,20 +256,6 @@ def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
 
 
 _BRISTLE = ("friction.stiffness", "friction.damping")
-MOST_FITTED = 20_000
-"""Of a record that are fitted; of more, every second, third ... one."""
-
-
-def data_of(record: Record, m: Measurement, gain: float) -> Data:
-    """A measured record as it is fitted: its whole periods, behind the transient."""
-    inside = np.flatnonzero((record.times >= m.crossings[0]) & (record.times <= m.crossings[-1]))
-    inside = inside[:: -(-inside.size // MOST_FITTED)]
-    t = record.times[inside]
-    return Data(
-        t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
-        max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, m.quantum, m.noise, m.shape, record.name,
-        None if record.torque is None else record.torque[inside],
-    )  # fmt: skip
 
 
 def fitted(question: Question, *, advise: bool = True) -> Identification:
@@ -303,7 +294,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
     return Identification(
         status=Status.FIT_NOT_CONVERGED if ends is None else Status.CONVERGED,
         model=question.model,
-        servo=best.orbits[0].servo,
+        servo=question.servo_at(best.z),
         intervals={name: (end.low, end.high) for name, end in zip(question.free, ends or nowhere, strict=True)},
         covariance=np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))) * judgement.factor,
         judgement=judgement,

@@ -13,7 +13,13 @@ from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
 from ..record.measure import Measurement, measured
 from .clipped import of_clipped
+from .fit import Data
+from .lags import Lags
 
+MOST_FITTED = 20_000
+"""Of a record that are fitted; of more, every second, third ... one."""
+LEAST_PERIOD_ERROR = 1e-4
+"""Relative error below which a measured period is not trusted on the way."""
 MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
 MOVED_STEPS = 50.0
@@ -63,3 +69,15 @@ def of_few_steps(amplitude: float, quantum: float) -> str:
         f"the encoder, of whose steps of {quantum:.4g} rad the amplitude is {amplitude / quantum:.3g}: with fewer than "
         f"{ENCODER_BORDER:g} quantisation may decide how it hunts (casahunt simulate --encoder)"
     )
+
+
+def data_of(record: Record, m: Measurement, gain: float, lags: Lags | None = None) -> Data:
+    """A measured record as it is fitted: its whole periods, behind the transient."""
+    inside = np.flatnonzero((record.times >= m.crossings[0]) & (record.times <= m.crossings[-1]))
+    inside = inside[:: -(-inside.size // MOST_FITTED)]
+    t = record.times[inside]
+    return Data(
+        t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
+        max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, m.quantum, m.noise, m.shape, record.name,
+        None if record.torque is None else record.torque[inside], lags,
+    )  # fmt: skip

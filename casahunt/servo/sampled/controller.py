@@ -42,9 +42,8 @@ class Controller:
     def __init__(self, servo: Servo, gain: float, drive: Drive, set_point: float, x: float, w: float) -> None:
         self.kp, self.kd, self.ki = servo.torque_gains(gain)
         kp, kd = servo.controller.shape
-        filter_time = drive.filter_time if drive.filter_time is not None else kd / kp / 10
         T = self.T = drive.sample_time
-        self.share = T / (T + filter_time) if drive.derivative == "filtered" else 1.0
+        self.share = T / (T + drive.filter_of(kd / kp))
         self.half, self.kept, self.leak = drive.integration == "trapezoid", 1 - drive.leak * T, drive.leak
         self.q, self.theta_d, self.band, self.step = drive.count, set_point, drive.dead_band, drive.quantise_torque
         self.w, self.d = w, 0.0

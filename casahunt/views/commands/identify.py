@@ -22,6 +22,7 @@ import numpy as np
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.judgement import NEGLIGIBLE, Judgement
+from ...design.identify.lags import SHAKEN, lags_taken, shaken_by
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
 from ...errors import InputError, NoOrbit
@@ -60,6 +61,16 @@ FITTED_DIGITS = 6
 """Of a value in the details."""
 OF_TABLE_1 = "without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?"
 """Said of records without a servo file."""
+WITH_LAGS = "sampling and delay of [drive] are taken into account, to first order"
+AS_CONTINUOUS = (
+    "the loop is taken as a continuous one: of [drive] sampling and delay are taken into account where friction alone "
+    "is sought, from positions alone, and they are short in this loop"
+)
+SHAKES = (
+    "each count of the encoder makes the derivative's torque jump by {:.2g} of static friction, as given: that shakes "
+    "a servo loose, and what is found may be the friction of the shaken one"
+)
+"""Said of records of a drive."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
 
 
@@ -92,6 +103,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
         if path.endswith(".toml"):
             raise InputError(f"record {path!r}: is a servo file by its name; it is given as --servo {path}")
     model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
+    drive = drive_of(options)
     gains = [positive("gain", gain) for gain in options.gain]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
@@ -99,10 +111,16 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
         tell(progress(options), f"fitting {len(free)} parameters to {many}")
-        return identify(records, servo, gains, model, free=free, options=how)
+        return identify(records, servo, gains, model, free=free, drive=drive, options=how)
 
     taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
-    return fit, [*taken, *(f"  {record.reading.sentence}" for record in records if record.reading is not None)]
+    taken += [f"  {record.reading.sentence}" for record in records if record.reading is not None]
+    if drive is not None:
+        lags = lags_taken(records, servo, gains, free, drive)
+        taken.append(f"  {AS_CONTINUOUS if lags is None else WITH_LAGS}")
+        shaken = max(shaken_by(servo, gain, drive) for gain in gains)
+        taken += [f"  {SHAKES.format(shaken)}"] if shaken > SHAKEN else []
+    return fit, taken
 
 
 def run(options: argparse.Namespace) -> int:

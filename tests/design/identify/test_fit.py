@@ -18,10 +18,10 @@ from casahunt.design.identify import noise as likeliest_noise
 from casahunt.design.identify.best import best_of_starts
 from casahunt.design.identify.climb import climb, expected
 from casahunt.design.identify.fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Data, Question, at
-from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN, data_of
+from casahunt.design.identify.identify import CYCLE_SHARE, FREE, LITTLE_TO_GAIN
 from casahunt.design.identify.likelihood import Noise
 from casahunt.design.identify.start import lowest_of, scales_of, starts
-from casahunt.design.identify.suitable import suitable
+from casahunt.design.identify.suitable import data_of, suitable
 from casahunt.servo.servo import flatten
 from scripts.identify import ALIKE, SAME, Made
 from scripts.peers.hunting_record import measured, positions

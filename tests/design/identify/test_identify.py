@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from casahunt import InputError, NoOrbit, Record, Servo, cli, find_orbit, identify, load, load_uncertainty, pictures
 from casahunt.design.identify import identify as room
 from casahunt.design.identify import judgement
-from casahunt.design.identify.identify import FREE, data_of
+from casahunt.design.identify.identify import FREE
 from casahunt.design.identify.intervals import Interval
-from casahunt.design.identify.suitable import suitable
+from casahunt.design.identify.suitable import data_of, suitable
 from scripts.peers.hunting_record import measured, positions
 
 GAIN, PERIOD = 0.1, 11.36

@@ -10,10 +10,9 @@ import pytest
 from casahunt import Options, Record, Servo, find_orbit, identify
 from casahunt.design.identify import matched as matching
 from casahunt.design.identify.fit import Data, Question
-from casahunt.design.identify.identify import data_of
 from casahunt.design.identify.matched import matched
 from casahunt.design.identify.start import laid_over, lowest_of, scales_of, starts, trials
-from casahunt.design.identify.suitable import suitable
+from casahunt.design.identify.suitable import data_of, suitable
 from casahunt.orbits import state_sensitivity
 from casahunt.servo.cold_start import quickly_at
 from casahunt.servo.servo import flatten

@@ -9,8 +9,8 @@ import pytest
 from command_line import one_json, run
 
 from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
-from casahunt.design.identify.identify import _what_else, data_of
-from casahunt.design.identify.suitable import suitable
+from casahunt.design.identify.identify import _what_else
+from casahunt.design.identify.suitable import data_of, suitable
 from casahunt.design.identify.suspect import suspicion
 from casahunt.design.record.measure import measure
 from casahunt.design.record.waveform import swings_of

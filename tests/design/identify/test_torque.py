@@ -9,11 +9,10 @@ import pytest
 from command_line import run
 
 from casahunt import Controller, InputError, Options, Pid, Record, Servo, find_orbit, identify
-from casahunt.design.identify.fit import at
-from casahunt.design.identify.identify import Question, data_of
+from casahunt.design.identify.fit import Question, at
 from casahunt.design.identify.likelihood import Noise
 from casahunt.design.identify.start import scales_of
-from casahunt.design.identify.suitable import suitable
+from casahunt.design.identify.suitable import data_of, suitable
 from casahunt.design.identify.torque import torque_of
 from casahunt.design.record.file import read_record
 from casahunt.orbits import state_sensitivity

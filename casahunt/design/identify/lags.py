@@ -1,0 +1,79 @@
+"""The loop as built as a continuous one, to first order in its lags: what a record of it is fitted by.
+
+The controller of a drive (servo/sampled) sees positions, velocities and its sum late by
+
+    d    = delay + T/2 + error filter       T/2: the torque is held for a sample
+    d_v  = d + T/2                          of a difference of two readings; + filter time, where it is filtered
+    d_w  = d, or d - T/2                    by trapezoids; by rectangles, which count the present reading in full
+
+and x1(t - d) = x1 - d x2 + O(d2), x2(t - d_v) = x2 - d_v x2' + O(d2), x3(t - d_w) = x3 - d_w x1 + O(d2) make the torque
+-K cm (kp x1(t - d) + kd x2(t - d_v) + ki x3(t - d_w)) that of a continuous loop of the same friction, with
+
+    J -> J - K cm kd d_v,      kd -> kd - kp d,      kp -> kp - ki d_w
+
+What quantisation does is not in it: the derivative makes of each count a step of the torque, which shakes a servo loose
+that sticks, so that what is found is the friction of the shaken one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+from ...errors import InputError
+from ...servo.controller import Pid
+from ...servo.drive import Drive
+from ...servo.servo import Servo
+from ..record.file import Record
+
+FRICTION = "friction."
+"""Of which parameters begin that lags leave as they are."""
+SHAKEN = 0.02
+"""Torque that a count makes by the derivative, as a part of static friction, above which it is told."""
+
+
+class Lags(NamedTuple):
+    """How late the controller sees position, velocity and its sum [s]."""
+
+    position: float
+    velocity: float
+    sum: float
+
+
+def lags_of(drive: Drive, servo: Servo) -> Lags:
+    """Those of a drive."""
+    half, pid = drive.sample_time / 2, servo.controller.pid()
+    d = drive.delay + half + drive.error_filter_time
+    return Lags(d, d + half + drive.filter_of(pid.kd / pid.kp), d if drive.integration == "trapezoid" else d - half)
+
+
+def as_continuous(servo: Servo, gain: float, lags: Lags) -> Servo:
+    """The servo whose continuous loop moves as that with lags does.  Raises InputError: they are too long for that."""
+    pid = servo.controller.pid()
+    inertia = servo.inertia - gain * servo.motor_gain * pid.kd * lags.velocity
+    kp, kd = pid.kp - pid.ki * lags.sum, pid.kd - pid.kp * lags.position
+    if min(inertia, kp) <= 0 or kd < 0:
+        raise InputError(f"drive: must be faster; its lag of {lags.velocity:.3g} s is no small one in this loop")
+    return dataclasses.replace(servo, inertia=inertia, controller=Pid(kp=kp, ki=pid.ki, kd=kd))
+
+
+def lags_taken(
+    records: Sequence[Record], servo: Servo, gains: Sequence[float], free: Sequence[str], drive: Drive | None
+) -> Lags | None:
+    """Those that are taken into account: where friction alone is sought, from positions alone, and they are short."""
+    of_friction = all(name.startswith(FRICTION) for name in free)
+    if drive is None or not of_friction or any(record.torque is not None for record in records):
+        return None
+    lags = lags_of(drive, servo)
+    with suppress(InputError):
+        _ = [as_continuous(servo, gain, lags) for gain in gains]
+        return lags
+    return None
+
+
+def shaken_by(servo: Servo, gain: float, drive: Drive) -> float:
+    """The torque that a count makes by the derivative, as a part of static friction; 0 without an encoder."""
+    kp, kd, _ = servo.torque_gains(gain)
+    return kd * drive.count / (drive.sample_time + drive.filter_of(kd / kp)) / servo.friction.static

@@ -1,0 +1,88 @@
+"""Records of drives as built, made by servo/sampled, which shares nothing with the fit."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from casahunt import Drive, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
+from casahunt.design.identify.lags import Lags, as_continuous, lags_of, lags_taken, shaken_by
+from scripts.peers.hunting_record import measured
+
+GAIN = 0.1
+TRUE = {"friction.static": 0.53, "friction.coulomb": 0.44, "friction.viscous": 0.1, "friction.stribeck_velocity": 0.02}
+"""Table 1 of the report."""
+DRIVES = {
+    "difference": Drive(sample_time=2e-3, delay=6e-3),
+    "trapezoid": Drive(sample_time=2e-3, delay=6e-3, integration="trapezoid"),
+    "filtered": Drive(sample_time=1e-3, delay=4e-3, derivative="filtered", filter_time=2e-3),
+    "error filter": Drive(sample_time=2e-3, error_filter_time=4e-3),
+}
+
+
+def motion(drive: Drive, whole: float = 10.0):
+    orbit = find_orbit(Servo(), "switch", GAIN)
+    found = simulate_sampled(Servo(), GAIN, drive, set_point=0.0, position=-orbit.amplitude, time=whole * orbit.period)
+    assert found.verdict.kind == "hunting"
+    return found
+
+
+def scaled(drive: Drive, factor: float) -> Drive:
+    times = {key: factor * getattr(drive, key) for key in ("sample_time", "delay", "error_filter_time")}
+    return dataclasses.replace(drive, **times, filter_time=drive.filter_time and factor * drive.filter_time)
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_the_continuous_servo_moves_as_the_drive_does_to_second_order(name):
+    """Lags twice as long are four times as far off in amplitude."""
+    off, plain = [], []
+    for factor in (1.0, 2.0):
+        drive = scaled(DRIVES[name], factor)
+        seen = motion(drive).verdict.amplitude
+        effective = as_continuous(Servo(), GAIN, lags_of(drive, Servo()))
+        off.append(abs(find_orbit(effective, "switch", GAIN).amplitude / seen - 1))
+        plain.append(abs(find_orbit(Servo(), "switch", GAIN).amplitude / seen - 1))
+    assert off[0] < 0.7 * plain[0] and 3.4 < off[1] / off[0] < 4.4
+
+
+@pytest.mark.parametrize("name", ["difference", pytest.param("filtered", marks=pytest.mark.slow)])
+def test_the_friction_of_a_drive_is_found(name):
+    """Its delay alone is taken for friction where it is not taken into account."""
+    drive = DRIVES[name]
+    found, T = motion(drive), find_orbit(Servo(), "switch", GAIN).period
+    times = np.arange(3 * T, 9 * T, T / 400)
+    x = np.interp(times, np.arange(found.states.shape[1]) * drive.sample_time, found.states[0])
+    record = Record(times, measured(x, 0.01 * found.verdict.amplitude, 0.0, 0.3, np.random.default_rng(5)))
+    start = Servo().replace(**{"friction.static": 0.7, "friction.viscous": 0.2})
+    inside = {}
+    for given in (drive, None):
+        ends = identify([record], start, GAIN, drive=given, advise=False).intervals
+        inside[given] = [low <= TRUE[key] <= high for key, (low, high) in ends.items()]
+    assert all(inside[drive]) and not all(inside[None])
+
+
+def test_lags_are_taken_where_they_can_be():
+    drive, record, free = DRIVES["difference"], Record(np.arange(9.0), np.arange(9.0)), list(TRUE)
+    assert lags_taken([record], Servo(), [GAIN], free, drive) == pytest.approx((7e-3, 8e-3, 6e-3))
+    assert lags_taken([record], Servo(), [GAIN], free, None) is None
+    assert lags_taken([record], Servo(), [GAIN], [*free, "servo.inertia"], drive) is None
+    with_torque = dataclasses.replace(record, torque=np.arange(9.0))
+    assert lags_taken([with_torque], Servo(), [GAIN], free, drive) is None
+    slow = Drive(sample_time=0.5)
+    assert lags_taken([record], Servo(), [GAIN], free, slow) is None
+    with pytest.raises(InputError, match="its lag of 0.5 s is no small one in this loop"):
+        as_continuous(Servo(), GAIN, lags_of(slow, Servo()))
+
+
+def test_the_torque_of_a_count():
+    """kd q/T, and of a filtered derivative less: kd q/(T + Tf)."""
+    servo = dataclasses.replace(Servo(), controller=Pid(kp=1.0, ki=4.0, kd=0.15))
+    kd, q = 0.15 * GAIN * servo.motor_gain, 2 * math.pi / 2000
+    assert shaken_by(servo, GAIN, Drive(sample_time=1e-3, encoder=2000)) == pytest.approx(kd * q / 1e-3 / 0.53)
+    filtered = Drive(sample_time=1e-3, encoder=2000, derivative="filtered", filter_time=4e-3)
+    assert shaken_by(servo, GAIN, filtered) == pytest.approx(kd * q / 5e-3 / 0.53)
+    assert shaken_by(servo, GAIN, Drive(sample_time=1e-3)) == 0
+    assert lags_of(filtered, servo) == pytest.approx(Lags(5e-4, 5e-3, 0.0))
