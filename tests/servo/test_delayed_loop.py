@@ -62,3 +62,51 @@ def test_margins_are_where_the_loop_says(servo):
     for factor in filter(None, (found.lowest_factor, found.highest_factor)):
         at = loop(servo, gain, 1e-4, crossover(servo, gain, 1 / factor))
         assert abs(factor * at + 1) < 1e-11
+
+
+def late_loop(servo: Servo, gain: float, delay: float, filter_time: float, s: complex) -> complex:
+    """L(s) with a filtered derivative, kp + ki/s + kd s/(1 + T_f s)."""
+    pid = servo.controller.pid()
+    controller = pid.kp + pid.ki / s + pid.kd * s / (1 + filter_time * s)
+    plant = servo.motor_gain / (s * (servo.inertia * s + servo.friction.viscous))
+    return gain * controller * plant * cmath.exp(-s * delay)
+
+
+@pytest.mark.parametrize("filter_time", [1e-3, 0.02, 0.3])
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_a_filtered_derivative_takes_phase_and_gain(delay, filter_time):
+    """At its crossover and gain factors the loop with kd s/(1 + T_f s) is where the margins say."""
+    servo, gain = Servo(), 0.1
+    found = margins(servo, gain, delay=delay, filter_time=filter_time)
+    L = late_loop(servo, gain, delay, filter_time, 1j * found.frequency)
+    assert abs(L) == pytest.approx(1, rel=1e-9)
+    off = cmath.phase(L) + math.pi - math.radians(found.phase_margin)
+    assert math.remainder(off, 2 * math.pi) == pytest.approx(0, abs=1e-9)
+    if not found.stable:
+        assert found.phase_margin <= 0
+        return
+    for factor in filter(lambda f: 0 < f < math.inf, (found.lowest_factor, found.highest_factor)):
+        beside = (0.999 * gain * factor, 1.001 * gain * factor)
+        below, above = (margins(servo, at, delay=delay, filter_time=filter_time) for at in beside)
+        assert below.stable != above.stable
+        omega = (below if not below.stable else above).frequency
+        at = late_loop(servo, gain * factor, delay, filter_time, 1j * omega)
+        assert abs(at + 1) < 0.01
+
+
+def test_unstable_poles_of_a_filtered_loop_are_those_of_its_polynomial():
+    """Without delay, roots of the closed loop, written down by hand; from no filter to one that takes all damping."""
+    servo = Servo().replace(**{"friction.viscous": 1e-3})
+    pid, J, sigma2 = servo.controller.pid(), servo.inertia, servo.friction.viscous
+    seen = set()
+    for gain in (0.02, 0.1, 0.5):
+        for T in (0.0, 1e-3, 0.05, 1.0, 30.0):
+            k = gain * servo.motor_gain
+            closed = np.polyadd(
+                np.polymul([T, 1], [J, sigma2, 0, 0]),
+                k * np.array([pid.kd + pid.kp * T, pid.kp + pid.ki * T, pid.ki]),
+            )
+            stable = bool((np.roots(closed).real < 0).all())
+            assert margins(servo, gain, filter_time=T).stable is stable
+            seen.add(stable)
+    assert seen == {True, False}

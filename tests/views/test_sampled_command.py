@@ -322,7 +322,43 @@ def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
     code, out, _ = run(capsys, "simulate", "--gain", 0.04, "--hysteresis", 0.2, "--enter-ratio", 0.25)
     assert code == 0 and out.startswith("switch servo at gain 0.04 V/rad, set point 1 rad, 100 s: at rest")
     assert "it has come to rest, and nothing in the loop moves it again" in out
-    assert "rad from the set point (x1)" in out
+    assert "rad from the set point, velocity" in out
+    assert "with a remedy it may hunt from nearer" in " ".join(out.split())
+
+
+@pytest.mark.parametrize("time", [20, 40])
+def test_a_servo_that_winds_up_to_its_next_breakaway_is_not_at_rest(capsys, time):
+    """With a reset of 0.7191, which ends the hunting of Table 1, swings go on, ever smaller: stuck at 20 s it breaks
+    away at 33.88 s, and again behind 40 s."""
+    words = ("simulate", "--gain", 0.04, "--reset", 0.7191, "--time", time, "--json", "--quiet")
+    found = one_json(run(capsys, *words)[1])
+    longer = one_json(run(capsys, *(100 if word == time else word for word in words))[1])
+    breakaways = [at for at, name, _ in longer["events"] if name.startswith("breakaway") and at > time]
+    assert found["verdict"] == longer["verdict"] == "decaying" and breakaways
+    assert abs(longer["end"]["x1"]) < abs(found["end"]["x1"])
+
+
+def test_the_margins_have_the_filter_of_the_derivative(capsys, built):
+    """Up to the factor that `loop` says a small motion without friction dies out, beyond it grows: the sampled loop."""
+    filtered = ("--set", "drive.derivative=filtered", "--set", "drive.delay=0.001", "--set", "drive.encoder=0")
+    found = one_json(run(capsys, "loop", built, "--gain", 1, *filtered, "--json", "--quiet")[1])["with_delay"]
+    assert found["filter_time"] == pytest.approx(0.05 / 1.0 / 10)
+    limit = found["margins"][0]["highest_factor"]
+    _, out, _ = run(capsys, "loop", built, "--gain", 1, *filtered, "--quiet")
+    assert "its filter of the derivative, 0.005 s" in " ".join(out.split())
+    slick = ("--set", "friction.static=2e-4", "--set", "friction.coulomb=1e-4", "--set", "friction.viscous=0.02")
+    for factor, kinds in ((0.97, ("at rest", "decaying", "hunting")), (1.03, ("growing",))):
+        words = ("--gain", factor * limit, *filtered, *slick, "--time", 20, "--json", "--quiet")
+        assert one_json(run(capsys, "simulate", built, *words)[1])["verdict"] in kinds
+
+
+def test_a_tuning_whose_drive_filters_too_long_is_spoken_against(capsys, built):
+    words = ("--set", "drive.derivative=filtered", "--set", "drive.encoder=0", "--json", "--quiet")
+    long = run(capsys, "tune", built, *words, "--set", "drive.filter_time=0.02")
+    short = run(capsys, "tune", built, *words, "--set", "drive.filter_time=1e-4")
+    assert one_json(short[1])["verification"]["result"] == "verified" and short[0] == 0
+    assert one_json(long[1])["verification"]["result"] == "speaks against it" and long[0] == 1
+    assert "misses the margins" in long[2]
 
 
 def test_above_the_fold_it_is_said_that_the_drive_may_hunt_by_a_count(capsys, built):

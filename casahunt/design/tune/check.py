@@ -288,7 +288,8 @@ def _loops(
         used = np.isin(names, loop_box(servo, {}, lag).names)
         points = _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, used & (high > low))
         others = [servo_at(servo, np.array(names)[used].tolist(), q) for q in points[:, used]]
-    loops = {name: margins(each, gain, delay=lag) for name, each in named.items()}
+    late = {"delay": lag, "filter_time": demands.filter_time}
+    loops = {name: margins(each, gain, **late) for name, each in named.items()}
     missed = [
         f"the linear loop of the {'servo with the least ' if name in DEMANDS else ''}{name}"
         f"{' friction' if name == 'worst' else ''} misses the margins: {_margins_said(loop)}"
@@ -296,7 +297,7 @@ def _loops(
         if not _keeps(loop, demands)
     ]
     for other in others:
-        found = margins(other, gain, delay=lag)
+        found = margins(other, gain, **late)
         if not _keeps(found, demands):
             own = flatten(servo)
             where = {key: value for key, value in flatten(other).items() if value != own[key]}

@@ -53,6 +53,7 @@ class Demands:
     phase_margin : [deg], 0 to 180.
     gain_margin : factor by which the gain may fall or rise and the linear loop stays stable; 1 to 1e6.
     delay, sample_time : of the loop [s]; >= 0.
+    filter_time : of the derivative [s], >= 0; in the margins of the checks alone, which may speak against a tuning.
     max_torque : largest torque of the motor on the simulated tasks [N m]; > 0.
 
     Examples
@@ -67,6 +68,7 @@ class Demands:
     gain_margin: float = 2.0
     delay: float = 0.0
     sample_time: float = 0.0
+    filter_time: float = 0.0
     max_torque: float = math.inf
 
     def __post_init__(self) -> None:
@@ -75,6 +77,7 @@ class Demands:
         require("gain-margin", self.gain_margin, at_least=1, at_most=LARGEST_FACTOR)
         sensible("delay", self.delay, zero=True, unit="s")
         sensible("sample-time", self.sample_time, zero=True, unit="s")
+        sensible("filter-time", self.filter_time, zero=True, unit="s")
         if self.max_torque != math.inf:
             sensible("max-torque", self.max_torque, unit="N m")
 

@@ -14,12 +14,14 @@ NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry 
 
 
 def loop_answer(
-    loops: Sequence[LinearLoop], viscous: float, frictionless: float, lag: float = 0.0, delayed: Sequence[Margins] = ()
-) -> Answer:
+    loops: Sequence[LinearLoop], viscous: float, frictionless: float, lag: float = 0.0,
+    delayed: Sequence[Margins] = (), filter_time: float = 0.0,
+) -> Answer:  # fmt: skip
     """What is said of linear loops.
 
     viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad]; lag, delayed: delay
-    and half a sample of the drive as built [s], and the margins with it, where the servo file describes one.
+    and half a sample of the drive as built [s], and the margins with it, where the servo file describes one;
+    filter_time: of its derivative [s].
     """
     plain = [
         "linear loop, dry friction left out",
@@ -32,9 +34,9 @@ def loop_answer(
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
         plain.append(item("gain margin", _gain_margin(loop)))
     for loop, margins in zip(loops, delayed, strict=bool(delayed)):
-        plain.append(
-            f"gain {loop.gain:.10g} V/rad with delay and sampling of the drive, {short(lag)} s: {_with_delay(margins)}"
-        )
+        late = f"delay and sampling of the drive, {short(lag)} s"
+        late += f", and its filter of the derivative, {short(filter_time)} s" if filter_time else ""
+        plain.append(f"gain {loop.gain:.10g} V/rad with {late}: {_with_delay(margins)}")
     return Answer([*plain, NOT_SAID], _details(loops, viscous, frictionless))
 
 

@@ -14,13 +14,18 @@ if TYPE_CHECKING:
     from ...servo.parts import LoopMotion
 
 
+ELSEWHERE = "not looked at: with a remedy it may hunt from nearer to the set point; casahunt remedies looks there"
+"""Said of a motion with a remedy that hunts no more."""
+
+
 def loop_motion_answer(
     title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], cycle: SystemOrbit | None,
-    angles: Collection[str],
+    angles: Collection[str], names: Mapping[str, str],
 ) -> Answer:  # fmt: skip
     """What is said of a motion.
 
-    title: which loop; parts: a line; record: its JSON object; cycle: that it goes on to; angles: states that are some.
+    title: which loop; parts: a line; record: its JSON object; cycle: that it goes on to; angles: states that are some;
+    names: what states are called, of a servo with a remedy.
     """
     verdict, motion = record["verdict"], found.motion
     plain = [f"{title}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s: {HEADS[verdict]}"]
@@ -29,9 +34,12 @@ def loop_motion_answer(
         plain += [item("period", rhythm(cycle.period, cycle.period_error))]
     else:
         plain.append(item("because", record["reason"]))
+    if names and record["verdict"] in ("at rest", "decaying"):
+        plain.append(item("other starts", ELSEWHERE))
     voltage = "" if record["peak_voltage"] is None else f", by {record['peak_voltage']:.4g} V"
     end = (
-        f"{short(value)} rad from the set point ({state})" if state in angles else f"{state} {short(value)}"
+        f"{short(value)} rad from the set point" + ("" if names else f" ({state})")
+        if state in angles else f"{names.get(state, state)} {short(value)}"
         for state, value in motion.end.items()
     )
     plain += [parts, item("at the end", ", ".join(end))]
@@ -41,7 +49,7 @@ def loop_motion_answer(
 
 def _details(found: LoopMotion, record: Mapping[str, Any]) -> Iterator[str]:
     motion = found.motion
-    yield item("because", record["reason"])
+    yield item("because", record["reason"] + (f" ({record['evidence']})" if record["evidence"] else ""))
     end = (
         f"{state} {to_absolute_error(value, motion.error * motion.sizes[state], most=10)}"
         for state, value in motion.end.items()

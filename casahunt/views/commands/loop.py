@@ -33,11 +33,13 @@ def run(options: argparse.Namespace) -> int:
         "loops": loops,
     }
     drive = drive_of(options)
-    lag, delayed = 0.0, []
+    lag, filter_time, delayed = 0.0, 0.0, []
     if drive is not None:
         lag = drive.delay + drive.sample_time / 2
-        delayed = [margins(servo, gain, delay=lag) for gain in gains]
-        record["with_delay"] = {"delay": lag, "margins": delayed}
-    answer = loop_answer(loops, viscous, frictionless, lag, delayed)
+        pid = servo.controller.pid()
+        filter_time = drive.filter_of(pid.kd / pid.kp)
+        delayed = [margins(servo, gain, delay=lag, filter_time=filter_time) for gain in gains]
+        record["with_delay"] = {"delay": lag, "filter_time": filter_time, "margins": delayed}
+    answer = loop_answer(loops, viscous, frictionless, lag, delayed, filter_time)
     give(options, record, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
     return 0

@@ -19,13 +19,15 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from ... import effort
 from ...checks import error_text, moderate
-from ...errors import InputError
+from ...errors import InputError, NoOrbit
+from ...servo.find_orbit import find_orbit
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
@@ -88,7 +90,10 @@ def run(options: argparse.Namespace) -> int:
     left_out(options, "it is of a loop of parts", "state")
     if remedies:
         left_out(options, "with a remedy the motion is one of a loop of parts", "regularised", "step")
-        return of_loop(options, with_remedies(servo, model, gain, remedies), length, numbers, f"{model} servo")
+        bare = None
+        with suppress(NoOrbit):
+            bare = find_orbit(servo, model, gain)
+        return of_loop(options, with_remedies(servo, model, gain, remedies), length, numbers, f"{model} servo", bare)
     if drive is not None:
         return of_drive(options, servo, drive, length, numbers)
     began = time.perf_counter()

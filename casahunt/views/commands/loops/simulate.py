@@ -3,10 +3,10 @@
     start   angles: position - set point; velocity x2, integral x3, bristle x4; any other by its name; else zero
 
 Keys of the JSON object: parts, parameters, gain, set_point, time, tol; start, end: states by name; verdict ("hunting",
-"at rest", "undecided"): what the motion goes on to behind its end, with reason, and amplitude and period of the cycle
-(null where there is none); peak_torque [N m], peak_voltage [V] (null without a motor gain); events, a list of [time,
-name, mode before]; error, of states and times of events, relative to the sizes of the states and to the duration;
-status, wall_s.
+"at rest", "decaying", "undecided"): what the motion goes on to behind its end, with reason (evidence: what stopped the
+search, or null), and amplitude and period of the cycle (null where there is none); peak_torque [N m], peak_voltage [V]
+(null without a motor gain); events, a list of [time, name, mode before]; error, of states and times of events, relative
+to the sizes of the states and to the duration; status, wall_s.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ....checks import error_text, to_error
-from ....design.remedies.price import RESTS_WITHIN
+from ....design.remedies.price import RESTS_WITHIN, ROUNDING_OF_A_STATE, fate
 from ....errors import ComesToRest, NoOrbit, Status
-from ....orbits import Options, SystemOrbit, find_cycle
+from ....motion import Motion
+from ....orbits import Options, Orbit, SystemOrbit, find_cycle
 from ....servo.servo import assigned
 from ...answers.loops import loop_motion_answer
 from ..console import complain
@@ -34,36 +36,50 @@ if TYPE_CHECKING:
 LATE = 0.5
 """Part of the motion behind which nothing moves where it rests."""
 STANDS_FOR_GOOD = "it has come to rest, and nothing in the loop moves it again"
-"""Where a motion meets no further event."""
+"""Where nothing moves behind its end."""
+COMES_TO_REST = "it is smaller from swing to swing, and comes to rest behind its end"
+NOT_FOLLOWED = "neither a cycle nor rest was found to which it goes on behind its end"
+BEYOND = {
+    "rests": COMES_TO_REST,
+    "decays": "followed on, it swings by less than half of what it does without the remedy",
+}
+"""What is said of a motion that hunts no more, by what becomes of it (price.py)."""
 NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
 """Options that name a state of the servo."""
+NAMES = {state: name for name, state in NAMED.items()}
+"""What states of the servo are called."""
 
 
 def of_loop(
-    options: argparse.Namespace, loop: Loop, length: float, numbers: Mapping[str, float], called: str = "loop"
-) -> int:
+    options: argparse.Namespace, loop: Loop, length: float, numbers: Mapping[str, float], called: str = "loop",
+    bare: Orbit | None = None,
+) -> int:  # fmt: skip
     """Simulate and print; returns the exit code.
 
-    numbers: of the command line: set_point, position, velocity, integral, bristle, tol; called: what the loop is.
+    numbers: of the command line: set_point, position, velocity, integral, bristle, tol; called: what the loop is;
+    bare: its cycle without a remedy.
     """
     from ....servo.parts import loop_motion
 
     start = _start(options, loop, numbers)
     began = time.perf_counter()
     found = loop_motion(loop, length, start=start, tol=numbers["tol"])
-    verdict, reason, cycle = _goes_on_to(loop, found, numbers["tol"])
+    verdict, reason, cycle, evidence = _goes_on_to(loop, found, numbers["tol"], bare)
     motion, peak = found.motion, float(np.abs(found.torque).max())
     status = Status.CONVERGED if motion.error <= numbers["tol"] else Status.TOLERANCE_NOT_REACHED
     record = record_of(loop) | {
         "set_point": numbers["set_point"], "time": motion.duration, "tol": numbers["tol"], "start": start,
-        "end": motion.end, "verdict": verdict, "reason": reason, "amplitude": cycle and cycle.amplitude,
+        "end": motion.end, "verdict": verdict, "reason": reason, "evidence": evidence or None,
+        "amplitude": cycle and cycle.amplitude,
         "period": cycle and cycle.period, "peak_torque": peak, "peak_voltage": _voltage(loop, peak),
         "events": [(event.time, event.event, event.mode) for event in motion.events], "error": motion.error,
         "status": status, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
     name = title(loop, called)
     picture = ("simulation.loop_motion", found, numbers["set_point"], f"{name}: {verdict}")
-    answer = loop_motion_answer(name, parts_line(loop), found, record, cycle, loop.angles)
+    answer = loop_motion_answer(
+        name, parts_line(loop), found, record, cycle, loop.angles, {} if called == "loop" else NAMES
+    )
     give(options, record, answer, table=_table(found), picture=picture)
     if not status.ok:
         said = f"known to {error_text(motion.error)} of the sizes of the states and of the time"
@@ -78,23 +94,52 @@ def _start(options: argparse.Namespace, loop: Loop, numbers: Mapping[str, float]
     return loop.state(**start | given | assigned(options.state, "state", start, "name=value"))
 
 
-def _goes_on_to(loop: Loop, found: LoopMotion, tol: float) -> tuple[str, str, SystemOrbit | None]:
-    """Verdict, reason and cycle: of the motion as it goes on behind its end."""
+def _goes_on_to(
+    loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None
+) -> tuple[str, str, SystemOrbit | None, str]:
+    """Verdict, reason, cycle, and what stopped the search for it: of the motion as it goes on behind its end.
+
+    bare: the cycle without a remedy.
+    """
     motion, vary = found.motion, next(iter(loop.parameters))
     try:
         cycle = find_cycle(
             loop.system, motion.phases[-1].mode, start=motion.end, follow=vary, options=Options(tol=min(tol, 1e-6))
         )
     except ComesToRest:
-        return "at rest", STANDS_FOR_GOOD, None
+        stays = _stays(loop, found)
+        return "at rest" if stays else "decaying", STANDS_FOR_GOOD if stays else COMES_TO_REST, None, ""
     except NoOrbit as why:
         late = found.times >= LATE * motion.duration
-        moved = max(float(np.ptp(found.states[loop.system.states.index(angle), late])) for angle in loop.angles)
-        if moved <= RESTS_WITHIN * max(motion.sizes[angle] for angle in loop.angles):
-            return "at rest", f"since {LATE * motion.duration:.4g} s nothing has moved, and no cycle was found", None
-        return "undecided", str(why), None
+        if _still(motion, found.states[:, late]):
+            since = f"since {LATE * motion.duration:.4g} s nothing has moved, and no cycle was found"
+            return "at rest", since, None, ""
+        if bare is not None:
+            small = {name: ROUNDING_OF_A_STATE * size for name, size in motion.sizes.items()}
+            end = {name: value if abs(value) > small[name] else 0.0 for name, value in motion.end.items()}
+            seen = fate(loop, end, bare.amplitude, bare.period)
+            if seen.verdict in BEYOND:
+                return "decaying", BEYOND[seen.verdict], None, ""
+        return "undecided", NOT_FOLLOWED, None, str(why)
     amplitude, period = to_error(cycle.amplitude, cycle.amplitude_error), to_error(cycle.period, cycle.period_error)
-    return "hunting", f"it goes on to a cycle of amplitude {amplitude} rad and period {period} s", cycle
+    return "hunting", f"it goes on to a cycle of amplitude {amplitude} rad and period {period} s", cycle, ""
+
+
+def _still(motion: Motion, states: np.ndarray) -> bool:
+    """Whether no state moves, the sum of an integrator neither: a servo that is stuck may wind up to its breakaway."""
+    sizes = np.array([motion.sizes[name] for name in motion.system.states])
+    return bool(np.all(np.ptp(states, axis=1) <= RESTS_WITHIN * sizes))
+
+
+def _stays(loop: Loop, found: LoopMotion) -> bool:
+    """Whether nothing moves for as long again behind the end of a motion."""
+    from ....servo.parts import loop_motion
+
+    motion = found.motion
+    with suppress(NoOrbit):
+        further = loop_motion(loop, motion.duration, start=motion.end, mode=motion.phases[-1].mode)
+        return _still(motion, further.states)
+    return False
 
 
 def _voltage(loop: Loop, torque: float) -> float | None:
