@@ -66,6 +66,10 @@ AS_CONTINUOUS = (
     "the loop is taken as a continuous one: of [drive] sampling and delay are taken into account where friction alone "
     "is sought, from positions alone, and they are short in this loop"
 )
+NOT_OF_THE_DRIVE = (
+    "or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
+    "continuous loop"
+)
 SHAKES = (
     "each count of the encoder makes the derivative's torque jump by {:.2g} of static friction, as given: that shakes "
     "a servo loose, and what is found may be the friction of the shaken one"
@@ -108,15 +112,21 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
 
+    lags = lags_taken(records, servo, gains, free, drive)
+
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
         tell(progress(options), f"fitting {len(free)} parameters to {many}")
-        return identify(records, servo, gains, model, free=free, drive=drive, options=how)
+        try:
+            return identify(records, servo, gains, model, free=free, drive=drive, options=how)
+        except InputError as refusal:
+            if drive is None or lags is not None:
+                raise
+            raise InputError(f"{refusal}; {NOT_OF_THE_DRIVE}") from None
 
     taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
     taken += [f"  {record.reading.sentence}" for record in records if record.reading is not None]
     if drive is not None:
-        lags = lags_taken(records, servo, gains, free, drive)
         taken.append(f"  {AS_CONTINUOUS if lags is None else WITH_LAGS}")
         shaken = max(shaken_by(servo, gain, drive) for gain in gains)
         taken += [f"  {SHAKES.format(shaken)}"] if shaken > SHAKEN else []
