@@ -295,7 +295,7 @@ def test_noise_that_repeats_by_chance():
     for i in range(m):
         y[i + 1] = math.exp(-1 / tau) * y[i] + e[i]
     found = measure(Record(np.arange(m) * 0.01, y[1:]))
-    assert found.kind == "irregular" and "no more alike than those of noise, by chance" in found.reason
+    assert found.kind == "irregular" and "it may be noise: periods of mere noise are as alike" in found.reason
 
 
 @pytest.mark.parametrize("k", [3, 6, 12])

@@ -88,8 +88,10 @@ def test_bounds_that_a_record_does_not_have_are_told(cured):
     """The worst servo is then one of a box that the program has made."""
     said = json.loads((cured / "cure.json").read_text())
     page = cure_page(said, {})
-    assert not list(command._unbounded(SimpleNamespace(bounded=True)))
-    assert "not every interval is bounded" in next(command._unbounded(SimpleNamespace(bounded=False)))
+    assert not list(command._unbounded(SimpleNamespace(intervals={"friction.static": (0.5, 0.6)})))
+    loose = {"friction.static": (0.5, math.inf), "friction.viscous": (0.0, 0.1)}
+    above, below = command._unbounded(SimpleNamespace(intervals=loose))
+    assert "static has no end: the worst servo has 10 times" in above and "viscous may be next to nothing" in below
     assert said["bounded"] and "do not bound" not in page and "<span class=good>the model explains" in page
     assert "may be too little" not in page
     said["bounded"], said["identified"]["explained"] = False, False
@@ -155,4 +157,4 @@ def test_what_speaks_against_the_answer(capsys, explained, best):
     assert command._judged(found, cures, {}, {}) == int(not (explained and best))
     err = capsys.readouterr().err
     assert ("does not explain the record" in err) is not explained and ("no remedy ends hunting" in err) == (not best)
-    assert ("of the first half of mine.csv: leave more out by --from" in err) is (not explained and bool(best))
+    assert ("of its first half: leave more out by --from" in err) is (not explained and bool(best))

@@ -77,6 +77,8 @@ def test_what_the_drive_does_with_a_remedy_is_on_the_page(record):
     page = remedies_page(more, {})
     assert "every one of 6 motions" in page and "as_built/gain/dead_band" not in page
     assert "In the loop as built" not in remedies_page(record, {})
+    hunts = record | {"as_built": {record["best"]: seen | {"kind": "hunting"}}}
+    assert "<p class=answer>" in page and "<p class=answer>" not in remedies_page(hunts, {})
 
 
 def test_nothing_comes_from_elsewhere_and_the_pictures_are_in_it(text, tmp_path):

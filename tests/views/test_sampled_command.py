@@ -9,8 +9,10 @@ import re
 import pytest
 from command_line import one_json, run
 
+from casahunt import Servo
 from casahunt.servo.sampled.check import AsBuilt
 from casahunt.views.commands import remedies as remedies_command
+from casahunt.views.commands.taken import taken_from_table_1
 
 SERVO = """
 [servo]
@@ -175,6 +177,22 @@ def test_a_stribeck_velocity_that_is_taken_from_table_1_is_told(capsys, tmp_path
     for more in (["--quiet"], ["--set", f"{key}=0.05"]):
         _, _, err = run(capsys, "orbit", path, "--gain", 1, *more)
         assert key not in err
+
+
+def test_what_a_servo_file_leaves_to_table_1_is_told(capsys, tmp_path):
+    """An answer would be one about another servo; friction that is sought in records is none."""
+    path = tmp_path / "part.toml"
+    everything = "servo.inertia, servo.motor_gain, friction.static, friction.coulomb, friction.viscous, controller"
+    for left_out, said in (("inertia.*\n", "servo.inertia"), (r"\[controller\][^\[]*", "controller"),
+                           ("viscous.*\n", "friction.viscous"), (r"[\s\S]*", everything)):  # fmt: skip
+        path.write_text(re.sub(left_out, "", SERVO))
+        _, _, err = run(capsys, "loop", path, "--gain", 1)
+        assert "not in the servo file, and taken from Table 1 of the report: " in err and said in err
+    path.write_text(re.sub("inertia.*\n", "", SERVO))
+    assert "Table 1" not in run(capsys, "loop", path, "--gain", 1, "--set", "servo.inertia=0.02")[2]
+    tables = {"servo": {"inertia": 1, "motor_gain": 1}, "controller": {"kp": 1}}
+    assert not list(taken_from_table_1(Servo(), tables, [], sought=True))
+    assert "friction.static" in next(taken_from_table_1(Servo(), tables, [], sought=False))
 
 
 def test_a_distance_within_one_count_is_told(capsys, built):

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...checks import choice_of, of_kind, require
+from ...checks import choice_of, of_kind
 from ...errors import InputError, NoOrbit, Status
 from ...export import Columns
 from ...orbits import Options
@@ -34,12 +35,12 @@ from .climb import climb, expected
 from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
-from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
+from .judgement import LEAST_TOLD, MORE_AT_FIRST, Judgement, further_gain, judged, more_at_first, untold
 from .lags import lags_taken
 from .likelihood import Noise
 from .noise import with_noise
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
-from .suitable import data_of, in_a_pattern, of_few_steps, suitable
+from .suitable import data_of, gains_of, in_a_pattern, of_few_steps, suitable
 from .torque import residual
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
@@ -55,6 +56,8 @@ MOST_LEFT = 0.3
 CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
 and differently on every mesh."""
+TRANSIENT_PART = 0.5
+"""Part of a record that begins with a transient."""
 BOUND_FACTOR = 10.0
 """Factor at which an interval that nothing bounds ends in the uncertainty file."""
 
@@ -80,6 +83,7 @@ class Identification(Result):
     residuals : (m,) of each record: position less model [rad].
     phases : at which time of each record its cycle begins [s].
     deviance : -2 log of the likelihood.
+    left_out : part of each record, its beginning, that was on its way to the cycle and is not fitted; 0 where all is.
 
     Examples
     --------
@@ -112,6 +116,7 @@ class Identification(Result):
     residuals: tuple[Array, ...] = field(repr=False)
     phases: tuple[float, ...] = field(repr=False)
     deviance: float
+    left_out: float = 0.0
 
     @property
     def values(self) -> dict[str, float]:
@@ -189,8 +194,7 @@ def identify(
     Parameters
     ----------
     records
-        one or several, files, samples or simulated motions, as of `measure`, each with three whole periods or more;
-        positions about any mean.
+        one or several, as of `measure`, each with three whole periods or more; positions about any mean.
     servo
         its known parameters, and values of the others to start from.
     gains
@@ -200,8 +204,7 @@ def identify(
     free
         the parameters that are sought.
     drive
-        that made the records: its lags are taken into account to first order where friction alone is sought, from
-        positions alone, and they are short in this loop (`lags`); None: the loop is taken as a continuous one.
+        that made the records, whose lags are taken into account where they can be (lags.py); None: a continuous loop.
     options
         tolerance of the computed cycles.
     advise
@@ -229,16 +232,21 @@ def identify(
     a_servo(servo)
     choice_of("model", model, MODELS)
     free = _free(free, servo, model)
-    each = [float(require("gain", g, above=0)) for g in (gains if isinstance(gains, Sequence) else [gains])]
-    each = each * len(records) if len(each) == 1 else each
-    if not len(records) or len(each) != len(records):
-        raise InputError(f"gains: must be one, or one for each of the {len(records)} records, not {len(each)}")
+    each = gains_of(gains, len(records))
     samples = [as_record(record) for record in records]
     lags = lags_taken(samples, servo, each, free, drive)
     data = tuple(data_of(record, suitable(record), gain, lags) for record, gain in zip(samples, each, strict=True))
     options = of_kind("options", options or Options(), Options)
     scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
-    return fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales, lowest), advise=advise)
+    found = fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales, lowest), advise=advise)
+    if found.judgement.explained or more_at_first(found.residuals) <= MORE_AT_FIRST:
+        return found
+    later = [record.after(record.times[0] + TRANSIENT_PART * record.duration) for record in samples]
+    with suppress(InputError, NoOrbit):
+        again = identify(later, servo, each, model, free=free, drive=drive, options=options, advise=advise)
+        if again.judgement.explained:
+            return replace(again, left_out=TRANSIENT_PART + (1 - TRANSIENT_PART) * again.left_out)
+    return found
 
 
 def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:

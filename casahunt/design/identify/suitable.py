@@ -6,8 +6,11 @@ set point, clipped positions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ...checks import require
 from ...errors import InputError
 from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
@@ -69,6 +72,15 @@ def of_few_steps(amplitude: float, quantum: float) -> str:
         f"the encoder, of whose steps of {quantum:.4g} rad the amplitude is {amplitude / quantum:.3g}: with fewer than "
         f"{ENCODER_BORDER:g} quantisation may decide how it hunts (casahunt simulate --encoder)"
     )
+
+
+def gains_of(gains: float | Sequence[float], count: int) -> list[float]:
+    """The gain of each record.  Raises InputError: there are more or fewer."""
+    each = [float(require("gain", g, above=0)) for g in (gains if isinstance(gains, Sequence) else [gains])]
+    each = each * count if len(each) == 1 else each
+    if not count or len(each) != count:
+        raise InputError(f"gains: must be one, or one for each of the {count} records, not {len(each)}")
+    return each
 
 
 def data_of(record: Record, m: Measurement, gain: float, lags: Lags | None = None) -> Data:

@@ -49,9 +49,8 @@ def suspicion(
     if abs(math.log(ratio)) < math.log1p(FAR_FREQUENCY):
         return ""
     far = f"the frequency is {ratio:.3g} times that of the servo as given, {1 / orbit.period:.4g} Hz: suspect"
-    if encoder := of_few_steps(amplitude, quantum):
-        return f"{far} {encoder}"
-    if swings > 2 and abs(math.log(ratio * swings / 2)) < math.log1p(FAR_FREQUENCY):
+    encoder = of_few_steps(amplitude, quantum)
+    if not encoder and swings > 2 and abs(math.log(ratio * swings / 2)) < math.log1p(FAR_FREQUENCY):
         mean = 2 * period / swings
         return f"to and fro it takes {mean:.4g} s in the mean, about as predicted, but it {in_a_pattern(swings)}"
     try:
@@ -59,7 +58,10 @@ def suspicion(
     except (NoOrbit, InputError):
         found = None
     if found is not None and found.status.ok and found.judgement.explained:
-        return f"{far} {_others(orbit, found)}: so the {orbit.model} model explains the record"
+        or_else = f"; or {encoder}" if encoder else ""
+        return f"{far} {_others(orbit, found)}: so the {orbit.model} model explains the record{or_else}"
+    if encoder:
+        return f"{far} {encoder}"
     omega = math.sqrt(orbit.servo.torque_gains(orbit.gain)[0] / orbit.servo.inertia)
     coarse = f", samples are {step:.3g} s apart, {step * omega:.2g}/omega of the loop"
     coarse = coarse if step * omega > COARSE_SAMPLES else ""

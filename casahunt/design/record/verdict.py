@@ -128,8 +128,9 @@ def judge_record(found: Periods) -> tuple[Kind, str]:
         return "irregular", f"the amplitudes scatter by {scatter:.0%} of their mean"
     expected = by_chance(found)
     if expected > CHANCE:
-        often = f"one of {1 / expected:.0f} such records" if expected < 0.5 else "most such records"
-        return "irregular", f"the {periods.size} periods are no more alike than those of noise, by chance, in {often}"
+        often = f"in one of {1 / expected:.0f} such records" if expected < 0.5 else "in most such records"
+        by_noise = f"periods of mere noise are as alike as these {periods.size} {often}, by chance"
+        return "irregular", f"it may be noise: {by_noise}; record more periods"
     return "hunting", ""
 
 

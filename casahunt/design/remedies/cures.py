@@ -38,10 +38,10 @@ class Cure(Result):
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : more of it by the margin; of the worst servo's size where one was asked for, and found.
     rests : the set of rest positions at the recommended size, or at the last one that was looked at: corners (x1 [rad],
-        torque of the motor [N m]) of a convex polygon; () where nobody knows, as where friction is not the same in both
-        directions.
+        torque of the motor [N m]) of a convex polygon, of an uncertain servo where it rests farthest away; () where
+        nobody knows, as where friction is not the same in both directions.
     rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
-    recommended_rest_error : the same at the recommended size [rad]: demands are held against it.
+    recommended_rest_error : the largest error of `rests` [rad]: demands are held against it.
     peak_torque, peak_voltage : on a step of 1 rad, at the recommended size [N m], [V].
     settling : of that step [s]; nan where it has not settled.
     beyond, stays : sizes from the recommended one up to three times the border, and the worst that motions do there:

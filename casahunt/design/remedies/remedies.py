@@ -58,6 +58,8 @@ RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_B
 """Parts with which a loop rests where the plain servo does."""
 MOST_FOR_THE_WORST = 10.0
 """By how much more of a remedy than the servo as given needs the worst of a set may need, for it to be sought."""
+STATIC = "static"
+"""Of the parameters of a loop, the only one with which the error at rest grows."""
 MOST_CORNERS, MOST_UNCERTAIN = 4, 6
 """Corners of an uncertain servo at which the border is computed, where slopes lead to the next one; and parameters that
 may be uncertain where all corners are looked at."""
@@ -169,6 +171,11 @@ class _Asked:
         ends = zip(*(end.tolist() for end in uncertainty.box(servo)), strict=True)
         return dict(zip(called(uncertainty.parameters), ends, strict=True))
 
+    @cached_property
+    def farthest_at_rest(self) -> Loop:
+        """The loop of the corner that may rest farthest away: friction holds most, the controller pulls least."""
+        return self.at(tuple(high if name == STATIC else low for name, (low, high) in self.box.items()))
+
     def at(self, corner: tuple[float, ...]) -> Loop:
         """The loop of a corner of the box."""
         return self.loop.replace(**dict(zip(self.box, corner, strict=True)))
@@ -230,8 +237,8 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     beyond = tuple(more_of(remedy, least, factor) for factor in (1 + asked.margin, *LARGER_SIZES))
     recommended, last = beyond[0], found.orbit or asked.orbit
     mended = with_remedy(loop, remedy, recommended)
-    corners = _rests(remedy, recommended, numbers)
-    rest, rests = (_largest(at) for at in (_rests(remedy, size, numbers), corners))
+    corners = _rests(remedy, recommended, _numbers(asked.farthest_at_rest))
+    rest, rests = _largest(_rests(remedy, size, numbers)), _largest(corners)
     step = task(mended, last.amplitude, last.period, rests, asked.orbit.amplitude)
     linear = linear_margins(mended)
     return Cure(

@@ -59,7 +59,8 @@ def _cure(cause: Cause, count: float) -> str:
     if math.isnan(cause.dead_band):
         return "no dead band of the integrator that was tried"
     counts = f", {cause.dead_band / count:.4g} counts" if count else ""
-    return f"a dead band of the integrator of {cause.dead_band:.4g} rad{counts}"
+    beyond = "just enough for this motion; casahunt remedies gives one with a margin, for other starts too"
+    return f"a dead band of the integrator of {cause.dead_band:.4g} rad{counts}, {beyond}"
 
 
 def _drive(drive: Drive) -> Iterator[str]:

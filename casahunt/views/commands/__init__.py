@@ -3,6 +3,7 @@
 progress.py    where a command is: a line that moves, or milestones in a log
 output.py      what is printed: 80 columns, words explained; CSV tables
 output_paths.py what a command may write
+taken.py       what a servo file leaves to Table 1
 arguments.py   the arguments that they share, read and checked
 console.py     what else they share: files, how numbers are shown
 sampled.py     what simulate does with the loop as built

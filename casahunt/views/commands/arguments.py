@@ -21,6 +21,7 @@ from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_ove
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
 from .progress import progress, say
+from .taken import taken_from_table_1
 
 if TYPE_CHECKING:
     from ...design.record.file import Record
@@ -30,8 +31,6 @@ LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
 LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate", "explore")
 """Commands that take a loop of parts."""
-STRIBECK = "friction.stribeck_velocity"
-"""The number that a servo file is told to lack."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
 TORQUE_OPTIONS = ("torque_column", "current_column", "torque_constant")
@@ -269,23 +268,11 @@ def servo_of(options: argparse.Namespace) -> Servo:
         commands = " and ".join((", ".join(LOOP_COMMANDS[:-1]), LOOP_COMMANDS[-1]))
         raise InputError(f"{what}: is a loop of parts; of the commands {commands} take one")
     servo = with_overrides(servo_of_tables(tables, what), of_servo)
-    _tell_what_is_taken(options, servo, tables, of_servo)
-    return servo
-
-
-def _tell_what_is_taken(options: argparse.Namespace, servo: Servo, tables: dict[str, Any], given: list[str]) -> None:
-    """That a servo of one's own has the Stribeck velocity of Table 1: data sheets seldom have it, and much hangs on it.
-
-    Where it is sought in records nothing is said.
-    """
-    own = "inertia" in tables.get("servo", {}) and "static" in tables.get("friction", {})
-    known = STRIBECK.split(".")[1] in tables.get("friction", {})
-    known = known or any(text.strip().startswith(STRIBECK) for text in given)
-    if own and not known and not hasattr(options, "sought") and not hasattr(options, "told"):
+    if not hasattr(options, "told"):
         options.told = True
-        taken = f"{servo.friction.stribeck_velocity:g} rad/s of Table 1 is taken, and where hunting ends hangs on it"
-        taken += f"; try others with --set {STRIBECK}=VALUE, or find it from a record (casahunt identify)"
-        say(progress(options), f"{STRIBECK} is not in the servo file: {taken}")
+        for sentence in taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought")):
+            say(progress(options), sentence)
+    return servo
 
 
 def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive | None:

@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
             options.outputs.write(write_results, out, FILES, identification.texts_of(found, drive_of(options)) | own)
     lines = [advice_of(cures, limits, built, of_a_set=True), *([f"  {doubt}"] if doubt else []),
              *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
-             *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built)]  # fmt: skip
+             *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built, of_a_set=True)]  # fmt: skip
     details = *identification.identified_details(found), *remedy_details(cures), *built_lines(built, in_full=True)
     answer = Answer(lines, details)
     give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
@@ -142,8 +142,11 @@ def _doubt(found: Identification) -> str:
 
 def _unbounded(found: Identification) -> Iterator[str]:
     """What is meant by the worst servo, where the records do not bound it."""
-    if not found.bounded:
-        yield f"  not every interval is bounded: the worst servo is one within {BOUND_FACTOR:g} times the values found"
+    for name, (low, high) in found.intervals.items():
+        if low <= 0:
+            yield f"  {name} may be next to nothing: the worst servo has 1/{BOUND_FACTOR:g} of what was found, no less"
+        if high == float("inf"):
+            yield f"  {name} has no end: the worst servo has {BOUND_FACTOR:g} times what was found, no more"
 
 
 def _fold(found: Identification, how: Options) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
-from ...design.identify.judgement import NEGLIGIBLE, Judgement
+from ...design.identify.judgement import MORE_AT_FIRST, NEGLIGIBLE, Judgement, more_at_first
 from ...design.identify.lags import SHAKEN, lags_taken, shaken_by
 from ...design.identify.suspect import suspicion
 from ...design.record.file import read_record
@@ -55,8 +55,6 @@ SIGN = "# casahunt identify"
 FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
 """What --out writes, and what stands in each: the intervals, as `uncertainty`, `tune` and `remedies` take them, and the
 servo with the values found."""
-MORE_AT_FIRST = 1.5
-"""What is left of the first half of a record, in units of that of the later one, from which on it is a transient."""
 FITTED_DIGITS = 6
 """Of a value in the details."""
 OF_TABLE_1 = "without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?"
@@ -67,7 +65,7 @@ AS_CONTINUOUS = (
     "is sought, from positions alone, and they are short in this loop"
 )
 NOT_OF_THE_DRIVE = (
-    "or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
+    "Or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
     "continuous loop"
 )
 SHAKES = (
@@ -122,7 +120,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
         except InputError as refusal:
             if drive is None or lags is not None:
                 raise
-            raise InputError(f"{refusal}; {NOT_OF_THE_DRIVE}") from None
+            raise InputError(f"{refusal} {NOT_OF_THE_DRIVE}") from None
 
     taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
     taken += [f"  {record.reading.sentence}" for record in records if record.reading is not None]
@@ -217,6 +215,9 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     said = said if found.status.ok else "the search for its numbers stopped short"
     yield f"{found.model} servo from {many}: {said}"
     yield from read
+    if found.left_out:
+        many = "each record" if len(data) > 1 else "the record"
+        yield f"  left out: the first {found.left_out:.0%} of {many}, in which it was still on its way to its cycle"
     yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
         yield "  the values are NOT settled: they are those where the search stopped, and nobody knows how far off"
@@ -237,11 +238,9 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
 
 def _transient(found: Identification) -> str:
     """That the beginning of a record may be a transient, where more is left of it."""
-    data, left = found.records[0], found.residuals[0]
-    early, late = (float(np.sqrt(np.mean(half**2))) for half in np.array_split(left, 2))
-    if not early > MORE_AT_FIRST * late > 0:
+    if not more_at_first(found.residuals) > MORE_AT_FIRST:
         return ""
-    return f"; {early / late:.2g} times as much is left of the first half of {data.name}: leave more out by --from"
+    return f"; {more_at_first(found.residuals):.2g} times as much is left of its first half: leave more out by --from"
 
 
 def _unsteady(judgement: Judgement) -> str:

@@ -46,8 +46,6 @@ PRICE_DIGITS = 4
 """Digits of a price."""
 SETTLING_DIGITS = 2
 """Digits of a settling time: it depends on where between two points of the motion the band is left last."""
-PLAIN_NUMBERS = {"derivative": "kd", "integral": "ki"}
-"""Remedies that are a number of the controller by gains."""
 NO_PART = "not checked: its size is that of a vibration much faster than the samples, which the drive cannot make"
 """Said of dither."""
 DITHER_SIZE = (
@@ -139,7 +137,8 @@ def run(options: argparse.Namespace) -> int:
             page = remedies_page(record, pictures_remedies.page_images(found))
             texts = dict(zip(FILES, (page, json.dumps(record, indent=1) + "\n"), strict=True))
             options.outputs.write(write_results, out, FILES, texts)
-    lines = [*remedy_lines(found, limits, of_a_set=uncertainty is not None, built=built), *built_lines(built)]
+    of_a_set = uncertainty is not None
+    lines = [*remedy_lines(found, limits, of_a_set=of_a_set, built=built), *built_lines(built, of_a_set=of_a_set)]
     result = found.to_dict() | {"as_built": built} if built else found
     answer = Answer(lines, [*remedy_details(found), *built_lines(built, in_full=True)])
     give(options, result, answer, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
@@ -170,18 +169,21 @@ def remedies_as_built(options: argparse.Namespace, found: Cures, servo: Servo, g
                 checked[row.name] = as_built(servo, gain, remedied)
         elif row.name == "gain":
             checked[row.name] = as_built(servo, size, drive)
-        elif row.name in PLAIN_NUMBERS:
-            changed = replace(pid, **{PLAIN_NUMBERS[row.name]: size})
+        elif row.name in OWN:
+            changed = replace(pid, **{OWN[row.name]: size})
             checked[row.name] = as_built(replace(servo, controller=changed), gain, drive)
         else:
             checked[row.name] = NO_PART
     return checked
 
 
-def built_lines(checked: Mapping[str, AsBuilt | str], *, in_full: bool = False) -> Iterator[str]:
+def built_lines(
+    checked: Mapping[str, AsBuilt | str], *, of_a_set: bool = False, in_full: bool = False
+) -> Iterator[str]:
     """What the checks in the loop as built have found; in_full: with what supports it."""
     if checked:
-        yield "in the loop as built, with Switch friction and the size to choose"
+        whose = ", of the servo as given" if of_a_set else ""
+        yield f"in the loop as built, with Switch friction and the size to choose{whose}"
     for name, seen in checked.items():
         yield from checked_lines(seen, name, "", in_full=in_full)
 
@@ -281,8 +283,10 @@ def remedy_lines(
         yield f"  choose         {100 * found.margin:g} % more of the remedy than that" + (
             ", or than the worst servo of the set needs" if of_a_set else ""
         )  # fmt: skip
-        yield "  error at rest  the largest at which the servo may stand still, with the size to choose"
-        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size"
+        of_the_worst = ", the worst servo of the set too" if of_a_set else ""
+        yield f"  error at rest  the largest at which the servo may stand still, with the size to choose{of_the_worst}"
+        as_given = ", of the servo as given" if of_a_set else ""
+        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size{as_given}"
         small = settled_within(found.amplitude) < SETTLED_WITHIN * TASK_STEP
         within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the step"
         yield f"  settles in     from then on the error of that step stays within {within}, or the error at rest"

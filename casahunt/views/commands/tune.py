@@ -195,7 +195,7 @@ def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: fl
         f"no gain was found that will do: {refusal}",
         "so the controller stays, with a remedy; the margins asked of the linear loop are not asked of it",
         *remedy_lines(found, limits, of_a_set=options.uncertainty is not None, built=built),
-        *built_lines(built),
+        *built_lines(built, of_a_set=options.uncertainty is not None),
     ]
     answer = Answer(plain, [*remedy_details(found), *built_lines(built, in_full=True)])
     seen = {"as_built": built} if built else {}

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import NoOrbit, Options, Record, Servo, Status, cli, find_orbit, identify, load
+from casahunt import Drive, NoOrbit, Options, Record, Servo, Status, cli, find_orbit, identify, load
 from casahunt.design.identify import climb as climbing
 from casahunt.design.identify import fit as fitting
 from casahunt.design.identify import identify as rooms
@@ -166,6 +166,8 @@ def test_periods_that_differ_are_seen_whatever_the_noise(tmp_path, capsys):
     x = record.position + off[(record.times // PERIOD).astype(int)]
     found = identify([Record(record.times, x, "uneven")], Servo(), GAIN, free=["friction.static"], advise=False)
     assert found.judgement.unsteady == pytest.approx(0.2 / math.sqrt(3), rel=0.2) and not found.judgement.repeats
+    drive = Drive(sample_time=2e-3, derivative="filtered")
+    late = identify([Record(record.times, x)], Servo(), GAIN, free=["friction.static"], drive=drive, advise=False)
     path, servo = tmp_path / "uneven.csv", tmp_path / "servo.toml"
     np.savetxt(path, np.column_stack([record.times, x]), delimiter=",", header="time_s,position_rad", comments="")
     servo.write_text('[servo]\n[drive]\nsample_time = 0.002\nderivative = "filtered"\n')
@@ -174,7 +176,7 @@ def test_periods_that_differ_are_seen_whatever_the_noise(tmp_path, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "periods differ from one another by 0." in said and "suspect the encoder's counts" in said
     written = load(tmp_path / "out" / "servo.toml"), (tmp_path / "out" / "servo.toml").read_text()
-    assert written[0].friction.static == pytest.approx(found.values["friction.static"])
+    assert written[0].friction.static == pytest.approx(late.values["friction.static"])
     assert written[1].endswith('[drive]\nsample_time = 0.002\nderivative = "filtered"\n')
     cli.main(["cure", *words, "--only", "dead band", "--out", str(tmp_path / "page")])
     for said in (capsys.readouterr().out, (tmp_path / "page" / "cure.html").read_text()):

@@ -4,18 +4,34 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from casahunt import InputError, NoOrbit, Record, Servo, cli, find_orbit, identify, load, load_uncertainty, pictures
+from casahunt import (
+    Friction,
+    InputError,
+    NoOrbit,
+    Pid,
+    Record,
+    Servo,
+    cli,
+    find_orbit,
+    identify,
+    load,
+    load_uncertainty,
+    pictures,
+)
 from casahunt.design.identify import identify as room
 from casahunt.design.identify import judgement
 from casahunt.design.identify.identify import FREE
 from casahunt.design.identify.intervals import Interval
 from casahunt.design.identify.suitable import data_of, suitable
+from casahunt.servo.servo import flatten
+from casahunt.views.commands.identify import identified_lines
 from scripts.peers.hunting_record import measured, positions
 
 GAIN, PERIOD = 0.1, 11.36
@@ -167,6 +183,21 @@ def test_a_higher_gain_for_a_further_record_is_one_at_which_the_ends_hunt_too(mo
     with pytest.raises(NoOrbit):
         find_orbit(weak, "switch", likely)
     assert GAIN <= sure < likely and find_orbit(weak, "switch", sure).stable
+
+
+def test_a_record_that_begins_with_its_transient_is_fitted_behind_it():
+    """A step of 1 rad, behind which a cycle of 0.009 rad is come to slowly: the servo is found all the same."""
+    true = Friction(static=0.19, coulomb=0.15, stribeck_velocity=0.03, viscous=0.009)
+    servo = Servo(inertia=0.0042, motor_gain=1.9, controller=Pid(kp=2.2, ki=14.0, kd=0.09), friction=true)
+    times = np.arange(0.0, 40.0, 0.008)
+    record = Record(times, positions(servo, "switch", 1.0, 1.0, times))
+    start = servo.replace(**{"friction.static": 0.22, "friction.viscous": 0.004, "friction.stribeck_velocity": 0.02})
+    found = identify([record], start, 1.0, advise=False)
+    assert found.judgement.explained and found.left_out >= 0.5
+    truth = flatten(servo)
+    assert all(low < truth[name] < high for name, (low, high) in found.intervals.items())
+    later = replace(found, left_out=0.75)
+    assert any("left out: the first 75% of the record, in which" in text for text in identified_lines(later, ""))
 
 
 def test_its_picture_has_the_residual(found):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import one_json, run
 
-from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
+from casahunt import Drive, Friction, InputError, Pid, Record, Servo, Status, find_orbit, identify, simulate_sampled
 from casahunt.design.identify.identify import _what_else
 from casahunt.design.identify.suitable import data_of, suitable
 from casahunt.design.identify.suspect import suspicion
@@ -77,6 +78,17 @@ def test_a_unit_is_known_by_its_factor(time, angle, quantum, says):
     period, amplitude = 1.05 * time * orbit.period, 0.9 * angle * orbit.amplitude
     said = suspicion(orbit, period, amplitude, quantum, 0.01 * period, 2, lambda: pytest.fail("fitted"))
     assert said.startswith(says) and bool(said) is bool(says)
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_few_counts_are_suspected_beside_the_friction_that_explains_the_record(explained):
+    """Rounding of the file alone: a fit that explains the record names its friction first."""
+    orbit = find_orbit(Servo(), "switch", GAIN)
+    fit = SimpleNamespace(status=Status.CONVERGED, judgement=SimpleNamespace(explained=explained),
+                          intervals={"friction.static": (0.4, 0.45)}, values={"friction.static": 0.42})  # fmt: skip
+    said = suspicion(orbit, 2 * orbit.period, orbit.amplitude, orbit.amplitude / 8, 0.01, 2, lambda: fit)
+    friction, encoder = said.find("friction.static, 0.42 N m, not 0.53"), said.find("the encoder, of whose steps")
+    assert encoder > 0 and (0 < friction < encoder if explained else friction == -1)
 
 
 def test_a_factor_of_one_of_two_is_no_unit():

@@ -124,6 +124,17 @@ def test_what_is_recommended_is_more_than_the_worst_servo_needs():
     assert found.recommended_rest_error == found.recommended and found.keeps_it_ended
 
 
+def test_demands_hold_where_a_servo_of_the_set_rests_farthest_away():
+    """Stuck with a leak, friction holds (kp + ki/leak) |x1| <= Fs: more where Fs is more."""
+    set_ = Uncertainty({"friction.static": (0.51, 0.54)})
+    found, alone = row("leak", 0.04, uncertainty=set_), row("leak", 0.04)
+    kp, _, ki = Servo().torque_gains(0.04)
+    farthest = 0.54 / (kp + ki / found.recommended)
+    assert found.recommended_rest_error == pytest.approx(farthest, rel=1e-12)
+    assert max(x1 for x1, _ in found.rests) == pytest.approx(farthest, rel=1e-12)
+    assert alone.recommended_rest_error == pytest.approx(0.53 / (kp + ki / alone.recommended), rel=1e-12)
+
+
 def test_the_servo_as_given_is_one_of_its_set():
     """Both ends of its Stribeck velocity need a smaller dead band, 0.01017 and 0.0103 rad, than it does, 0.01041."""
     friction = Friction(static=0.22, coulomb=0.16, stribeck_velocity=0.02, viscous=0.004)

@@ -39,7 +39,7 @@ STANDS_FOR_GOOD = "it has come to rest, and nothing in the loop moves it again"
 """Where nothing moves behind its end."""
 COMES_TO_REST = "it is smaller from swing to swing, and comes to rest behind its end"
 NOT_FOLLOWED = "neither a cycle nor rest was found to which it goes on behind its end"
-BEYOND = {
+BEHIND_ITS_END = {
     "rests": COMES_TO_REST,
     "decays": "followed on, it swings by less than half of what it does without the remedy",
 }
@@ -118,8 +118,8 @@ def _goes_on_to(
             small = {name: ROUNDING_OF_A_STATE * size for name, size in motion.sizes.items()}
             end = {name: value if abs(value) > small[name] else 0.0 for name, value in motion.end.items()}
             seen = fate(loop, end, bare.amplitude, bare.period)
-            if seen.verdict in BEYOND:
-                return "decaying", BEYOND[seen.verdict], None, ""
+            if seen.verdict in BEHIND_ITS_END:
+                return "decaying", BEHIND_ITS_END[seen.verdict], None, ""
         return "undecided", NOT_FOLLOWED, None, str(why)
     amplitude, period = to_error(cycle.amplitude, cycle.amplitude_error), to_error(cycle.period, cycle.period_error)
     return "hunting", f"it goes on to a cycle of amplitude {amplitude} rad and period {period} s", cycle, ""
