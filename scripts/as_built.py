@@ -50,7 +50,8 @@ from casahunt.servo.drive import BANDS, with_remedy  # noqa: E402
 from casahunt.servo.sampled.cause import told_apart  # noqa: E402
 from casahunt.servo.sampled.check import BY_BADNESS, _motions  # noqa: E402
 from casahunt.servo.sampled.verdict import turning_points  # noqa: E402
-from casahunt.views.commands.remedies import DRIVE_PARTS, PLAIN_NUMBERS  # noqa: E402
+from casahunt.views.commands.remedies import OWN  # noqa: E402
+from casahunt.views.commands.sampled import DRIVE_PARTS  # noqa: E402
 from scripts.random_servos import draw  # noqa: E402
 
 Array = np.ndarray
@@ -214,11 +215,11 @@ def servos_to_cure(count: int, seed: int) -> Iterator[tuple[str, Servo, float]]:
 def cured_as_built(row: Any, servo: Servo, gain: float, drive: Drive) -> tuple[str, float]:
     """The worst verdict of the loop as built with a remedy; the largest amplitude of what hunts [rad]."""
     size, pid = row.recommended, servo.controller.pid()
-    if row.name in PLAIN_NUMBERS:
-        servo = servo.replace(**{f"controller.{name}": value for name, value in
-                                 ({**vars(pid), PLAIN_NUMBERS[row.name]: size}).items()})  # fmt: skip
-    elif row.name == "gain":
+    if row.name == "gain":
         gain = size
+    elif row.name in OWN:
+        servo = servo.replace(**{f"controller.{name}": value for name, value in
+                                 ({**vars(pid), OWN[row.name]: size}).items()})  # fmt: skip
     else:
         drive = with_remedy(drive, DRIVE_PARTS[row.name], size)
     seen = [motion.verdict for motion in _motions(servo, gain, drive)]

@@ -265,7 +265,7 @@ def test_a_pipe_is_read_as_the_file(tmp_path, piped, capsys):
     assert pipe.times.tolist() == file.times.tolist() and pipe.position.tolist() == file.position.tolist()
     assert load(piped(content[".toml"])) == load(tmp_path / "a.toml")
     assert load_orbit(piped(content[".npz"])).period == load_orbit(tmp_path / "a.npz").period
-    code, out, err = run(capsys, "loop", piped(content[".toml"]), "--gain", 0.1, "--json")
+    code, out, err = run(capsys, "loop", piped(content[".toml"]), "--gain", 0.1, "--json", "--quiet")
     assert code == 0 and json.loads(out) and not err
 
 

@@ -182,8 +182,21 @@ def test_torque_can_be_read_beside_its_peak(gain, off):
     low, high = panel.get_ylim()
     assert high - low < 10 * 2 * SERVO.friction.static
     said = [text.get_text() for text in panel.texts]
-    assert said == ([f"off the scale: {found.peak_torque:.3g} N m at the most"] if off else [])
+    assert said == ([f"off the scale, farthest: {found.peak_torque:.3g} N m"] if off else [])
     assert off or high > found.peak_torque
+
+
+def test_hunting_can_be_seen_beside_the_step_that_it_follows():
+    """It is a hundredth of a step of 1 rad: a tenth of the panel at least; without a step all is shown."""
+    found = casahunt.simulate(SERVO, "switch", 0.2, time=200.0)
+    above = pictures.motion(found)[0]
+    low, high = above.get_ylim()
+    assert found.verdict.amplitude < high - found.set_point < 10 * found.verdict.amplitude
+    assert found.set_point - low == pytest.approx(high - found.set_point)
+    assert [text.get_text() for text in above.texts] == ["off the scale, farthest: 0 rad"]
+    start = {"position": found.set_point - found.verdict.amplitude}
+    again = pictures.motion(casahunt.simulate(SERVO, "switch", 0.2, time=60.0, **start))[0]
+    assert not again.texts
 
 
 def test_the_jacobian_takes_two_axes():

@@ -142,6 +142,7 @@ class Cures(Result):
     remedies : the rows, the cheapest first; behind them those that do not end hunting.
     best : the name of the cheapest that meets the demands, of an uncertain servo the cheapest whose size for the worst
         one was found, if there is one; "" where none does.
+    stable : whether motions end in that cycle; where they leave it, hunting may have ended at a lower gain.
 
     Examples
     --------
@@ -151,7 +152,7 @@ class Cures(Result):
     """
 
     _quantities = ("name", "model", "gain [V/rad]", "amplitude [rad]", "period [s]", "best")
-    _details = ("margin",)
+    _details = ("margin", "stable")
 
     loop: Loop
     model: Model
@@ -161,6 +162,7 @@ class Cures(Result):
     remedies: tuple[Cure, ...]
     best: str
     margin: float = MARGIN_TO_CHOOSE
+    stable: bool = True
 
     @property
     def name(self) -> str:

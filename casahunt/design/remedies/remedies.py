@@ -128,7 +128,8 @@ def remedies(
     loop, orbit = asked.loop, asked.orbit
     rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0, orbit.amplitude).peak_torque, orbit))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
-    return Cures(loop, asked.model, loop.value("gain"), orbit.amplitude, orbit.period, tuple(rows), best, margin)
+    own = loop.value("gain"), orbit.amplitude, orbit.period
+    return Cures(loop, asked.model, *own, tuple(rows), best, margin, orbit.stable is not False)
 
 
 def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:

@@ -258,8 +258,9 @@ def remedy_lines(
     found: Cures, limits: dict[str, float], *, of_a_set: bool, built: Mapping[str, AsBuilt | str] | None = None
 ) -> Iterator[str]:
     """The table as text; built: what `remedies_as_built` has found."""
+    hunts = "hunts with" if found.stable else "has a hunting cycle, which motions leave again, of"
     yield (
-        f"{found.name} at gain {found.gain:.10g} V/rad hunts with {found.amplitude:.{PRICE_DIGITS}g} rad and "
+        f"{found.name} at gain {found.gain:.10g} V/rad {hunts} {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
     yield f"  {advice_of(found, limits, built or {}, of_a_set=of_a_set)}"

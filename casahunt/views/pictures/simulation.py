@@ -27,9 +27,10 @@ DRAWN_SAMPLES, SHORT_STICK = 20_000, 10
 """Samples of a motion that are drawn; samples of a stick that is shown, more than."""
 MOST_DOTS = 20_000
 """Samples of a record that are drawn."""
-MOST_OF_THE_TIME, SPIKE, TIMES_THE_USUAL = 0.95, 4.0, 2.0
-"""Where the torque exceeds what it is for the first part of the time by the second factor, as at a step, the picture
-goes up to the third times that, and the peak is written down: beside it nothing else could be read."""
+MOST_OF_THE_TIME, SPIKE, TIMES_THE_USUAL, LEAST_SHOWN = 0.95, 4.0, 2.0, 1e-4
+"""Where a curve exceeds what it is for the first part of the time by the second factor, as at a step, the picture goes
+up to the third times that, and the peak is written down: beside it nothing else could be read.  Not where the usual is
+less than the last part of the peak: a motion that has come to rest."""
 SHADE = "0.9"
 """Colour behind a stick."""
 LEVEL_COLOUR = "#b03020"
@@ -131,6 +132,17 @@ def _most_of_the_time(t: Array, sizes: Array) -> float:
     return float(sizes[order][np.searchsorted(until, MOST_OF_THE_TIME * until[-1])])
 
 
+def _most_of_it(ax: Any, t: Array, values: Array, centre: float, least: float, unit: str) -> None:
+    """Cut off a spike, as at a step, beside which nothing else could be read; least: that is shown about the centre."""
+    away = np.abs(values - centre)
+    usual, peak = max(_most_of_the_time(t, away), least), float(away.max())
+    if LEAST_SHOWN * peak < usual < peak / SPIKE:
+        ax.set_ylim(centre - TIMES_THE_USUAL * usual, centre + TIMES_THE_USUAL * usual)
+        said = f"off the scale, farthest: {values[np.argmax(away)]:.3g} {unit}"
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 2}
+        ax.text(0.99, 0.93, said, transform=ax.transAxes, ha="right", va="top", fontsize=SMALL, bbox=box, zorder=5)
+
+
 def _three(
     given: Any, t: Array, curves: Sequence[Array], sticks: Sequence[tuple[float, float]], title: str, colour: str,
     set_point: float, levels: Sequence[float],
@@ -149,12 +161,11 @@ def _three(
     three[0].axhline(set_point, **dashed)
     for level in levels:
         three[2].axhline(level, **dashed)
-    usual = max(_most_of_the_time(t, np.abs(curves[2])), *levels, 0.0)
-    if 0 < SPIKE * usual < float(np.max(np.abs(curves[2]))):
-        three[2].set_ylim(-TIMES_THE_USUAL * usual, TIMES_THE_USUAL * usual)
-        peak = curves[2][np.argmax(np.abs(curves[2]))]
-        said = f"off the scale: {peak:.3g} N m at the most"
-        three[2].text(0.99, 0.93, said, transform=three[2].transAxes, ha="right", va="top", fontsize=SMALL)
+    for ax, values, centre, least, unit in (
+        (three[0], curves[0], set_point, 0.0, "rad"), (three[1], curves[1], 0.0, 0.0, "rad/s"),
+        (three[2], curves[2], 0.0, max(levels, default=0.0), "N m"),
+    ):  # fmt: skip
+        _most_of_it(ax, t, values, centre, least, unit)
     three[2].set_xlabel("time [s]")
     align(figure, three)
     handles = [Line2D([], [], label="set point; static friction ±F$_s$" if levels else "set point", **dashed)]

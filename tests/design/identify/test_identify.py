@@ -189,7 +189,7 @@ def test_a_record_that_begins_with_its_transient_is_fitted_behind_it():
     """A step of 1 rad, behind which a cycle of 0.009 rad is come to slowly: the servo is found all the same."""
     true = Friction(static=0.19, coulomb=0.15, stribeck_velocity=0.03, viscous=0.009)
     servo = Servo(inertia=0.0042, motor_gain=1.9, controller=Pid(kp=2.2, ki=14.0, kd=0.09), friction=true)
-    times = np.arange(0.0, 40.0, 0.008)
+    times = np.arange(0.0, 40.0, 0.016)
     record = Record(times, positions(servo, "switch", 1.0, 1.0, times))
     start = servo.replace(**{"friction.static": 0.22, "friction.viscous": 0.004, "friction.stribeck_velocity": 0.02})
     found = identify([record], start, 1.0, advise=False)

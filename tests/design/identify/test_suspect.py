@@ -49,6 +49,7 @@ def sets(servo):
     return [word for key, value in flatten(servo).items() for word in ("--set", f"{key}={value!r}")]
 
 
+@pytest.mark.slow
 def test_steps_of_an_encoder(capsys, tmp_path):
     """The drive of docs/howto/as_built.md: 0.209 Hz where the continuous loop has 0.401."""
     record = sampled(AS_BUILT, 1.0, Drive(sample_time=1e-3, encoder=2000), 60.0, 0.01)
