@@ -96,6 +96,18 @@ def test_diagram(branches: list[Branch], tmp_path: Path, equilibria: bool) -> No
     assert line_styles(above) == {"-", "--"}
 
 
+def test_each_fold_is_written_down_once_and_within_the_picture(branches: list[Branch]) -> None:
+    """A lopsided pair has its folds twice; labels were cut off at the right edge."""
+    above, _ = diagram([*branches, *branches])
+    above.figure.canvas.draw()
+    notes = [text for text in above.texts if "fold" in text.get_text()]
+    assert notes and len({text.get_text().split("=")[1] for text in notes}) == len(notes)
+    frame = above.get_window_extent()
+    for text in notes:
+        box = text.get_window_extent()
+        assert frame.x0 <= box.x0 and box.x1 <= frame.x1 + 1
+
+
 def test_diagram_of_one_orbit(switch: list[Orbit], tmp_path: Path) -> None:
     check_figure(diagram([Branch("switch", Servo(), (switch[0],), "")]), tmp_path)
 

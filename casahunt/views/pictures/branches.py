@@ -353,19 +353,28 @@ def _draw_equilibria(axes: Axes) -> None:
 
 
 def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
-    """Write K at every fold, on its open side, the labels of one side kept apart."""
-    room, away, apart = 0.17, 0.03, 0.13  # of the axes: for a label, from its fold, between labels
+    """Write K at every fold, on its open side, each once, the labels of one side kept apart."""
+    letter, away, apart = 0.011, 0.03, 0.13  # of the axes: for one of a label, from its fold, between labels
     sides: dict[int, list[tuple[float, float, str]]] = {-1: [], 1: []}
+    said = set[str]()  # a pair has its folds twice, and cycles of two kinds may end in one
     for curve in curves:
         values, word = curve.values, "K" if curve.vary == "gain" else curve.vary.replace("_", " ")
         for i in (i for i, kind in enumerate(curve.kinds) if kind == "fold"):
             value, beside = float(values[i]), values[i - 1 if i else min(1, len(curve.orbits) - 1)]
             text = f"{curve.name} fold\n{word} = {value:.4g}"
+            if f"{value:.4g}" in said:
+                continue
+            said.add(f"{value:.4g}")
             sides[1 if beside <= value else -1].append((value, curve.orbits[i].amplitude, text))
     left, right = axes.get_xlim()
-    extra = (right - left) * room / (1 - room)
-    axes.set_xlim(left - extra * bool(sides[-1]), right + extra * bool(sides[1]))
+    for side, labels in sides.items():
+        room = away + letter * max((len(line) for _, _, text in labels for line in text.splitlines()), default=0)
+        there = [(right - x if side > 0 else x - left) / (right - left) for x, _, _ in labels]
+        extra = (right - left) * max(room - min(there, default=1.0), 0.0) / (1 - room)
+        left, right = (left, right + extra) if side > 0 else (left - extra, right)
+    axes.set_xlim(left, right)
     to_axes = axes.transData + axes.transAxes.inverted()
+    paper = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1}
     for side, labels in sides.items():
         at = sorted(((*to_axes.transform((x, y)), text) for x, y, text in labels), key=lambda a: a[1])
         heights = [y for _, y, _ in at]
@@ -375,7 +384,7 @@ def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
         for (x, y, text), height in zip(at, heights, strict=True):
             axes.annotate(
                 text, (x, y), (x + side * away, height + lift), xycoords="axes fraction", fontsize=SMALL,
-                ha="left" if side > 0 else "right", va="center", zorder=7,
+                ha="left" if side > 0 else "right", va="center", zorder=7, bbox=paper,
                 arrowprops={"arrowstyle": "-", "color": "0.3", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 4},
             )  # fmt: skip
 
