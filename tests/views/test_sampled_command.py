@@ -356,6 +356,36 @@ def test_a_servo_that_winds_up_to_its_next_breakaway_is_not_at_rest(capsys, time
     assert abs(longer["end"]["x1"]) < abs(found["end"]["x1"])
 
 
+AXIS = """
+[servo]
+inertia = 0.0008
+motor_gain = 0.5
+[controller]
+kp = 2
+ki = 30
+kd = 0.04
+[friction]
+static = 0.02
+coulomb = 0.014
+stribeck_velocity = 0.08
+viscous = 0.002
+"""
+
+
+@pytest.mark.parametrize("words", [
+    ("--reset", 0.73085, "--time", 20), ("--reset", 0.73085, "--time", 42),
+    ("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 60),
+    ("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 176),
+])  # fmt: skip
+def test_a_small_cycle_with_a_remedy_is_hunting_whenever_the_motion_is_cut(capsys, tmp_path, words):
+    """Below the border of each remedy; the cycle with the reset has 37 % of the amplitude without one."""
+    path = tmp_path / "axis.toml"
+    path.write_text(AXIS)
+    found = one_json(run(capsys, "simulate", path, "--gain", 0.5, *words, "--json", "--quiet")[1])
+    assert found["verdict"] == "hunting"
+    assert found["amplitude"] == pytest.approx(0.006194 if "--reset" in words else 0.01513, rel=1e-3)
+
+
 def test_the_margins_have_the_filter_of_the_derivative(capsys, built):
     """Up to the factor that `loop` says a small motion without friction dies out, beyond it grows: the sampled loop."""
     filtered = ("--set", "drive.derivative=filtered", "--set", "drive.delay=0.001", "--set", "drive.encoder=0")

@@ -15,6 +15,7 @@ judgement.py  misfit, what a record cannot tell, which further one would
 clipped.py    positions that are cut off at an end
 best.py       the likeliest model of all starts, and whether another gain, or a cut, explains records
 suitable.py   records that can be fitted
+transient.py  a record that begins on its way to the cycle
 identify.py   all of it: `identify`
 suspect.py    what to suspect where a record hunts at another frequency
 """

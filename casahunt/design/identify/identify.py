@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +34,14 @@ from .climb import climb, expected
 from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
-from .judgement import LEAST_TOLD, MORE_AT_FIRST, Judgement, further_gain, judged, more_at_first, untold
+from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
 from .lags import lags_taken
 from .likelihood import Noise
 from .noise import with_noise
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
 from .suitable import data_of, gains_of, in_a_pattern, of_few_steps, suitable
 from .torque import residual
+from .transient import behind_a_transient
 
 FREE = (STATIC, COULOMB, VISCOUS, STRIBECK)
 """What is sought where nothing else is said."""
@@ -56,8 +56,6 @@ MOST_LEFT = 0.3
 CYCLE_SHARE = 0.1
 """Part of the tolerance to which cycles are computed: the error of a cycle shifts the deviance by more than it seems,
 and differently on every mesh."""
-TRANSIENT_PART = 0.5
-"""Part of a record that begins with a transient."""
 BOUND_FACTOR = 10.0
 """Factor at which an interval that nothing bounds ends in the uncertainty file."""
 
@@ -235,17 +233,14 @@ def identify(
     each = gains_of(gains, len(records))
     samples = [as_record(record) for record in records]
     lags = lags_taken(samples, servo, each, free, drive)
-    data = tuple(data_of(record, suitable(record), gain, lags) for record, gain in zip(samples, each, strict=True))
-    options = of_kind("options", options or Options(), Options)
-    scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
-    found = fitted(Question(data, servo, model, free, options.finer(CYCLE_SHARE), scales, lowest), advise=advise)
-    if found.judgement.explained or more_at_first(found.residuals) <= MORE_AT_FIRST:
-        return found
-    later = [record.after(record.times[0] + TRANSIENT_PART * record.duration) for record in samples]
-    with suppress(InputError, NoOrbit):
-        again = identify(later, servo, each, model, free=free, drive=drive, options=options, advise=advise)
-        if again.judgement.explained:
-            return replace(again, left_out=TRANSIENT_PART + (1 - TRANSIENT_PART) * again.left_out)
+    how = of_kind("options", options or Options(), Options).finer(CYCLE_SHARE)
+
+    def fit(records: Sequence[Record]) -> Identification:
+        data = tuple(data_of(record, suitable(record), gain, lags) for record, gain in zip(records, each, strict=True))
+        scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
+        return fitted(Question(data, servo, model, tuple(free), how, scales, lowest), advise=advise)
+
+    found: Identification = behind_a_transient(samples, fit)
     return found
 
 

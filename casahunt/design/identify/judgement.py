@@ -53,8 +53,6 @@ GAIN_UP, GAIN_DOWN, GAINS_ABOVE, GAINS_BELOW = 1.4, 0.5, 12, 1
 LEAST_GAINED = 0.5
 """ln det below which a further record is not worth its name."""
 
-MORE_AT_FIRST = 1.5
-"""What is left of the first half of a record, in units of that of the later one, from which on it is a transient."""
 LEAST_TOLD = 1e-6
 """Information about a logarithm that is added to all directions: one that nothing tells has the variance 1e6."""
 MOST_MADE_UP = math.log(10)
@@ -125,12 +123,6 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     systematic = math.sqrt(left / size)
     explained = chance >= IMPROBABLE or systematic < NEGLIGIBLE
     return Judgement(misfit, scatter, explained, systematic, factor, math.sqrt(differ / size))
-
-
-def more_at_first(residuals: Sequence[Array]) -> float:
-    """What is left of the first half of a record, in units of that of the later one; the most of all records."""
-    halves = [[float(np.sqrt(np.mean(half**2))) for half in np.array_split(each, 2)] for each in residuals]
-    return max(early / late if late > 0 else 1.0 for early, late in halves)
 
 
 def _means(by: Array, values: Array) -> tuple[Array, Array]:

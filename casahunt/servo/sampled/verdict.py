@@ -41,8 +41,8 @@ LONGEST_PATTERN = 16
 """Swings."""
 ENDLESS, FALLING = 12, 4
 """Swings that show hunting without a pattern, or decay."""
-SMALLER = 0.75
-"""Of two parts of an endless motion: the largest swing of the later one is at least so much of the earlier one's."""
+SMALLER, LARGER_LATER = 0.75, 1.5
+"""Of two parts of an endless motion: the largest swing of the later one is between so much of the earlier one's."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -159,10 +159,15 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
     late = S[t[:-1] >= times[-1] / 2]
     falling = max(FALLING, min(late.size - 1, ENDLESS))  # of a chatter some few are smaller by chance
-    if S.size > falling and bool((np.diff(S[-falling - 1 :]) < 0).all()):
+    falls = S.size > falling and bool((np.diff(S[-falling - 1 :]) < 0).all())
+    if falls and S[-1] >= end.count:  # within a count nothing is read of it, and the integral goes on
         text = f"the last {falling} swings are each smaller than the one before, {S[-1]:.3g} rad at the end"
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
-    if late.size >= ENDLESS and late[late.size // 2 :].max() >= SMALLER * late[: late.size // 2].max():
+    early, later = (float(part.max(initial=0.0)) for part in np.array_split(late, 2))
+    if late.size >= ENDLESS and later > LARGER_LATER * early:
+        text = f"its swings grow, from {early:.3g} to {later:.3g} rad in the second half of the motion"
+        return SampledVerdict("undecided", f"{text}; simulate a longer time", swings=last)
+    if late.size >= ENDLESS and later >= SMALLER * early:
         text = f"{late.size} swings in the second half of the motion, which get no smaller and do not repeat"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
         return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)

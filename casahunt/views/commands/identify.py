@@ -21,9 +21,10 @@ import numpy as np
 
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
-from ...design.identify.judgement import MORE_AT_FIRST, NEGLIGIBLE, Judgement, more_at_first
+from ...design.identify.judgement import NEGLIGIBLE, Judgement
 from ...design.identify.lags import SHAKEN, lags_taken, shaken_by
 from ...design.identify.suspect import suspicion
+from ...design.identify.transient import MORE_AT_FIRST, more_at_first
 from ...design.record.file import read_record
 from ...errors import InputError, NoOrbit
 from ...results import tables_of
@@ -232,7 +233,8 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:
         yield f"  to know more, record at gain {found.further[0]:.3g} V/rad too"
-    if suspect:
+    transient = not judgement.explained and more_at_first(found.residuals) > MORE_AT_FIRST
+    if suspect and not transient:  # what is left of it would be taken for a cause
         yield f"  {suspect}"
 
 

@@ -30,6 +30,7 @@ from casahunt.design.identify import judgement
 from casahunt.design.identify.identify import FREE
 from casahunt.design.identify.intervals import Interval
 from casahunt.design.identify.suitable import data_of, suitable
+from casahunt.design.identify.transient import behind_a_transient, on_its_way
 from casahunt.servo.servo import flatten
 from casahunt.views.commands.identify import identified_lines
 from scripts.peers.hunting_record import measured, positions
@@ -198,6 +199,21 @@ def test_a_record_that_begins_with_its_transient_is_fitted_behind_it():
     assert all(low < truth[name] < high for name, (low, high) in found.intervals.items())
     later = replace(found, left_out=0.75)
     assert any("left out: the first 75% of the record, in which" in text for text in identified_lines(later, ""))
+
+
+def test_a_record_that_is_refused_and_still_on_its_way_says_so():
+    """A fit that is refused of the whole and of its later half; of a record without a transient nothing is added."""
+
+    def refused(records):
+        raise InputError("it does not fit; are gain, servo and units right?")
+
+    times = np.arange(0.0, 12.0, 0.01)
+    steady, settling = np.sin(2 * np.pi * times), np.sin(2 * np.pi * times) * (1 + 0.05 * np.exp(-times / 3))
+    assert on_its_way(Record(times, settling)) and not on_its_way(Record(times, steady))
+    for position, said in ((settling, "still on the way to its cycle"), (steady, "units right")):
+        with pytest.raises(InputError, match=said) as refusal:
+            behind_a_transient([Record(times, position)], refused)
+        assert ("--from" in str(refusal.value)) is (position is settling)
 
 
 def test_its_picture_has_the_residual(found):

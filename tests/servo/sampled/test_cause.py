@@ -117,6 +117,20 @@ def test_some_smaller_swings_of_a_chatter_are_no_decay():
         assert judge(np.arange(200.0), x, Ending(np.nan, False, "", 0.0, 0.0)).kind == kind
 
 
+def test_swings_that_grow_are_no_hunting():
+    """An unstable loop, cut off before it is far away: it has no amplitude."""
+    x = 1.05 ** np.arange(120.0) * (-1.0) ** np.arange(120)
+    found = judge(np.arange(120.0), x, Ending(np.nan, False, "", 0.0, 0.0))
+    assert found.kind == "undecided" and np.isnan(found.amplitude) and "its swings grow" in found.sentence
+
+
+@pytest.mark.parametrize("count, kind", [(1e-3, "decaying"), (1.0, "undecided")])
+def test_swings_within_a_count_do_not_show_that_they_die_out(count, kind):
+    """Nothing is read of them, and the integral goes on."""
+    x = 0.5 + 0.4 * 0.9 ** np.arange(30.0) * (-1.0) ** np.arange(30)
+    assert judge(np.arange(30.0), x, Ending(np.nan, False, "", count, 0.0)).kind == kind
+
+
 def test_by_how_much_swings_repeat_is_said():
     t = np.arange(0, 40, 1e-3)
     x = np.cos(np.pi * t) * (1 + 0.005 * np.sin(9 * t))

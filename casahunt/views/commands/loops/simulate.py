@@ -26,6 +26,7 @@ from ....motion import Motion
 from ....orbits import Options, Orbit, SystemOrbit, find_cycle
 from ....servo.servo import assigned
 from ...answers.loops import loop_motion_answer
+from ...answers.simulate import HEADS
 from ..console import complain
 from ..output import give
 from .shared import parts_line, record_of, title
@@ -38,12 +39,9 @@ LATE = 0.5
 STANDS_FOR_GOOD = "it has come to rest, and nothing in the loop moves it again"
 """Where nothing moves behind its end."""
 COMES_TO_REST = "it is smaller from swing to swing, and comes to rest behind its end"
+HALVED = 3
+"""Times that what is left of a motion is seen to become half as large, until it is taken to come to rest."""
 NOT_FOLLOWED = "neither a cycle nor rest was found to which it goes on behind its end"
-BEHIND_ITS_END = {
-    "rests": COMES_TO_REST,
-    "decays": "followed on, it swings by less than half of what it does without the remedy",
-}
-"""What is said of a motion that hunts no more, by what becomes of it (price.py)."""
 NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
 """Options that name a state of the servo."""
 NAMES = {state: name for name, state in NAMED.items()}
@@ -76,7 +74,7 @@ def of_loop(
         "status": status, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
     name = title(loop, called)
-    picture = ("simulation.loop_motion", found, numbers["set_point"], f"{name}: {verdict}")
+    picture = ("simulation.loop_motion", found, numbers["set_point"], f"{name}: {HEADS[verdict]}")
     answer = loop_motion_answer(
         name, parts_line(loop), found, record, cycle, loop.angles, {} if called == "loop" else NAMES
     )
@@ -101,11 +99,9 @@ def _goes_on_to(
 
     bare: the cycle without a remedy.
     """
-    motion, vary = found.motion, next(iter(loop.parameters))
+    motion = found.motion
     try:
-        cycle = find_cycle(
-            loop.system, motion.phases[-1].mode, start=motion.end, follow=vary, options=Options(tol=min(tol, 1e-6))
-        )
+        return _hunting(_cycle_from(loop, motion.phases[-1].mode, motion.end, tol))
     except ComesToRest:
         stays = _stays(loop, found)
         return "at rest" if stays else "decaying", STANDS_FOR_GOOD if stays else COMES_TO_REST, None, ""
@@ -114,15 +110,43 @@ def _goes_on_to(
         if _still(motion, found.states[:, late]):
             since = f"since {LATE * motion.duration:.4g} s nothing has moved, and no cycle was found"
             return "at rest", since, None, ""
-        if bare is not None:
-            small = {name: ROUNDING_OF_A_STATE * size for name, size in motion.sizes.items()}
-            end = {name: value if abs(value) > small[name] else 0.0 for name, value in motion.end.items()}
-            seen = fate(loop, end, bare.amplitude, bare.period)
-            if seen.verdict in BEHIND_ITS_END:
-                return "decaying", BEHIND_ITS_END[seen.verdict], None, ""
-        return "undecided", NOT_FOLLOWED, None, str(why)
+        if bare is None:
+            return "undecided", NOT_FOLLOWED, None, str(why)
+        return _followed_on(loop, found, tol, bare, str(why))
+
+
+def _cycle_from(loop: Loop, mode: str, start: dict[str, float], tol: float) -> SystemOrbit:
+    """The cycle that a motion goes on to.  Raises ComesToRest, NoOrbit."""
+    vary, options = next(iter(loop.parameters)), Options(tol=min(tol, 1e-6))
+    return find_cycle(loop.system, mode, start=start, follow=vary, options=options)
+
+
+def _hunting(cycle: SystemOrbit) -> tuple[str, str, SystemOrbit, str]:
     amplitude, period = to_error(cycle.amplitude, cycle.amplitude_error), to_error(cycle.period, cycle.period_error)
     return "hunting", f"it goes on to a cycle of amplitude {amplitude} rad and period {period} s", cycle, ""
+
+
+def _followed_on(
+    loop: Loop, found: LoopMotion, tol: float, bare: Orbit, why: str
+) -> tuple[str, str, SystemOrbit | None, str]:
+    """What becomes of a motion from whose end no cycle was found: smaller and smaller, or a cycle from a later state.
+
+    Smaller than half of the hunting is no rest: the cycle with a remedy may be so small, and half of that is asked for.
+    """
+    motion, size = found.motion, bare.amplitude
+    small = {name: ROUNDING_OF_A_STATE * value for name, value in motion.sizes.items()}
+    state = {name: value if abs(value) > small[name] else 0.0 for name, value in motion.end.items()}
+    for _ in range(HALVED):
+        seen = fate(loop, state, size, bare.period)
+        state, late = seen.end, seen.times >= seen.times[-1] - 2 * bare.period
+        if seen.verdict == "rests":
+            return "decaying", COMES_TO_REST, None, ""
+        if seen.verdict != "decays":
+            with suppress(NoOrbit):
+                return _hunting(_cycle_from(loop, loop.mode_at(**state), state, tol))
+            return "undecided", NOT_FOLLOWED, None, why
+        size = float(np.abs(seen.position[late]).max())
+    return "decaying", COMES_TO_REST, None, ""
 
 
 def _still(motion: Motion, states: np.ndarray) -> bool:
