@@ -373,9 +373,10 @@ viscous = 0.002
 
 
 @pytest.mark.parametrize("words", [
-    ("--reset", 0.73085, "--time", 20), ("--reset", 0.73085, "--time", 42),
+    ("--reset", 0.73085, "--time", 20),
+    pytest.param(("--reset", 0.73085, "--time", 42), marks=pytest.mark.slow),
     ("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 60),
-    ("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 176),
+    pytest.param(("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 176), marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_a_small_cycle_with_a_remedy_is_hunting_whenever_the_motion_is_cut(capsys, tmp_path, words):
     """Below the border of each remedy; the cycle with the reset has 37 % of the amplitude without one."""

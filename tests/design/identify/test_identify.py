@@ -186,6 +186,7 @@ def test_a_higher_gain_for_a_further_record_is_one_at_which_the_ends_hunt_too(mo
     assert GAIN <= sure < likely and find_orbit(weak, "switch", sure).stable
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_with_its_transient_is_fitted_behind_it():
     """A step of 1 rad, behind which a cycle of 0.009 rad is come to slowly: the servo is found all the same."""
     true = Friction(static=0.19, coulomb=0.15, stribeck_velocity=0.03, viscous=0.009)
