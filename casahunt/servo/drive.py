@@ -16,6 +16,7 @@ from typing import Any
 
 from ..checks import choice_of, floated, moderate, require, sensible, shown
 from ..errors import InputError
+from .controller import Controller, Pid
 
 DRIVE_TABLE = "drive"
 """The table of a servo file."""
@@ -133,11 +134,12 @@ class Drive:
         """Whether it has a remedy other than a dead band of the integrator and a leak."""
         return any(getattr(self, key) != getattr(Drive, key) for key in REMEDIES)
 
-    def filter_of(self, lead: float) -> float:
-        """Time of the filter of the derivative [s], 0 without one; lead: kd/kp [s]."""
+    def filter_of(self, controller: Controller | Pid) -> float:
+        """Time of the filter of the derivative [s]; 0 without one."""
         if self.derivative != "filtered":
             return 0.0
-        return lead / 10 if self.filter_time is None else self.filter_time
+        kp, kd = controller.shape
+        return kd / kp / 10 if self.filter_time is None else self.filter_time
 
     def exact(self) -> Drive:
         """The same drive without any quantisation."""

@@ -194,6 +194,8 @@ def test_hunting_can_be_seen_beside_the_step_that_it_follows():
     assert found.verdict.amplitude < high - found.set_point < 10 * found.verdict.amplitude
     assert found.set_point - low == pytest.approx(high - found.set_point)
     assert [text.get_text() for text in above.texts] == ["off the scale, farthest: 0 rad"]
+    resting = pictures.motion(casahunt.simulate(SERVO, "switch", 0.8808, time=200.0))[0]
+    assert not resting.texts and resting.get_ylim()[0] < 0  # of rest to the last digit there is nothing to see
     start = {"position": found.set_point - found.verdict.amplitude}
     again = pictures.motion(casahunt.simulate(SERVO, "switch", 0.2, time=60.0, **start))[0]
     assert not again.texts

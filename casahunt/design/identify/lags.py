@@ -52,9 +52,9 @@ class Lags(NamedTuple):
 
 def lags_of(drive: Drive, servo: Servo, gain: float) -> Lags:
     """Those of a drive."""
-    half, pid = drive.sample_time / 2, servo.controller.pid()
+    half = drive.sample_time / 2
     d = drive.delay + half + drive.error_filter_time
-    d_v, kp = d + half + drive.filter_of(pid.kd / pid.kp), servo.torque_gains(gain)[0]
+    d_v, kp = d + half + drive.filter_of(servo.controller), servo.torque_gains(gain)[0]
     return Lags(d, d_v, d if drive.integration == "trapezoid" else d - half, kp / servo.inertia * d_v**2 / 2)
 
 
@@ -84,5 +84,5 @@ def lags_taken(
 
 def shaken_by(servo: Servo, gain: float, drive: Drive) -> float:
     """The torque that a count makes by the derivative, as a part of static friction; 0 without an encoder."""
-    kp, kd, _ = servo.torque_gains(gain)
-    return kd * drive.count / (drive.sample_time + drive.filter_of(kd / kp)) / servo.friction.static
+    _, kd, _ = servo.torque_gains(gain)
+    return kd * drive.count / (drive.sample_time + drive.filter_of(servo.controller)) / servo.friction.static

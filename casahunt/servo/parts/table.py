@@ -31,6 +31,11 @@ def unit_of(parameter: str) -> str:
     return (units | {remedy.size: remedy.unit for remedy in REMEDIES}).get(parameter, "")
 
 
+def remedies_for(model: str) -> dict[str, Remedy]:
+    """The remedies that are parts of their own, by name, of those that go with a friction model."""
+    return {remedy.name: remedy for remedy in REMEDIES if remedy.part is not None and model in remedy.needs}
+
+
 def remedy_name(name: str) -> str:
     """The name of a remedy.  Raises InputError: it is none; says the nearest, or that the model has no such thing."""
     check_in_the_model(name)

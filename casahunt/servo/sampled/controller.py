@@ -41,9 +41,8 @@ class Controller:
 
     def __init__(self, servo: Servo, gain: float, drive: Drive, set_point: float, x: float, w: float) -> None:
         self.kp, self.kd, self.ki = servo.torque_gains(gain)
-        kp, kd = servo.controller.shape
         T = self.T = drive.sample_time
-        self.share = T / (T + drive.filter_of(kd / kp))
+        self.share = T / (T + drive.filter_of(servo.controller))
         self.half, self.kept, self.leak = drive.integration == "trapezoid", 1 - drive.leak * T, drive.leak
         self.q, self.theta_d, self.band, self.step = drive.count, set_point, drive.dead_band, drive.quantise_torque
         self.w, self.d = w, 0.0

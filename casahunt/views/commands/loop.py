@@ -36,8 +36,7 @@ def run(options: argparse.Namespace) -> int:
     lag, filter_time, delayed = 0.0, 0.0, []
     if drive is not None:
         lag = drive.delay + drive.sample_time / 2
-        pid = servo.controller.pid()
-        filter_time = drive.filter_of(pid.kd / pid.kp)
+        filter_time = drive.filter_of(servo.controller)
         delayed = [margins(servo, gain, delay=lag, filter_time=filter_time) for gain in gains]
         record["with_delay"] = {"delay": lag, "filter_time": filter_time, "margins": delayed}
     answer = loop_answer(loops, viscous, frictionless, lag, delayed, filter_time)

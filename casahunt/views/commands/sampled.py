@@ -16,18 +16,16 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError, NoOrbit
-from ...servo.drive import DERIVATIVES, DRIVE_KEYS, INTEGRATIONS, SHARES, Drive
-from ...servo.hunting import Model
+from ...errors import NoOrbit
+from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
 from ...servo.sampled.border import below_border, by_counts
 from ...servo.servo import Servo
 from ..answers.answer import item
 from ..answers.sampled import sampled_answer
-from .arguments import Parser, drive_of, finite, gain_of, left_out, model_of
+from .arguments import Parser, drive_of, gain_of, left_out, model_of
 from .output import give
 
 if TYPE_CHECKING:
-    from ...servo.parts import Loop
     from ...servo.sampled.check import AsBuilt
 
 REMEDIES = {
@@ -50,8 +48,6 @@ DRIVE_PARTS = {
     "reset at a stop": "reset_at_stop", "error filter": "error_filter_time", "feedforward": "compensated",
 }  # fmt: skip
 """Remedies that both kinds of controller have, by the key of their size in the table [drive]."""
-OF_DRIVE_ALONE = tuple(key for key in DRIVE_KEYS if key not in (*DRIVE_PARTS.values(), *SHARES, "sample_time"))
-"""Keys that mean nothing to the continuous loop."""
 
 
 def add_drive(command: Parser) -> None:
@@ -68,45 +64,6 @@ def add_drive(command: Parser) -> None:
     group.add_argument("--leak", metavar="RATE", help="at which the integral is forgotten in 1/s (default 0)")
     for key, (metavar, about) in REMEDIES.items():
         group.add_argument(f"--{key.replace('_', '-')}", metavar=metavar, help=about)
-
-
-def remedies_given(options: argparse.Namespace) -> dict[str, float]:
-    """The remedies of the options where they are asked of the continuous loop: numbers by key; {} without any.
-
-    What is returned is taken out of the options. Raises InputError: one is no number, or there is something beside it
-    that only the loop as built has.
-    """
-    given = {key: text for key in (*DRIVE_PARTS.values(), *SHARES) if (text := getattr(options, key)) is not None}
-    if options.sample_time is None and (not given or drive_of(options) is not None):
-        return {}
-    if options.sample_time is not None and finite("sample-time", options.sample_time) != 0:
-        return {}
-    why = "it is of the loop as built, and without a sample time the loop is a continuous one"
-    left_out(options, why, *OF_DRIVE_ALONE)
-    numbers = {key: finite(key.replace("_", "-"), text) for key, text in given.items()}
-    for key in given:
-        setattr(options, key, None)
-    return numbers
-
-
-def with_remedies(servo: Servo, model: Model, gain: float, given: Mapping[str, float]) -> Loop:
-    """The continuous loop with remedies; given: as of `remedies_given`.  Raises InputError: one does not go with it."""
-    from ...design.remedies.border import with_remedy  # not read for a servo without a remedy
-    from ...servo.parts import loop_of
-    from ...servo.parts.table import REMEDIES as ALL
-
-    loop = loop_of(servo, model, gain)
-    for key, of in SHARES.items():
-        if key in given and of not in given:
-            raise InputError(f"{key.replace('_', '-')}: must be left out without {of.replace('_', '-')}")
-    for name, key in DRIVE_PARTS.items():
-        if key in given:
-            found = [remedy for remedy in ALL if remedy.name == name and model in remedy.needs]
-            if not found:
-                only = "in the continuous loop it goes with Switch friction alone"
-                raise InputError(f"{key.replace('_', '-')}: must be left out, {only}")
-            loop = with_remedy(loop, found[0], given[key])
-    return loop.replace(**{key: given[key] for key in SHARES if key in given})
 
 
 def of_drive(

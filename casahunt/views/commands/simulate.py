@@ -34,9 +34,10 @@ from ...servo.simulation.trajectory import Trajectory
 from ..answers.simulate import simulation_answer
 from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain
+from .loops.remedied import remedies_given, with_remedies
 from .loops.simulate import of_loop
 from .output import give
-from .sampled import add_drive, of_drive, remedies_given, with_remedies
+from .sampled import add_drive, of_drive
 
 MOST_ROWS = 10_000_000
 """Of a table: a gigabyte, of which nobody reads more."""

@@ -160,8 +160,6 @@ def _demands(options: argparse.Namespace) -> Demands:
     """What is asked for."""
     drive = drive_of(options)
     of_drive = {key: 0.0 if drive is None else getattr(drive, key) for key in ("delay", "sample_time")}
-    pid = servo_of(options).controller.pid()
-    filter_time = 0.0 if drive is None else drive.filter_of(pid.kd / pid.kp)
     own = {key: of_drive[key] if (text := getattr(options, key)) is None else text for key in of_drive}
     return Demands(
         margin=finite("margin", options.margin),
@@ -169,7 +167,7 @@ def _demands(options: argparse.Namespace) -> Demands:
         gain_margin=finite("gain-margin", options.gain_margin),
         delay=finite("delay", own["delay"]),
         sample_time=finite("sample-time", own["sample_time"]),
-        filter_time=filter_time,
+        filter_time=0.0 if drive is None else drive.filter_of(servo_of(options).controller),
         max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
     )
 

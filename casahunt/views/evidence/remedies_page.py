@@ -68,8 +68,8 @@ def _answer(p: Fragments) -> list[str]:
     best = next((i for i, row in enumerate(record["remedies"]) if row["name"] == record["best"]), None)
     seen = record.get("as_built", {}).get(record["best"])
     holds = " that holds in the loop as built" if isinstance(seen, Mapping) and seen["kind"] in SETTLES else ""
-    hunts = isinstance(seen, Mapping) and seen["kind"] not in SETTLES  # the advice says so below
-    answer = "" if best is None or hunts else (
+    fails = isinstance(seen, Mapping) and seen["kind"] not in SETTLES  # the advice says so below
+    answer = "" if best is None or fails else (
         f"<p class=answer>{p.text('best')}, {_sized(p, best, 'recommended')} "
         f"<small>the cheapest remedy{holds}</small></p>"
     )

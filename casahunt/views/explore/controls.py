@@ -56,7 +56,7 @@ def controls_of(state: State) -> list[Control]:
 
 def choices_of(state: State) -> dict[str, dict[str, Any]]:
     """What can be chosen of a servo: {what: {"label", "options": {choice: label}, "chosen"}}."""
-    from .state import remedies_for
+    from ...servo.parts.table import remedies_for
 
     if state.is_loop:
         return {}

@@ -21,9 +21,10 @@ from ...checks import choice_of, number, quoted, sensible
 from ...design.remedies.border import Scales, with_remedy
 from ...errors import InputError
 from ...servo.hunting import MODELS, Model
-from ...servo.parts import LOADS, REMEDIES, Loop, Remedy, loop_of
+from ...servo.parts import LOADS, Loop, Remedy, loop_of
 from ...servo.parts.file import loop_of_tables
 from ...servo.parts.naming import parts_of
+from ...servo.parts.table import remedies_for
 from ...servo.servo import Servo, flatten, servo_of_tables, toml_tables, unflatten
 
 FIRST_GAIN, FIRST_STEP_RAD = 0.1, 1.0
@@ -153,11 +154,6 @@ class State:
         lead, integral = servo.controller.corners
         times = {"controller.lead_time": lead, "controller.integral_time": integral}
         return replace(self, values=rest | times | {GAIN: self.values[GAIN] * ki * integral})
-
-
-def remedies_for(model: str) -> dict[str, Remedy]:
-    """The remedies that are parts of their own, by name, of those that go with a friction model."""
-    return {remedy.name: remedy for remedy in REMEDIES if remedy.part is not None and model in remedy.needs}
 
 
 def remedy_called(name: str, model: str) -> Remedy:

@@ -25,8 +25,9 @@ from typing import Any
 
 from ... import effort, interrupts
 from ...servo.hunting import MODELS
+from ...servo.parts.table import remedies_for
 from .answers import Answers
-from .state import State, remedies_for, state_of_address
+from .state import State, state_of_address
 
 _LOG = logging.getLogger(__name__)
 Heard = Callable[[int, str, dict[str, Any]], None]

@@ -356,15 +356,15 @@ def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
     """Write K at every fold, on its open side, each once, the labels of one side kept apart."""
     letter, away, apart = 0.011, 0.03, 0.13  # of the axes: for one of a label, from its fold, between labels
     sides: dict[int, list[tuple[float, float, str]]] = {-1: [], 1: []}
-    said = set[str]()  # a pair has its folds twice, and cycles of two kinds may end in one
+    said = set[tuple[str, str]]()  # a pair has its folds twice, and cycles of two kinds may end in one
     for curve in curves:
         values, word = curve.values, "K" if curve.vary == "gain" else curve.vary.replace("_", " ")
         for i in (i for i, kind in enumerate(curve.kinds) if kind == "fold"):
             value, beside = float(values[i]), values[i - 1 if i else min(1, len(curve.orbits) - 1)]
             text = f"{curve.name} fold\n{word} = {value:.4g}"
-            if f"{value:.4g}" in said:
+            if (curve.look.colour, f"{value:.4g}") in said:
                 continue
-            said.add(f"{value:.4g}")
+            said.add((curve.look.colour, f"{value:.4g}"))
             sides[1 if beside <= value else -1].append((value, curve.orbits[i].amplitude, text))
     left, right = axes.get_xlim()
     for side, labels in sides.items():

@@ -27,10 +27,10 @@ DRAWN_SAMPLES, SHORT_STICK = 20_000, 10
 """Samples of a motion that are drawn; samples of a stick that is shown, more than."""
 MOST_DOTS = 20_000
 """Samples of a record that are drawn."""
-MOST_OF_THE_TIME, SPIKE, TIMES_THE_USUAL, LEAST_SHOWN = 0.95, 4.0, 2.0, 1e-4
-"""Where a curve exceeds what it is in the second half of the time (the torque: for the first part of it) by the second
-factor, as at a step, the picture goes up to the third times that, and the peak is written down: beside it nothing else
-could be read.  Not where that is less than the last part of the peak: a motion that has come to rest."""
+SPIKE, TIMES_THE_USUAL, LEAST_SHOWN = 4.0, 2.0, 1e-4
+"""Where a curve exceeds what it is in the second half of the time by the first factor, as at a step, the picture goes
+up to the second times that, and the peak is written down: beside it nothing else could be read.  Not where that is less
+than the last part of the peak: a motion that has come to rest."""
 SHADE = "0.9"
 """Colour behind a stick."""
 LEVEL_COLOUR = "#b03020"
@@ -125,18 +125,10 @@ def loop_motion(step: LoopMotion, set_point: float, title: str, *, ax: Any = Non
     return _three(ax, step.times, curves, sticks, title, LOOKS[MODELS[0]].colour, set_point, ())
 
 
-def _most_of_the_time(t: Array, sizes: Array) -> float:
-    """What sizes along a motion stay below for `MOST_OF_THE_TIME`."""
-    order = np.argsort(sizes)
-    until = np.cumsum(np.gradient(t)[order])
-    return float(sizes[order][np.searchsorted(until, MOST_OF_THE_TIME * until[-1])])
-
-
 def _most_of_it(ax: Any, t: Array, values: Array, centre: float, least: float, unit: str) -> None:
     """Cut off a spike, as at a step, beside which nothing else could be read; least: that is shown about the centre."""
     away = np.abs(values - centre)
-    usual = _most_of_the_time(t, away) if least else float(away[t >= t[-1] / 2].max())
-    usual, peak = max(usual, least), float(away.max())
+    usual, peak = max(float(away[t >= t[-1] / 2].max()), least), float(away.max())
     if LEAST_SHOWN * peak < usual < peak / SPIKE:
         ax.set_ylim(centre - TIMES_THE_USUAL * usual, centre + TIMES_THE_USUAL * usual)
         said = f"off the scale, farthest: {values[np.argmax(away)]:.3g} {unit}"

@@ -217,6 +217,18 @@ def test_a_record_that_is_refused_and_still_on_its_way_says_so():
         assert ("--from" in str(refusal.value)) is (position is settling)
 
 
+def test_no_further_record_is_asked_for_where_the_model_does_not_explain_this_one(monkeypatch):
+    monkeypatch.setattr(judgement.Judgement, "holds", False)
+    assert identify([made(each=250)], Servo(), GAIN, free=["friction.static"]).further is None
+
+
+@pytest.mark.parametrize("more", [1.0, 3.0])
+def test_nothing_is_suspected_of_what_a_transient_leaves(found, more):
+    left = np.repeat([more * 1e-4, 1e-4], 300)
+    other = replace(found, judgement=replace(found.judgement, explained=False), residuals=(left,))
+    assert ("  suspect a filter" in list(identified_lines(other, "suspect a filter"))) is (more == 1.0)
+
+
 def test_its_picture_has_the_residual(found):
     above, below = pictures.fitted_records(found, ax=Figure().subplots(2))
     rest = below.get_lines()[0].get_ydata()

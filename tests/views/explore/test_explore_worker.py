@@ -13,9 +13,9 @@ from types import SimpleNamespace
 import pytest
 
 from casahunt import Servo, find_orbit
+from casahunt.servo.parts.table import remedies_for
 from casahunt.views.explore import worker as module
 from casahunt.views.explore.answers import STAGES
-from casahunt.views.explore.state import remedies_for
 from casahunt.views.explore.worker import DONE, Worker
 
 LONG = 60.0

@@ -1,0 +1,106 @@
+"""What a motion of a loop goes on to behind its end: a cycle, rest, smaller and smaller swings, or nobody knows.
+
+    hunting     a cycle was computed to which it goes on, from its end or from a later state
+    at rest     nothing moves, no state at all, for as long again, or in the second half of it
+    decaying    it comes to rest behind its end; or, with a remedy, what is left of it is half as large `HALVED` times
+    undecided   none of these
+
+A servo that is stuck may wind up to its next breakaway: where its position stands, it is not at rest.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+
+from ...checks import to_error
+from ...errors import ComesToRest, NoOrbit
+from ...motion import Motion
+from ...orbits import Options, Orbit, SystemOrbit, find_cycle
+from ...servo.parts.loop import Loop
+from ...servo.parts.verbs import LoopMotion, loop_motion
+from .price import RESTS_WITHIN, ROUNDING_OF_A_STATE, fate
+
+LATE = 0.5
+"""Part of the motion behind which nothing moves where it rests."""
+HALVED = 3
+"""Times that what is left of a motion is seen to become half as large, until it is taken to come to rest."""
+STANDS_FOR_GOOD = "it has come to rest, and nothing in the loop moves it again"
+COMES_TO_REST = "it is smaller from swing to swing, and comes to rest behind its end"
+NOT_FOLLOWED = "neither a cycle nor rest was found to which it goes on behind its end"
+
+
+class Outcome(NamedTuple):
+    """Verdict and reason; the cycle, where it hunts; what stopped the search, where nobody knows."""
+
+    verdict: str
+    reason: str
+    cycle: SystemOrbit | None = None
+    evidence: str = ""
+
+
+def outcome(loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None) -> Outcome:
+    """What a motion goes on to; bare: the cycle of the loop without its remedy, None where there is none."""
+    motion = found.motion
+    try:
+        return _hunting(_cycle_from(loop, motion.phases[-1].mode, motion.end, tol))
+    except ComesToRest:
+        stays = _stays(loop, found)
+        return Outcome("at rest", STANDS_FOR_GOOD) if stays else Outcome("decaying", COMES_TO_REST)
+    except NoOrbit as why:
+        late = found.times >= LATE * motion.duration
+        if _still(motion, found.states[:, late]):
+            since = f"since {LATE * motion.duration:.4g} s nothing has moved, and no cycle was found"
+            return Outcome("at rest", since)
+        if bare is None:
+            return Outcome("undecided", NOT_FOLLOWED, evidence=str(why))
+        return _followed_on(loop, found, tol, bare, str(why))
+
+
+def _cycle_from(loop: Loop, mode: str, start: dict[str, float], tol: float) -> SystemOrbit:
+    """The cycle that a motion goes on to.  Raises ComesToRest, NoOrbit."""
+    vary, options = next(iter(loop.parameters)), Options(tol=min(tol, 1e-6))
+    return find_cycle(loop.system, mode, start=start, follow=vary, options=options)
+
+
+def _hunting(cycle: SystemOrbit) -> Outcome:
+    amplitude, period = to_error(cycle.amplitude, cycle.amplitude_error), to_error(cycle.period, cycle.period_error)
+    return Outcome("hunting", f"it goes on to a cycle of amplitude {amplitude} rad and period {period} s", cycle)
+
+
+def _followed_on(loop: Loop, found: LoopMotion, tol: float, bare: Orbit, why: str) -> Outcome:
+    """What becomes of a motion from whose end no cycle was found: smaller and smaller, or a cycle from a later state.
+
+    Smaller than half of the hunting is no rest: the cycle with a remedy may be so small, and half of that is asked for.
+    """
+    motion, size = found.motion, bare.amplitude
+    small = {name: ROUNDING_OF_A_STATE * value for name, value in motion.sizes.items()}
+    state = {name: value if abs(value) > small[name] else 0.0 for name, value in motion.end.items()}
+    for _ in range(HALVED):
+        seen = fate(loop, state, size, bare.period)
+        state, late = seen.end, seen.times >= seen.times[-1] - 2 * bare.period
+        if seen.verdict == "rests":
+            return Outcome("decaying", COMES_TO_REST)
+        if seen.verdict != "decays":
+            with suppress(NoOrbit):
+                return _hunting(_cycle_from(loop, loop.mode_at(**state), state, tol))
+            return Outcome("undecided", NOT_FOLLOWED, evidence=why)
+        size = float(np.abs(seen.position[late]).max())
+    return Outcome("decaying", f"followed on, its swings become smaller and smaller, down to {size:.3g} rad")
+
+
+def _still(motion: Motion, states: np.ndarray) -> bool:
+    """Whether no state moves, the sum of an integrator neither: a servo that is stuck may wind up to its breakaway."""
+    sizes = np.array([motion.sizes[name] for name in motion.system.states])
+    return bool(np.all(np.ptp(states, axis=1) <= RESTS_WITHIN * sizes))
+
+
+def _stays(loop: Loop, found: LoopMotion) -> bool:
+    """Whether nothing moves for as long again behind the end of a motion."""
+    motion = found.motion
+    with suppress(NoOrbit):
+        further = loop_motion(loop, motion.duration, start=motion.end, mode=motion.phases[-1].mode)
+        return _still(motion, further.states)
+    return False
