@@ -469,3 +469,21 @@ def test_the_size_of_dither_is_explained_where_it_is_named(capsys):
     said = [" ".join(run(capsys, "remedies", "--gain", 0.04, "--only", name, "--quiet")[1].split())
             for name in ("dither", "leak")]  # fmt: skip
     assert "root mean square of the velocity" in said[0] and "root mean square" not in said[1]
+
+
+def test_a_servo_whose_sum_winds_up_is_not_at_rest_and_one_between_cycle_and_fold_is_told(capsys, tmp_path):
+    """With a reset it has stood for half of 20 s, its torque on the way to static friction; at 7.4 V/rad, above the
+    last stable cycle and below the fold at 7.62, motions leave the cycle."""
+    path = tmp_path / "rotary.toml"
+    numbers = {"inertia": 0.0042, "motor_gain": 1.9, "kp": 2.2, "ki": 14, "kd": 0.09, "static": 0.22, "coulomb": 0.15,
+               "viscous": 0.004, "stribeck_velocity": 0.02}  # fmt: skip
+    tables = {"servo": ("inertia", "motor_gain"), "controller": ("kp", "ki", "kd"),
+              "friction": ("static", "coulomb", "viscous", "stribeck_velocity")}  # fmt: skip
+    lines = [[f"[{table}]", *(f"{key} = {numbers[key]}" for key in keys)] for table, keys in tables.items()]
+    path.write_text("\n".join(line for each in lines for line in each))
+    given = ("--json", "--quiet")
+    found = one_json(run(capsys, "simulate", path, "--gain", 1, "--reset", 0.4932, "--time", 20, *given)[1])
+    assert found["verdict"] == "decaying"
+    table = one_json(run(capsys, "remedies", path, "--gain", 7.4, "--only", "leak", *given)[1])
+    assert table["stable"] is False
+    assert one_json(run(capsys, "remedies", path, "--gain", 1, "--only", "leak", *given)[1])["stable"] is True
