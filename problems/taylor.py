@@ -51,12 +51,14 @@ class Flow:
         n = x.size
         a = np.zeros((n, ORDER + 1))
         a[:, 0] = x
-        w, e, q = np.zeros(ORDER + 1), np.zeros(ORDER + 1), np.zeros(ORDER + 1)
+        dw, e, q = np.zeros(ORDER + 1), np.zeros(ORDER + 1), np.zeros(ORDER + 1)  # dw_k = k w_k
         g, zv = np.zeros(ORDER + 1), np.zeros(ORDER + 1)
+        v = a[1]
+        e[0] = math.exp(-((v[0] / self.vs) ** 2))
         for k in range(ORDER):
-            v = a[1]
-            w[k] = -(v[: k + 1] @ v[k::-1]) / self.vs**2
-            e[k] = math.exp(w[0]) if k == 0 else sum(j * w[j] * e[k - j] for j in range(1, k + 1)) / k
+            if k:
+                dw[k] = -k * (v[: k + 1] @ v[k::-1]) / self.vs**2
+                e[k] = dw[1 : k + 1] @ e[k - 1 :: -1] / k
             g[k] = (self.Fs - self.Fc) * e[k] + (self.Fc if k == 0 else 0.0)
             m = -(self.kp * a[0, k] + self.kd * v[k] + self.ki * a[2, k])
             if self.model == "switch":
@@ -73,19 +75,16 @@ class Flow:
         return a
 
 
-def _value(a: np.ndarray, h: float) -> np.ndarray:
-    out = a[:, -1].copy()
-    for k in range(ORDER - 1, -1, -1):
-        out = out * h + a[:, k]
-    return out
+def _value(a: np.ndarray, h: float | np.ndarray) -> np.ndarray:
+    """(n,) the motion at one time, (n, m) at several."""
+    return a @ np.power.outer(h, np.arange(ORDER + 1)).T
 
 
 def _step(a: np.ndarray, scale: np.ndarray, vs: float) -> float:
     # Several coefficients: a single one may pass through zero and promise too long a step.
-    orders = range(ORDER - 5, ORDER + 1)
-    sizes = [np.max(np.abs(a[:, k]) / scale) for k in orders]
-    steps = [(EPS / s) ** (1 / k) for s, k in zip(sizes, orders, strict=True) if s > 0]
-    h = 0.8 * min([*steps, 1e3])
+    orders = np.arange(ORDER - 5, ORDER + 1)
+    sizes = np.max(np.abs(a[:, orders]) / scale[:, None], axis=0)
+    h = 0.8 * min(float(np.min((EPS / sizes[sizes > 0]) ** (1 / orders[sizes > 0]), initial=1e3)), 1e3)
     # Far above vs the exponential has no visible coefficients: it must not come back within a step.
     allowed = max(vs, abs(a[1, 0]) - 7 * vs)
     while abs(_value(a, h)[1] - a[1, 0]) > allowed:
@@ -136,7 +135,7 @@ def switch_half_cycle(
             if first:
                 # Velocity and acceleration vanish at breakaway: keep the first step inside the slip.
                 h = min(h, 1e-3)
-            samples = np.array([sign * _value(c, s)[1] for s in np.linspace(0, h, 9)[1:]])
+            samples = sign * _value(c, np.linspace(0, h, 9)[1:])[1]
             if not first and (samples < 0).any():
                 i = int(np.flatnonzero(samples < 0)[0])
                 h = _root(c, velocity, h * i / 8, h * (i + 1) / 8)
@@ -171,7 +170,7 @@ def lugre_half_cycle(servo: Servo, gain: float, x: np.ndarray, sign: float = 1.0
         c = flow.series(x, sign)
         h = _step(c, scale, flow.vs)
         grid = np.linspace(0, h, 9)
-        values = np.array([_value(c, s) for s in grid])
+        values = _value(c, grid).T
         reverse = np.flatnonzero(sign * values[1:, 1] < 0)
         cross = np.flatnonzero(side * values[1:, 0] < 0) if started else np.zeros(0, int)
         events = [(int(r[0]), row) for r, row in ((reverse, velocity), (cross, position)) if r.size]

@@ -67,13 +67,13 @@ EVERY_CALL = """[
 ]"""
 """One round, of a few seconds."""
 
-A_HUNDRED_EACH = """[
+FIFTY_EACH = """[
     (orbit, "switch", "stable", "auto", gain), (orbit, "lugre", "stable", "auto", gain),
     (orbit, "switch", "unstable", "auto", gain + 0.2), (orbit, "switch", "stable", "ipopt", gain),
     (motion, "switch", gain), (motion, "lugre", gain), (points, gain),
     (orbit, *(("switch", "stable", "ipopt") if k % 10 else ("lugre", "unstable", "auto")), gain + 0.2),
 ]"""
-"""Fifty rounds are 400 solves, 100 a thread."""
+"""Twenty-five rounds are 200 solves, 50 a thread."""
 
 
 def solved(jobs: str, *, threads: int, rounds: int) -> list[str]:
@@ -92,7 +92,7 @@ def test_four_threads_give_the_bits_of_one():
 
 
 @pytest.mark.slow
-def test_four_threads_with_a_hundred_solves_each():
-    alone = solved(A_HUNDRED_EACH, threads=1, rounds=50)
-    assert len(alone) == 400
-    assert solved(A_HUNDRED_EACH, threads=4, rounds=50) == alone
+def test_four_threads_with_fifty_solves_each():
+    alone = solved(FIFTY_EACH, threads=1, rounds=25)
+    assert len(alone) == 200
+    assert solved(FIFTY_EACH, threads=4, rounds=25) == alone

@@ -210,6 +210,7 @@ def test_a_distance_within_one_count_is_told(capsys, built):
     assert "bring it to rest" in out and "the drive cannot tell" not in out
 
 
+@pytest.mark.slow
 def test_a_gain_that_hunts_as_built_is_not_recommended_alone(capsys, built):
     code, out, err = run(capsys, "tune", built, "--quiet")
     assert code == 1 and "does not do alone in the loop as built" in err
@@ -229,6 +230,7 @@ def test_the_remedy_named_first_says_whether_it_was_checked(capsys, built, monke
     assert "in the loop as built: every motion comes to rest with leak (see below); dither was not checked" in said
 
 
+@pytest.mark.slow
 def test_the_cheapest_that_holds_as_built_is_named(capsys, built, monkeypatch):
     """Not a cheaper one that hunts on there; where none holds, the cheapest, which does not do."""
     words = ("remedies", built, "--gain", 1, "--only", "leak,dead band", "--quiet")
@@ -262,6 +264,7 @@ def test_one_that_holds_as_built_and_costs_too_much_does_do_there(capsys, built,
     assert "comes to rest with dead band (see below); gain does not do" in said and "dead band does not do" not in said
 
 
+@pytest.mark.slow
 def test_the_linear_loop_and_a_tuning_have_the_delay_of_the_drive(capsys, built):
     """Half a sample and the delay, by the formula: the phase at the crossover less omega D."""
     loop = ("loop", built, "--gain", 1, "--set", "drive.delay=0.002", "--json", "--quiet")
@@ -352,7 +355,7 @@ def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
     assert "with a remedy it may hunt from nearer" in " ".join(out.split())
 
 
-@pytest.mark.parametrize("time", [20, 40])
+@pytest.mark.parametrize("time", [20, pytest.param(40, marks=pytest.mark.slow)])
 def test_a_servo_that_winds_up_to_its_next_breakaway_is_not_at_rest(capsys, time):
     """With a reset of 0.7191, which ends the hunting of Table 1, swings go on, ever smaller: stuck at 20 s it breaks
     away at 33.88 s, and again behind 40 s."""
@@ -383,7 +386,7 @@ viscous = 0.002
 @pytest.mark.parametrize("words", [
     ("--reset", 0.73085, "--time", 20),
     pytest.param(("--reset", 0.73085, "--time", 42), marks=pytest.mark.slow),
-    ("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 60),
+    pytest.param(("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 60), marks=pytest.mark.slow),
     pytest.param(("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 176), marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_a_small_cycle_with_a_remedy_is_hunting_whenever_the_motion_is_cut(capsys, tmp_path, words):
@@ -439,6 +442,7 @@ def test_a_cycle_that_was_not_found_is_no_ground_for_counts(capsys, built):
     assert "hunting by a count" not in err
 
 
+@pytest.mark.slow
 def test_what_is_done_with_a_drive_is_said_of_a_fit(capsys, tmp_path, built):
     """Lags that are short are taken, others not; a count worth more than a fiftieth of static friction is told."""
     t = np.arange(0.0, 20.0, 0.01)
@@ -465,6 +469,7 @@ def test_a_cycle_that_motions_leave_is_not_said_to_be_hunting():
     assert "hunts with 0.0007 rad" in next(remedy_lines(table, {}, of_a_set=False))
 
 
+@pytest.mark.slow
 def test_the_size_of_dither_is_explained_where_it_is_named(capsys):
     said = [" ".join(run(capsys, "remedies", "--gain", 0.04, "--only", name, "--quiet")[1].split())
             for name in ("dither", "leak")]  # fmt: skip

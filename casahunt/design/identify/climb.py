@@ -27,9 +27,11 @@ ACTIVE_SETS, PULLS = 4, 1e-12
 """Sets that are looked at for each parameter; and part of the gradient with which one leaves its end."""
 SHORTEST_STEP = 1e-6
 """Relative change of the parameters below which no step is tried."""
-POOR_STEP, REACH_CUT, REACH_GROWTH = 0.25, 0.3, 3.0
-"""Part of the expected gain of a step below which the next ones are shorter; and by which factors they are so, or may
-be longer."""
+POOR_STEP, REACH_CUT = 0.25, 0.3
+"""Part of the expected gain of a step below which the next ones are shorter, by which factor."""
+REACH_GROWTH, NEXT_GROWTH = 3.0, 1.5
+"""Factors by which a step may be longer than the one before, until one has been too long, and from then on: in a valley
+that goes on as it is every other step was in vain, and cost five cycles."""
 BACKWARDS, FAR_BACK, BACK_PART = -0.5, 0.5, 0.4
 """Cosine of two steps below which the second one goes back, and part of the first one that it goes back by more; of it
 so much is gone: the curvature leaves out how the slopes turn, so steps along what is hardly known may overshoot by
@@ -66,7 +68,7 @@ def climb(
 ) -> Point:
     """The likeliest unknowns from a point, evaluated with these noises; `held`: one of them that stays as it is;
     far: they are far off, and steps that are too long are cut instead of damped."""
-    reach, mu, before, curved = MOST_OF_A_STEP, FIRST_DAMPING, np.zeros(point.k), False
+    reach, growth, mu, before, curved = MOST_OF_A_STEP, REACH_GROWTH, FIRST_DAMPING, np.zeros(point.k), False
     while most > 0 and reach >= SHORTEST_STEP and expected(point, held) >= settled:
         dz = _cut(point, step(point, mu, held), reach) if far else within(point, reach, held)
         way = dz[: point.k] / point.steps
@@ -91,10 +93,10 @@ def climb(
         if trial is not None and trial.deviance <= point.deviance:
             part, point = (point.deviance - trial.deviance) / hoped, trial
         if part < POOR_STEP:
-            reach = REACH_CUT * length
+            reach, growth = REACH_CUT * length, NEXT_GROWTH
         else:
             mu *= LESS_DAMPING
-            reach = min(REACH_GROWTH * reach, MOST_OF_A_STEP)
+            reach = min(growth * reach, MOST_OF_A_STEP)
     return point
 
 

@@ -76,6 +76,7 @@ def test_a_curved_valley_is_followed_to_its_end():
     assert max(ends) - min(ends) < ALIKE
 
 
+@pytest.mark.slow
 def test_a_refit_a_trifle_below_the_best_point_is_no_slope():
     """Servo 5 of seed 11: by 2e-3; steps by its slope, a root of next to nothing, went on for ever."""
     made = Made(5, 11, "switch", (2000.0, 20000.0))
@@ -85,6 +86,7 @@ def test_a_refit_a_trifle_below_the_best_point_is_no_slope():
         assert low <= flatten(made.servo)[name] <= high, name
 
 
+@pytest.mark.slow
 def test_a_peak_of_friction_that_may_be_narrow_bounds_both_its_height_and_its_width():
     """Servo 37 of seed 59: the likeliest one is next to none, and there neither slope says how far they go: friction of
     ten times the values was looked at for the worst servo; and the viscous friction had no end that was found."""
@@ -151,6 +153,7 @@ def test_an_interval_does_not_go_beyond_nothing(record):
     assert intervals._end(asked, best, noises, 1, -1, 1.02 * (none.deviance - best.deviance)) == -math.inf
 
 
+@pytest.mark.slow
 def test_periods_that_differ_are_seen_whatever_the_noise(tmp_path, capsys):
     """Each is off by up to a fifth of the amplitude, by chance: to the fit that is noise, which explains them.
 
@@ -305,6 +308,7 @@ def short(monkeypatch):
         )
 
 
+@pytest.mark.slow
 def test_a_fit_that_stops_short_has_no_intervals(short, record):
     servo = Servo().replace(**{"friction.viscous": 0.2, "friction.stribeck_velocity": 0.04})
     found = identify([record], servo, GAIN)

@@ -259,7 +259,7 @@ def test_a_record_that_cannot_be_fitted_is_refused(capsys, tmp_path, kind):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize(("low", "high"), [(-2.0, 0.7), (-0.8, 0.8)])
+@pytest.mark.parametrize(("low", "high"), [pytest.param(-2.0, 0.7, marks=pytest.mark.slow), (-0.8, 0.8)])
 def test_counts_that_are_cut_off_are_told_by_the_model(low, high):
     """With few counts and samples in a slip the record alone does not tell them from a rest."""
     quantum, half = 2 * math.pi / 8000, 0.0177
@@ -270,7 +270,8 @@ def test_counts_that_are_cut_off_are_told_by_the_model(low, high):
         identify([Record(whole.times, y, "cut")], WRONG, GAIN, advise=False)
 
 
-@pytest.mark.parametrize("factor", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.1, 2.0, 10.0))])
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 10.0])
 def test_a_gain_that_does_not_fit_is_refused(capsys, tmp_path, file, factor):
     """It is the gain, since another one explains the record; and it is the right one that is named."""
     words = ["--gain", str(GAIN * factor), "--out", str(tmp_path / "new"), "--plot", str(tmp_path / "new.png")]

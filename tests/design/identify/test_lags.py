@@ -48,7 +48,8 @@ def test_the_continuous_servo_moves_as_the_drive_does_to_second_order(name):
     assert off[0] < 0.7 * plain[0] and 3.4 < off[1] / off[0] < 4.4
 
 
-@pytest.mark.parametrize("name", ["difference", pytest.param("filtered", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["difference", "filtered"])
 def test_the_friction_of_a_drive_is_found(name):
     """Its delay alone is taken for friction where it is not taken into account."""
     drive = DRIVES[name]

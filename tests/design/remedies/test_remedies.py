@@ -136,6 +136,7 @@ def test_demands_hold_where_a_servo_of_the_set_rests_farthest_away():
     assert alone.recommended_rest_error == pytest.approx(0.53 / (kp + ki / alone.recommended), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_servo_as_given_is_one_of_its_set():
     """Both ends of its Stribeck velocity need a smaller dead band, 0.01017 and 0.0103 rad, than it does, 0.01041."""
     friction = Friction(static=0.22, coulomb=0.16, stribeck_velocity=0.02, viscous=0.004)

@@ -92,9 +92,8 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
         asked()
 
 
-@pytest.mark.parametrize(("name", "work"), [
-    ("derivative", 1500), *(pytest.param(name, 300, marks=pytest.mark.slow) for name in ("dead band", "leak")),
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "work"), [("derivative", 1500), ("dead band", 300), ("leak", 300)])
 def test_where_cycles_are_followed_no_further_motions_tell_the_border(monkeypatch, name, work):
     """The same size as the fold, to what motions know: those beside it are slow to leave."""
     exact = remedies(Servo(), "switch", 0.1, only=[name]).remedies[0]
