@@ -217,7 +217,10 @@ def test_words_of_an_error_are_explained_below_it_once(capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "models"), [(["--from", "0.8", "--model", "switch"], ["switch"]), (NO_DROP, ["switch", "lugre"])]
+    ("words", "models"), [
+        (["--from", "0.8", "--model", "switch"], ["switch"]),
+        pytest.param(NO_DROP, ["switch", "lugre"], marks=pytest.mark.slow),
+    ],
 )
 def test_no_diagram_without_hunting(capsys, tmp_path, words, models):
     """One sentence per model, and no folder where there is nothing to put into it."""

@@ -41,9 +41,9 @@ def public() -> Iterator[tuple[str, Any]]:
 
 
 PUBLIC = dict(public())
-TUNED = ("casahunt.Tuning", "casahunt.tune", "casahunt.pictures.operating_point", "casahunt.pictures.tasks",
-         "casahunt.as_built")  # fmt: skip
-"""Examples of a tuning, or of its check, which takes more than a second."""
+LONG = ("casahunt.Tuning", "casahunt.tune", "casahunt.pictures.operating_point", "casahunt.pictures.tasks",
+         "casahunt.as_built", "casahunt.pictures.remedy_sizes")  # fmt: skip
+"""Examples of a tuning, of its check, or of a table of remedies, which takes more than a second."""
 
 
 def example_of(name: str, value: Any) -> doctest.DocTest:
@@ -107,7 +107,7 @@ def test_what_is_no_example(doc, said):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in TUNED else ()) for name in PUBLIC]
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in PUBLIC]
 )
 def test_an_example_runs(name):
     said: list[str] = []

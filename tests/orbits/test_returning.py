@@ -105,6 +105,7 @@ def test_which_of_two_cycles_the_motion_goes_to(rate, begins, radius):
     assert orbit.stable and orbit.extrema("x").high.value == pytest.approx(radius, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_slow_motion_is_not_where_newtons_method_goes():
     """Circles of radius 1 and 1.1 attract, weakly: from 1.075 Newton's method goes to the wrong one."""
 

@@ -65,6 +65,7 @@ def half_cycle(a: float, delta: float) -> tuple[float, float]:
     return float(state[0]), float(time + (m + FS) / (KI * state[0]))
 
 
+@pytest.mark.slow
 def test_unstable_cycles_are_fixed_points_of_the_event_map(branch):
     """From where they stick the map leads back there, and away from beside it."""
     turned = int(np.argmax(branch.values))

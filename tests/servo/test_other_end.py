@@ -54,6 +54,7 @@ def test_a_start_with_an_integral():
     assert start["integral"] > 0 and abs(torque) == pytest.approx(0.9 * servo.friction.static, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_cycle_that_motions_leave_is_no_end():
     """Past the symmetry breaking of Canudas' servo (problems/canudas.toml): K = 46.61 to 48.58, Switch."""
     from problems import canudas_servo

@@ -79,6 +79,7 @@ DAMPED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_reversal_that_vanishes_on_the_way_ends_neither_a_step_nor_a_start():
     """The last one of eighteen phases lasts 0.25 ms, and with a little more damping there is none: Newton's method
     from there, or from a motion that is not quite on its cycle, makes its duration negative.  A servo whose record was

@@ -97,8 +97,9 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "time_traces": (3, lambda: ([branch().orbits[0]],)),
 }  # fmt: skip
 """By name: panels, and what is drawn."""
-NAMES = [pytest.param(n, marks=pytest.mark.slow if n in ("operating_point", "tasks") else ()) for n in DRAWN]
-"""What shows a tuning takes more than a second."""
+LONG = ("operating_point", "tasks", "remedy_sizes")
+"""What shows a tuning, or a table of remedies, takes more than a second."""
+NAMES = [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in DRAWN]
 
 
 def figure_for(name: str, panels: int) -> tuple[Figure, np.ndarray]:

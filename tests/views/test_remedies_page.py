@@ -138,6 +138,7 @@ def test_what_comes_while_it_computes_stays(capsys, tmp_path, monkeypatch):
     assert (tmp_path / "remedies.html").read_text() == "mine" and not (tmp_path / "remedies.json").exists()
 
 
+@pytest.mark.slow
 def test_its_own_files_are_written_over(capsys, out, monkeypatch):
     monkeypatch.setattr(command, "remedies", lambda *a, **k: of_the_leak())
     assert run(capsys, *GAIN, "--only", "leak", "--out", out)[0] == 0

@@ -221,6 +221,7 @@ def test_a_gain_that_hunts_as_built_is_not_recommended_alone(capsys, built):
     assert code == 0 and "but not alone" not in out and not err
 
 
+@pytest.mark.slow
 def test_the_remedy_named_first_says_whether_it_was_checked(capsys, built, monkeypatch):
     """One that is cheaper cannot be checked: dither, if a step settles where its error is below 2 %."""
     monkeypatch.setattr("casahunt.design.remedies.price.settled_within", lambda hunting: 0.02)
@@ -287,6 +288,7 @@ def test_the_linear_loop_and_a_tuning_have_the_delay_of_the_drive(capsys, built)
     assert err.count("is taken as a continuous one: drive.encoder left out") == 1
 
 
+@pytest.mark.slow
 def test_a_remedy_where_no_gain_will_do_is_checked_as_built(capsys, built):
     words = ("tune", built, "--gain", 1, "--max-torque", 5, "--remedy", "dead band", "--json", "--quiet")
     code, out, _ = run(capsys, *words)
@@ -355,7 +357,8 @@ def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
     assert "with a remedy it may hunt from nearer" in " ".join(out.split())
 
 
-@pytest.mark.parametrize("time", [20, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("time", [20, 40])
 def test_a_servo_that_winds_up_to_its_next_breakaway_is_not_at_rest(capsys, time):
     """With a reset of 0.7191, which ends the hunting of Table 1, swings go on, ever smaller: stuck at 20 s it breaks
     away at 33.88 s, and again behind 40 s."""
@@ -383,11 +386,11 @@ viscous = 0.002
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [
-    ("--reset", 0.73085, "--time", 20),
-    pytest.param(("--reset", 0.73085, "--time", 42), marks=pytest.mark.slow),
-    pytest.param(("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 60), marks=pytest.mark.slow),
-    pytest.param(("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 176), marks=pytest.mark.slow),
+    ("--reset", 0.73085, "--time", 20), ("--reset", 0.73085, "--time", 42),
+    ("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 60),
+    ("--dead-band", 0.0102695, "--position", 0.98315365, "--time", 176),
 ])  # fmt: skip
 def test_a_small_cycle_with_a_remedy_is_hunting_whenever_the_motion_is_cut(capsys, tmp_path, words):
     """Below the border of each remedy; with the reset it hunts by 37 % of what it does without one.  The loop as built
@@ -415,6 +418,7 @@ def test_the_margins_have_the_filter_of_the_derivative(capsys, built):
         assert one_json(run(capsys, "simulate", built, *words)[1])["verdict"] in kinds
 
 
+@pytest.mark.slow
 def test_a_tuning_whose_drive_filters_too_long_is_spoken_against(capsys, built):
     words = ("--set", "drive.derivative=filtered", "--set", "drive.encoder=0", "--json", "--quiet")
     long = run(capsys, "tune", built, *words, "--set", "drive.filter_time=0.02")
@@ -476,6 +480,7 @@ def test_the_size_of_dither_is_explained_where_it_is_named(capsys):
     assert "root mean square of the velocity" in said[0] and "root mean square" not in said[1]
 
 
+@pytest.mark.slow
 def test_a_servo_whose_sum_winds_up_is_not_at_rest_and_one_between_cycle_and_fold_is_told(capsys, tmp_path):
     """With a reset it has stood for half of 20 s, its torque on the way to static friction; at 7.4 V/rad, above the
     last stable cycle and below the fold at 7.62, motions leave the cycle."""

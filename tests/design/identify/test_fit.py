@@ -64,6 +64,7 @@ def test_slopes_are_those_of_differences(record, stretched, quantum):
         assert point.gradient[i] == pytest.approx((behind - ahead) / (4 * size), rel=2e-3), i
 
 
+@pytest.mark.slow
 def test_a_curved_valley_is_followed_to_its_end():
     """Servo 6 of scripts/identify.py without rounding: condition 1e9; another start, and the true values, as likely."""
     made = Made(6, 0, "switch", (0.0, 0.0))
@@ -271,7 +272,7 @@ def test_where_the_positions_lie_matters_not(record):
         assert other.intervals[name] == pytest.approx(one.intervals[name], rel=1e-6)
 
 
-@pytest.mark.parametrize("level", [0.0, 1e-5])
+@pytest.mark.parametrize("level", [0.0, pytest.param(1e-5, marks=pytest.mark.slow)])
 def test_a_record_without_noise_is_not_believed_to_all_digits(level):
     """Samples interpolated from a cycle, as they are or rounded: errors that last, which a fit takes for friction."""
     t, states = find_orbit(Servo(), "switch", GAIN).sample(100)
@@ -328,10 +329,10 @@ def test_and_the_command_fails(short, record, tmp_path, capsys):
     assert said["status"] == "fit_not_converged" and said["parameters"]["friction.static"]["low"] is None
     assert err.count("\n") == 1 and "other values" in err and not (tmp_path / "out").exists()
     assert cli.main(words) == 1
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())  # where lines end depends on the name of the file
     assert "NOT settled" in out and "the search for its numbers stopped short" in out
     assert "the model" not in out and "not told by" not in out  # nobody knows
-    assert "those of Table 1 of the report; is that yours?" in " ".join(out.split())
+    assert "those of Table 1 of the report; is that yours?" in out
 
 
 def test_better_points_without_end_are_no_optimum(monkeypatch, record):

@@ -117,9 +117,9 @@ def test_a_motion_from_where_the_record_sticks_finds_what_a_typical_one_does_not
 
 @pytest.mark.parametrize(
     "seed, number, model",
-    [(7, 15, "switch"), pytest.param(7, 63, "lugre", marks=pytest.mark.slow), pytest.param(13, 46, "lugre", marks=pytest.mark.slow),
-     pytest.param(7, 2, "switch", marks=pytest.mark.slow),
-     pytest.param(7, 60, "lugre", marks=pytest.mark.slow), pytest.param(7, 76, "switch", marks=pytest.mark.slow)],
+    [(7, 15, "switch"), *(pytest.param(*each, marks=pytest.mark.slow) for each in (
+        (7, 63, "lugre"), (13, 46, "lugre"), (7, 2, "switch"), (7, 60, "lugre"), (7, 76, "switch"),
+    ))],
 )  # fmt: skip
 def test_its_own_model_explains_a_record(seed, number, model):
     """That sticks for a part in two hundred of a period, or hardly moves, or comes to its cycle slowly: all refused."""

@@ -38,6 +38,7 @@ def record():
     return Record(t[later], x, "made", None, m[later] + 0.07 + 0.02 * rng.standard_normal(n))
 
 
+@pytest.mark.slow
 def test_a_position_tells_no_size_of_torques_and_a_torque_does(record):
     alone = Record(record.times, record.position, "made")
     servo = Servo().replace(**WRONG)

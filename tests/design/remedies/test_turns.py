@@ -68,6 +68,7 @@ def test_a_freeze_ends_hunting_where_it_is_as_long_as_the_stop():
     assert row.kind == "grazing" and row.size == pytest.approx(stick, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
     """After so much work, whoever asks: it is not said that there is no end, but how far it was followed.
 

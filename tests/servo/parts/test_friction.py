@@ -112,7 +112,7 @@ def test_modes_of_both_masses_are_products():
     assert loop.mode_at(**loop.state(load_angle=0.1)) == "slip+, load slip-"  # the shaft pulls both towards each other
 
 
-@pytest.mark.parametrize("plant", [TWO_MASSES, TWO_MASSES_LOAD_SEEN])
+@pytest.mark.parametrize("plant", [pytest.param(TWO_MASSES, marks=pytest.mark.slow), TWO_MASSES_LOAD_SEEN])
 def test_friction_of_both_masses_adds_up_where_the_shaft_is_stiff(plain, plant):
     half = {"static": 0.265, "coulomb": 0.22, "viscous": 0.05}
     half |= {f"load_{name}": value for name, value in half.items()} | HALVES

@@ -59,6 +59,7 @@ def test_cases_of_lugre_friction(seed):
     assert sampled.compared(seed, 250, lugre=True)["off"] <= sampled.AGREES
 
 
+@pytest.mark.slow
 def test_lugre_friction_hunts_and_rests_with_a_dead_band():
     """Next to the Switch servo's, by some per cent; at rest its bristles creep, by less than they bend."""
     hunts, rests = (
