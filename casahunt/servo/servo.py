@@ -295,10 +295,14 @@ def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:
 
     what: the beginning of a refusal. Raises InputError: as `load`.
     """
+    values: dict[str, float] = dict.fromkeys(KEYS, 0.0)
     try:
-        return unflatten(_values(tree))
+        values = _values(tree)
+        return unflatten(values)
     except InputError as error:
-        raise InputError(f"{what}: {error}") from None
+        missing = [key for key in KEYS if key in str(error) and key not in values]
+        taken = f"; {missing[0]} is not in the file, and taken from Table 1 of the report" if missing else ""
+        raise InputError(f"{what}: {error}{taken}") from None
 
 
 def _values(tree: Mapping[str, Any]) -> dict[str, float]:
