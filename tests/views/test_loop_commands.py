@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 
 import pytest
 from command_line import is_picture, one_json, run
 
 from casahunt import Servo, find_fold
+from casahunt.motion import simulation
 from casahunt.servo.parts import load_loop
 from casahunt.views.commands.arguments import LOOP_COMMANDS
 from casahunt.views.commands.diagram import PICTURES
@@ -261,3 +263,12 @@ def test_a_servo_file_is_read_once(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(arguments, "read_toml", lambda *asked: times.append(1) or read(*asked))
     code, out, _ = run(capsys, "orbit", path, "--gain", 0.04, "--json", "--quiet")
     assert code == 0 and one_json(out)["servo"]["friction"]["static"] == 0.5 and len(times) == 1
+
+
+@pytest.mark.parametrize(("error", "said"), [
+    (2e-5, "known to 2.0e-05 of the sizes of the states"), (math.inf, "not the same, event by event, with finer steps"),
+])  # fmt: skip
+def test_a_motion_that_is_not_known_to_the_tolerance_says_so(capsys, monkeypatch, error, said):
+    monkeypatch.setattr(simulation, "_difference", lambda *_: error)
+    code, out, err = run(capsys, "simulate", "--gain", 0.04, "--leak", 0.3, "--time", 5, "--quiet")
+    assert code == 1 and out and said in err and "a shorter time" in err

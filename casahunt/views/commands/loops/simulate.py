@@ -12,6 +12,7 @@ to the sizes of the states and to the duration; status, wall_s.
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -70,7 +71,8 @@ def of_loop(
     )
     give(options, record, answer, table=_table(found), picture=picture)
     if not status.ok:
-        said = f"known to {error_text(motion.error)} of the sizes of the states and of the time"
+        known = f"known to {error_text(motion.error)} of the sizes of the states and of the time"
+        said = known if math.isfinite(motion.error) else "not the same, event by event, with finer steps"
         complain("casahunt simulate", f"the motion is {said}; ask for a larger tolerance or a shorter time")
     return 0 if status.ok else 1
 
