@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -272,6 +272,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
     stated = question
     for _ in range(MOST_BETTER + 1):
         question, best = sharpened(question, best, noises)
+        best = climb(replace(question, exact=True), best, noises)
         judgement = judged(question, best, noises)
         left = [np.std(d.position - x) / d.amplitude for d, x in zip(question.records, best.positions, strict=True)]
         far = max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS
@@ -318,11 +319,13 @@ def _torque_noise(data: Data, torque: Array | None) -> float | None:
 
 
 def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: float) -> list[Interval] | None:
-    """The interval of each parameter; None where the best point, or one of those along a profile, is no optimum.
+    """The interval of each parameter; None where the best point, or one of those along a profile, is no optimum, or
+    its cycles are not known to the tolerance.
 
     Raises BetterFound: a refit came out below the best point.
     """
-    if expected(best) > LITTLE_TO_GAIN:
+    known = all(math.isfinite(orbit.error_estimate) for orbit in best.orbits)
+    if not known or expected(best) > LITTLE_TO_GAIN:
         return None
     freedom = sum(data.times.size for data in question.records) - best.z.size
     rise = student_95(freedom) ** 2 * factor

@@ -25,12 +25,14 @@ from casahunt import (
     load_uncertainty,
     pictures,
 )
+from casahunt.design.identify import fit, judgement
 from casahunt.design.identify import identify as room
-from casahunt.design.identify import judgement
 from casahunt.design.identify.identify import FREE
 from casahunt.design.identify.intervals import Interval
 from casahunt.design.identify.suitable import data_of, suitable
 from casahunt.design.identify.transient import behind_a_transient, on_its_way
+from casahunt.errors import Status
+from casahunt.orbits import Options, refined
 from casahunt.servo.servo import flatten
 from casahunt.views.commands.identify import identified_lines
 from scripts.peers.hunting_record import measured, positions
@@ -75,6 +77,29 @@ def test_true_values_lie_in_the_intervals(found):
     assert found.judgement.explained and 0.4 < found.judgement.misfit < 1.7
     assert found.noises[0].sigma == pytest.approx(0.01 * 0.0177, rel=0.05) and found.noises[0].quantum == 0
     assert found.bounded and found.values.keys() == set(FREE)
+
+
+def test_the_cycle_of_a_fit_is_known_to_its_error(found):
+    """Those on the way have none: the last one is computed to a tenth of the tolerance."""
+    (orbit,) = found.orbits
+    again = find_orbit(found.servo, "switch", GAIN, options=Options(tol=1e-10))
+    assert 0 < orbit.error_estimate <= 1e-7
+    assert orbit.amplitude == pytest.approx(again.amplitude, rel=1e-7)
+    assert orbit.period == pytest.approx(again.period, rel=1e-7)
+
+
+def test_no_interval_is_known_where_the_cycle_is_not(monkeypatch):
+    def lost(orbit, how, *, at=None):
+        if at is None:
+            raise NoOrbit("the tolerance is not reached")
+        return refined(orbit, how, at=at)
+
+    record = made(each=250)
+    free = ["friction.static", "friction.coulomb"]
+    assert identify([record], Servo(), GAIN, free=free, advise=False).status.ok
+    monkeypatch.setattr(room, "climb", lambda question, point, *args, **kwargs: point)
+    monkeypatch.setattr(fit, "refined", lost)
+    assert identify([record], Servo(), GAIN, free=free, advise=False).status is Status.FIT_NOT_CONVERGED
 
 
 @pytest.mark.slow
