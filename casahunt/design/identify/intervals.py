@@ -16,15 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...servo.servo import flatten
 from .climb import LEAST_DAMPING, climb, expected, gain, step, too_long, within
 from .fit import MOST_OF_A_STEP, NEXT_TO_NOTHING, Array, Point, Question, at
 from .likelihood import Noise
+from .start import SCALE
 
 NORMAL_95 = 1.959964
 FAR_OUT_FACTOR = 10.0
-"""A parameter that may be ten times as large, or ten times its scale, is not bounded; one that bends the friction, ten
-times what was stated: its slope at next to nothing does not say how far it may go."""
+"""A parameter that may be ten times as large, or ten times its scale, is not bounded; one that bends the friction, at
+the largest speed of a slip: its slope at next to nothing does not say how far it may go."""
 MOST_REFITS = 24
 END_NEAR, END_CLOSE = 0.1, 0.03
 """Relative distance from the end of an interval, at which its slope is as good as a refit; and between two refits on
@@ -103,7 +103,7 @@ def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, ri
 def _farthest(question: Question, best: Point, j: int, sign: int) -> float:
     """How far the unknown may go before it is said that nothing bounds it."""
     q = question.numbers(best.z)
-    least = flatten(question.servo)[question.free[j]] if question.bends[j] else question.scales[j]
+    least = question.scales[j] / (SCALE if question.bends[j] else 1.0)
     q[j] = FAR_OUT_FACTOR * max(q[j], least) if sign > 0 else 0.0
     return abs(float(question.unknowns(q)[j] - best.z[j]))
 
@@ -141,7 +141,7 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
                 return sign * reach  # the model has no cycle beyond
             continue
         seen = _seen(best, trial, j, sign, first, wanted)
-        if seen.root < (1 + END_NEAR) * wanted and _only_ours(question, best, trial, noises, j, seen, wanted):
+        if seen.root < (1 + END_NEAR) * wanted and _only_ours(question, best, trial, noises, j, seen, first, wanted):
             return sign * math.inf
         more = (wanted - seen.root) / seen.slope if seen.slope > 0 else math.inf
         if abs(seen.root / wanted - 1) < END_NEAR and abs(more) < 2 * END_NEAR * reach:
@@ -166,8 +166,9 @@ def _seen(best: Point, point: Point, j: int, sign: int, first: float, wanted: fl
 
 
 def _only_ours(
-    question: Question, best: Point, point: Point, noises: Sequence[Noise], j: int, seen: _Seen, wanted: float
-) -> bool:
+    question: Question, best: Point, point: Point, noises: Sequence[Noise], j: int, seen: _Seen, first: float,
+    wanted: float,
+) -> bool:  # fmt: skip
     """Whether an interval ends there only because another parameter that may not be nothing is followed no further: a
     little further it ends far off."""
     ours, above = question.lowest == NEXT_TO_NOTHING, point.deviance - best.deviance
@@ -181,7 +182,7 @@ def _only_ours(
     if again is None or point.deviance - again.deviance < OUR_PART * above:
         return False
     sign = 1 if point.z[j] > best.z[j] else -1
-    ahead = _seen(best, again, j, sign, seen.slope, wanted)
+    ahead = _seen(best, again, j, sign, first, wanted)
     return wanted - ahead.root > ahead.slope * max(FAR_LONGER * seen.reach, LITTLE_LONGER * abs(point.z[j]))
 
 

@@ -32,6 +32,10 @@ FACTORS = (1.0, 0.3, 3.0)
 """Of the values that are stated, where vs and viscous friction are tried."""
 OF_PEAK_SPEED = (0.05, 0.2)
 """vs in units of the largest speed of a slip that are tried besides."""
+VS_MEASURE = 0.1
+"""What vs is measured by, in the same units: by the value that is stated, one that was stated a hundred times too large
+would be sought down to twice the true one and no further.  With twice of it narrow peaks are not followed as far as
+static friction that is seen is told; with half of it a fit to a record that does not tell vs takes a third longer."""
 SCALE, LITTLE_VISCOUS = 0.2, 0.005
 """Scale of a parameter in units of its value; share of the friction below which the viscous one is next to nothing."""
 VISCOUS_SHARE = 0.1
@@ -44,10 +48,13 @@ STARTS = 3
 
 
 def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
-    """Scales of the free parameters: a part of their values; of viscous friction a small part of all friction."""
+    """Scales of the free parameters: a part of their values; of friction, a part of what the record shows."""
     own = flatten(servo)
     static = static_of(servo, data)
-    guess = {STATIC: static, COULOMB: static, VISCOUS: _viscous_of(LITTLE_VISCOUS / SCALE, servo, data)}
+    guess = {
+        STATIC: static, COULOMB: static, VISCOUS: _viscous_of(LITTLE_VISCOUS / SCALE, servo, data),
+        STRIBECK: VS_MEASURE * _peak_speed(data),
+    }  # fmt: skip
     return np.array([SCALE * guess.get(name, own[name]) for name in free])
 
 
@@ -73,12 +80,17 @@ def _slip(data: Data) -> float:
     return max(inside, 1 / data.times.size) * data.period / 2 / INNER_TIME
 
 
+def _peak_speed(data: Data) -> float:
+    """About the largest speed of a slip [rad/s]."""
+    return data.amplitude * math.pi / _slip(data)
+
+
 def trials(question: Question) -> Iterator[Servo]:
     """Servos with other motor gains, vs and viscous friction, as far as these are free, by the first record."""
     data, free, friction = question.records[0], question.free, question.servo.friction
     rates, viscous = [friction.stribeck_velocity], [friction.viscous]
     if STRIBECK in free:
-        rates = [f * rates[0] for f in FACTORS] + [f * data.amplitude * math.pi / _slip(data) for f in OF_PEAK_SPEED]
+        rates = [f * rates[0] for f in FACTORS] + [f * _peak_speed(data) for f in OF_PEAK_SPEED]
     for factor in MOTOR_FACTORS if MOTOR_GAIN in free else (1.0,):
         servo = question.servo.replace(**{MOTOR_GAIN: factor * question.servo.motor_gain})
         if VISCOUS in free:

@@ -362,3 +362,14 @@ def test_the_command_writes_what_others_take(capsys, file, tmp_path):
     assert max(map(len, lines)) <= 80 and any("friction.static" in line for line in lines)
     with pytest.raises(InputError, match="friction"):
         identify([made(each=250)], Servo(), GAIN, free=["friction"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stated", [2e-5, 0.02, 2.0])
+def test_a_stribeck_velocity_that_is_stated_far_off_does_not_matter(stated):
+    """Sought by what the record shows: down to a fiftieth of a value a hundred times too large it was not found, and
+    the intervals of the others lay beside the truth."""
+    found = identify([made()], Servo().replace(**{"friction.stribeck_velocity": stated}), GAIN, advise=False)
+    assert found.judgement.explained
+    for name, (low, high) in found.intervals.items():
+        assert low <= flatten(Servo())[name] <= high, name
