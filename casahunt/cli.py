@@ -27,6 +27,7 @@ from .checks import choice_of
 from .errors import InputError, NoOrbit
 from .views.commands.arguments import Parser
 from .views.commands.console import Outputs, complain, explain_complaints, own_process
+from .views.commands.output import tell_refusal
 from .views.commands.output_paths import keep_inputs
 from .views.commands.progress import over, progress, tell
 
@@ -129,16 +130,19 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         note = None if name in SAY_THEMSELVES else lambda text: tell(stream, text)
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         keep_inputs(options)
-        with Outputs() as options.outputs, effort.counting_work(note, limit=limit):
-            return _module(name).run(options)
+        try:
+            with Outputs() as options.outputs, effort.counting_work(note, limit=limit):
+                return _module(name).run(options)
+        except (NoOrbit, effort.GivenUp) as error:
+            interrupts.check()
+            complain(command, error, details="--details" in words)
+            if "--json" in words:
+                tell_refusal(error)
+            return 1
     except InputError as error:
         interrupts.check()
         complain(command, error)
         return 2
-    except (NoOrbit, effort.GivenUp) as error:
-        interrupts.check()
-        complain(command, error, details="--details" in words)
-        return 1
     except OSError as error:  # a full disk, or nobody who reads the output any more (head), which needs no words
         interrupts.check()
         # What is still in the buffer would be complained about once more while the interpreter shuts down.

@@ -5,6 +5,7 @@ process: output that cannot be written, interrupts, crashes.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import signal
@@ -190,7 +191,8 @@ NO_DROP = ["--set", "friction.static=0.44"]  # Fs = Fc
 def test_no_hunting(capsys, tmp_path, monkeypatch, words, parts):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, "orbit", *words, "--plot", "a.png", "--save", "a.npz", "--json", "--details")
-    assert (code, out) == (1, "")
+    told = json.loads(out)
+    assert code == 1 and told["status"] in (None, "not_found") and f"{told['refused']} ({told['evidence']})" in err
     assert err.startswith("casahunt orbit: no hunting limit cycle") and err.count("\n") == 1
     for part in parts:
         assert part in err
@@ -199,7 +201,8 @@ def test_no_hunting(capsys, tmp_path, monkeypatch, words, parts):
 
 def test_no_fold_without_hunting(capsys):
     code, out, err = run(capsys, "fold", *NO_DROP, "--json", "--details")
-    assert (code, out) == (1, "")
+    assert code == 1 and "static equals Coulomb friction" in json.loads(out)["refused"]
+    assert run(capsys, "fold", *NO_DROP, "--quiet")[1] == ""
     assert err.startswith("casahunt fold: no hunting limit cycle") and "scanned" in err and err.count("\n") == 1
 
 
@@ -277,13 +280,16 @@ def test_output_that_cannot_be_written():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes")
-def test_a_reader_that_has_gone_is_no_fault():
-    """As `casahunt glossary | head -1`: quiet, with the exit code of SIGPIPE."""
+@pytest.mark.parametrize(
+    ("words", "said"), [(["glossary"], ""), (["orbit", "--gain", "5", "--json"], "no hunting limit cycle")]
+)
+def test_a_reader_that_has_gone_is_no_fault(words, said):
+    """As `casahunt glossary | head -1`: quiet, with the exit code of SIGPIPE; also where what is found is a refusal."""
     reader, writer = os.pipe()
     os.close(reader)
-    done = process("glossary", capture_output=False, stdout=writer, stderr=subprocess.PIPE)
+    done = process(*words, capture_output=False, stdout=writer, stderr=subprocess.PIPE)
     os.close(writer)
-    assert (done.returncode, done.stderr) == (141, "")
+    assert done.returncode == 141 and said in done.stderr and done.stderr.count("\n") == bool(said)
 
 
 @contextlib.contextmanager

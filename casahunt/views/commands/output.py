@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ...errors import Status
 from ...export import Columns, plain, write_csv
 from ...results import Result
 from ..answers.answer import HARD_SPACE, Answer
@@ -96,6 +97,13 @@ def give(
     else:
         below = tuple(answer.details) if options.details else ()
         show((*answer.plain, *((DETAILS, *below) if below else ())), said)
+
+
+def tell_refusal(error: Exception) -> None:
+    """The JSON object of a command that found nothing: why (refused, evidence); status, null where there is none."""
+    status: Status | None = getattr(error, "status", Status.NOT_FOUND)
+    why, evidence = getattr(error, "plain", str(error)), getattr(error, "evidence", "")
+    print(json.dumps(plain({"status": status, "refused": why, "evidence": evidence or None})), flush=True)
 
 
 def drawing(name: str) -> Callable[..., Any]:
