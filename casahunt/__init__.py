@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.cause import Cause, cause_of
     from .servo.sampled.check import AsBuilt, as_built
+    from .servo.sampled.linear import sampled_margins
     from .servo.sampled.motion import SampledMotion, simulate_sampled
     from .servo.sampled.verdict import SampledVerdict
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
@@ -120,6 +121,7 @@ _HOMES = {
     "servo.problem": ("Fold", "Orbit"),
     "servo.sampled.cause": ("Cause", "cause_of"),
     "servo.sampled.check": ("AsBuilt", "as_built"),
+    "servo.sampled.linear": ("sampled_margins",),
     "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
     "servo.sampled.verdict": ("SampledVerdict",),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
@@ -236,6 +238,7 @@ __all__ = [
     "other_end",
     "remedies",
     "sample_fold_gains",
+    "sampled_margins",
     "save_branch",
     "save_orbit",
     "simulate",

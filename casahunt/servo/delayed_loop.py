@@ -1,10 +1,9 @@
 """The linear loop with a delay: how much phase, gain and delay it can lose.
 
-    L(s) = C(s) P(s) exp(-s D),    D = delay + T_s/2        [s]
+    L(s) = C(s) P(s) exp(-s D)
 
-T_s is the sample time: a zero-order hold lags by half a sample, omega T_s/2, exactly; its loss of magnitude,
-sin(x)/x with x = omega T_s/2, is left out.  Of the loop without delay (linear_loop.py), w = omega^2, by times and by
-gains (kp' and so on: at K = 1):
+The margins of a sampled loop, in which more is lost, are in sampled/linear.py.  Of the loop without delay
+(linear_loop.py), w = omega^2, by times and by gains (kp' and so on: at K = 1):
 
     ln |L|^2 = ln( (K cm)^2 (tau_d^2 w + 1)(tau_i^2 w + 1) / (tau_i^2 w^2 (J^2 w + sigma2^2)) )
              = ln( (K cm)^2 (kp'^2 w + (kd' w - ki')^2) / (w^2 (J^2 w + sigma2^2)) )
@@ -19,13 +18,6 @@ falls, or rises (phi_0: without delay).  The phase margin is the least phi of al
 stable, and where a loop is stable all the same, phi counts modulo 2 pi.  A stable loop stays so while the gain is
 multiplied by anything between the two factors 1/|L|, phi a multiple of 2 pi, next to 1.
 
-A filter of the derivative, kd s/(1 + T_f s), makes of the PID controller another one behind a low pass,
-
-    kp + ki/s + kd s/(1 + T_f s) = (kp + ki T_f + ki/s + (kd + kp T_f) s)/(1 + T_f s)
-
-whose 1/(1 + T_f s) takes ln(1 + T_f^2 w) from ln |L|^2 and atan(T_f omega) from phi; unstable poles without delay are
-then those of its polynomial.
-
 Source: Nyquist's criterion; to follow the poles through the crossovers as the delay grows is known as the direct method
 of Walton and Marshall, and derived here.  Symbols as in linear_loop.py.
 """
@@ -34,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -103,8 +95,8 @@ def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
 def phase(J, sigma2, D, q, y):  # type: ignore[no-untyped-def]
     """The phase phi = arg L + pi at omega = exp(y), for numbers, arrays and CasADi expressions.
 
-    J, sigma2: inertia [kg m2], viscous friction [N m s/rad]; D: delay [s], half a sample time included; q: ln (tau_d,
-    tau_i), times in s; y: ln omega, omega in rad/s; decides what comes back.
+    J, sigma2: inertia [kg m2], viscous friction [N m s/rad]; D: delay [s]; q: ln (tau_d, tau_i), times in s; y: ln
+    omega, omega in rad/s; decides what comes back.
     Returns phi [rad], of the kind and shape of `y`.
     """
     exp, _, atan, atan2 = _functions_of(y)
@@ -134,46 +126,13 @@ def _logarithms(servo: Servo) -> tuple[float, ...]:
     return tuple(math.log(value) if value > 0 else -math.inf for value in values)
 
 
-@dataclass(frozen=True)
-class _Lagging:
-    """A loop with a delay [s], and a low pass in front of it [s], 0 without one."""
-
-    servo: Servo
-    gain: float
-    delay: float
-    low_pass: float
-
-    def log_magnitude(self, y: float) -> float:
-        """ln |L|^2 at omega = exp(y)."""
-        J, sigma2, cm = self.servo.inertia, self.servo.friction.viscous, self.servo.motor_gain
-        plain = float(log_magnitude(J, cm, sigma2, math.log(self.gain), _logarithms(self.servo), y))
-        return plain - math.log1p((self.low_pass * math.exp(y)) ** 2)
-
-    def phase(self, y: float | np.ndarray) -> np.ndarray:
-        """phi at omega = exp(y)."""
-        plain = phase(self.servo.inertia, self.servo.friction.viscous, self.delay, _logarithms(self.servo), y)
-        return np.asarray(plain - np.arctan(self.low_pass * np.exp(y)))
-
-    @property
-    def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator and denominator of L, without the delay."""
-        numerator, denominator = loop_polynomials(self.servo, self.gain)
-        return numerator, np.polymul(denominator, [self.low_pass, 1.0]) if self.low_pass else denominator
-
-    @property
-    def unstable_pairs(self) -> int:
-        """Of poles of the closed loop, without the delay."""
-        if not self.low_pass:
-            return int(not stable(self.servo, self.gain))
-        return int(np.sum(np.roots(np.polyadd(*self.polynomials)).real >= 0)) // 2
+def _log_magnitude(servo: Servo, gain: float, y: float) -> float:
+    J, sigma2 = servo.inertia, servo.friction.viscous
+    return float(log_magnitude(J, servo.motor_gain, sigma2, math.log(gain), _logarithms(servo), y))
 
 
-def _filtered(servo: Servo, filter_time: float) -> Servo:
-    """The servo whose controller, behind a low pass, is that with a filtered derivative."""
-    pid = servo.controller.pid()
-    if not filter_time:
-        return servo
-    return replace(servo, controller=Pid(kp=pid.kp + pid.ki * filter_time, ki=pid.ki, kd=pid.kd + pid.kp * filter_time))
+def _phase(servo: Servo, delay: float, y: float | np.ndarray) -> np.ndarray:
+    return np.asarray(phase(servo.inertia, servo.friction.viscous, delay, _logarithms(servo), y))
 
 
 def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
@@ -187,7 +146,7 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
     return gain_crossovers(numerator / level, denominator)[-1].frequency
 
 
-def margins(servo: Servo, gain: float, *, delay: float = 0.0, filter_time: float = 0.0) -> Margins:
+def margins(servo: Servo, gain: float, *, delay: float = 0.0) -> Margins:
     """Margins of the loop.
 
     Parameters
@@ -195,9 +154,7 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0, filter_time: float
     servo, gain
         the loop.
     delay
-        D [s], >= 0, half a sample time included.
-    filter_time
-        of the derivative, T_f [s], >= 0; 0: it is not filtered.
+        D [s], >= 0; of a sampled loop see `sampled_margins`.
 
     Returns
     -------
@@ -217,37 +174,35 @@ def margins(servo: Servo, gain: float, *, delay: float = 0.0, filter_time: float
     a_servo(servo)
     sensible("gain", gain, power=COMPUTED)
     require("delay", delay, at_least=0)
-    require("filter_time", filter_time, at_least=0)
-    loop = _Lagging(_filtered(servo, filter_time), gain, delay, filter_time)
-    y = np.log([c.frequency for c in gain_crossovers(*loop.polynomials)])
-    phi = loop.phase(y)
-    before, after = ([loop.log_magnitude(v + step) for v in y.tolist()] for step in (-RISE, RISE))
+    found = gain_crossovers(*loop_polynomials(servo, gain))
+    y = np.log([c.frequency for c in found])
+    phi = _phase(servo, delay, y)
+    before, after = ([_log_magnitude(servo, gain, v + step) for v in y.tolist()] for step in (-RISE, RISE))
     rising = np.array(after) > np.array(before)
-    at_once = replace(loop, delay=0.0).phase(y)
-    turns = np.ceil(at_once / (2 * np.pi)) - np.ceil(phi / (2 * np.pi))  # delays with phi = 2 pi k
-    pairs = loop.unstable_pairs + int(np.sum(np.where(rising, -turns, turns)))  # of unstable poles
+    turns = np.ceil(_phase(servo, 0.0, y) / (2 * np.pi)) - np.ceil(phi / (2 * np.pi))  # delays with phi = 2 pi k
+    pairs = int(not stable(servo, gain)) + int(np.sum(np.where(rising, -turns, turns)))  # of unstable poles
     if pairs == 0 and not phi.min() > 0:
         phi = np.mod(phi, 2 * np.pi)
     i = int(np.argmin(phi))
     omega, margin = math.exp(y[i]), math.degrees(float(phi[i]))
     if pairs:
         return Margins(omega, min(margin, 0.0), math.nan, math.nan, False)
-    factors = _factors(loop, math.exp(y[-1]))
+    factors = _factors(servo, gain, delay, math.exp(y[-1]))
     low, high = [f for f in factors if f < 1], [f for f in factors if f > 1]
     return Margins(omega, margin, max(low, default=0.0), min(high, default=math.inf), True)
 
 
-def _factors(loop: _Lagging, omega: float) -> list[float]:
+def _factors(servo: Servo, gain: float, delay: float, omega: float) -> list[float]:
     """1/|L| where phi is a multiple of 2 pi, as many turns as there are up to `omega`, and one more."""
     grid = np.log(omega * np.geomspace(1e-6, 1e6, FREQUENCIES))
-    values, found = loop.phase(grid), []
-    for turn in range(2 + int(omega * loop.delay / (2 * math.pi))):
+    values, found = _phase(servo, delay, grid), []
+    for turn in range(2 + int(omega * delay / (2 * math.pi))):
         level = -2 * math.pi * turn
         for i in np.flatnonzero((values[:-1] > level) != (values[1:] > level)):
             rising = bool(values[i + 1] > level)
             ends = boundary(
-                lambda y, up=rising, at=level: bool(loop.phase(y) > at) == up,  # type: ignore[misc]
+                lambda y, up=rising, at=level: bool(_phase(servo, delay, y) > at) == up,  # type: ignore[misc]
                 float(grid[i]), float(grid[i + 1]),
             )  # fmt: skip
-            found.append(math.exp(-loop.log_magnitude(sum(ends) / 2) / 2))
+            found.append(math.exp(-_log_magnitude(servo, gain, sum(ends) / 2) / 2))
     return found

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from casahunt import find_fold
+from casahunt import Drive, find_fold, margins, sampled_margins
 from casahunt.cli import main
 from casahunt.design.tune import best_gain, check
 from casahunt.design.tune.check import scanned
@@ -19,7 +19,7 @@ from casahunt.design.tune.tasks import until_decided, waits
 from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
 from casahunt.design.uncertainty.worst_corner import WorstCase
-from casahunt.errors import NoOrbit
+from casahunt.errors import InputError, NoOrbit
 from casahunt.servo.delayed_loop import Margins
 from casahunt.servo.event_map.fixed_points import FixedPoint, FixedPoints
 from casahunt.servo.event_map.scan import Scan
@@ -213,3 +213,19 @@ def test_a_servo_that_cannot_hunt_is_left_to_its_margins(servo):
     for against in ({"against": ("a loop",)}, {"unverified": ("a task",)}):
         assert not replace(found.verification, **against).ok
     assert linear_loop(servo, found.gain).gain_crossovers[0].margin == pytest.approx(30, abs=1e-5)
+
+
+def test_the_margins_of_a_drive_are_those_of_the_sampled_loop(servo):
+    """With a sample time alone, the defaults; with a drive its times are the demands'."""
+    drive = Drive(sample_time=0.01, delay=0.004, derivative="filtered")
+    asked = Demands(drive=drive)
+    assert (asked.delay, asked.sample_time, asked.built) == (0.004, 0.01, drive)
+    assert replace(asked, phase_margin=40.0).built == drive
+    assert Demands(sample_time=0.01).built == Drive(sample_time=0.01) and Demands(delay=0.004).built is None
+    for demands, exact in (
+        (asked, sampled_margins(servo, 0.7, drive)),
+        (Demands(delay=0.004), margins(servo, 0.7, delay=0.004)),
+    ):
+        assert check._margins_of(servo, 0.7, demands) == exact
+    with pytest.raises(InputError, match="delay = 0.003: must be left out, or that of the drive"):
+        Demands(drive=drive, delay=0.003)

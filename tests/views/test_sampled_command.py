@@ -267,19 +267,19 @@ def test_one_that_holds_as_built_and_costs_too_much_does_do_there(capsys, built,
 
 @pytest.mark.slow
 def test_the_linear_loop_and_a_tuning_have_the_delay_of_the_drive(capsys, built):
-    """Half a sample and the delay, by the formula: the phase at the crossover less omega D."""
+    """A delay of whole samples takes omega D of the phase at the crossover, and leaves that where it is."""
     loop = ("loop", built, "--gain", 1, "--set", "drive.delay=0.002", "--json", "--quiet")
-    found = one_json(run(capsys, *loop)[1])
-    crossover, = found["loops"][0]["gain_crossovers"]
-    late = found["with_delay"]["margins"][0]
-    assert found["with_delay"]["delay"] == pytest.approx(0.0025)
-    lost = math.degrees(crossover["frequency"] * 0.0025)
-    assert late["phase_margin"] == pytest.approx(crossover["phase_margin_deg"] - lost, rel=1e-6)
+    at_once, found = (one_json(run(capsys, *words)[1])["as_built"] for words in ((*loop[:4], *loop[6:]), loop))
+    late = found["margins"][0]
+    assert (found["drive"]["delay"], at_once["drive"]["delay"]) == (0.002, 0.0)
+    lost = math.degrees(late["frequency"] * 0.002)
+    assert late["phase_margin"] == pytest.approx(at_once["margins"][0]["phase_margin"] - lost, rel=1e-9)
     said = " ".join(run(capsys, *loop[:-2], "--quiet")[1].split())
-    assert f"of the drive, 0.0025 s: phase margin {late['phase_margin']:.4g} degrees, stable" in said
+    assert f"gain 1 V/rad as built: phase margin {late['phase_margin']:.4g} degrees, stable" in said
+    assert "the sampled loop, 0.001 s; delay 0.002 s; derivative by difference; integral by rectangle;" in said
     said = " ".join(run(capsys, "loop", built, "--gain", 1, "--set", "drive.delay=0.3", "--quiet")[1].split())
-    assert "0.3005 s: unstable" in said
-    assert "with_delay" not in one_json(run(capsys, "loop", "--gain", 1, "--json", "--quiet")[1])
+    assert "as built: unstable" in said
+    assert "as_built" not in one_json(run(capsys, "loop", "--gain", 1, "--json", "--quiet")[1])
     tuned = one_json(run(capsys, "tune", built, "--json", "--quiet")[1])["demands"]
     assert (tuned["delay"], tuned["sample_time"]) == (0.0, 0.001)
     tuned = one_json(run(capsys, "tune", built, "--sample-time", 0, "--json", "--quiet")[1])["demands"]
@@ -404,18 +404,21 @@ def test_a_small_cycle_with_a_remedy_is_hunting_whenever_the_motion_is_cut(capsy
     assert found["amplitude"] == pytest.approx(built["amplitude"], rel=0.02)
 
 
-def test_the_margins_have_the_filter_of_the_derivative(capsys, built):
+@pytest.mark.parametrize("drive", [
+    {"derivative": "filtered", "delay": 0.001},
+    {"derivative": "difference", "delay": 0.0, "sample_time": 0.005},
+    {"derivative": "filtered", "delay": 0.0034, "sample_time": 0.002, "integration": "trapezoid"},
+])
+def test_the_margins_are_those_of_the_loop_as_built(capsys, built, drive):
     """Up to the factor that `loop` says a small motion without friction dies out, beyond it grows: the sampled loop."""
-    filtered = ("--set", "drive.derivative=filtered", "--set", "drive.delay=0.001", "--set", "drive.encoder=0")
-    found = one_json(run(capsys, "loop", built, "--gain", 1, *filtered, "--json", "--quiet")[1])["with_delay"]
-    assert found["filter_time"] == pytest.approx(0.05 / 1.0 / 10)
+    words = [part for key, value in drive.items() for part in ("--set", f"drive.{key}={value}")]
+    words += ["--set", "drive.encoder=0"]
+    found = one_json(run(capsys, "loop", built, "--gain", 1, *words, "--json", "--quiet")[1])["as_built"]
     limit = found["margins"][0]["highest_factor"]
-    _, out, _ = run(capsys, "loop", built, "--gain", 1, *filtered, "--quiet")
-    assert "its filter of the derivative, 0.005 s" in " ".join(out.split())
     slick = ("--set", "friction.static=2e-4", "--set", "friction.coulomb=1e-4", "--set", "friction.viscous=0.02")
-    for factor, kinds in ((0.97, ("at rest", "decaying", "hunting")), (1.03, ("growing",))):
-        words = ("--gain", factor * limit, *filtered, *slick, "--time", 20, "--json", "--quiet")
-        assert one_json(run(capsys, "simulate", built, *words)[1])["verdict"] in kinds
+    for factor, kinds in ((0.98, ("at rest", "decaying", "hunting")), (1.02, ("growing",))):
+        given = ("--gain", factor * limit, *words, *slick, "--time", 12, "--json", "--quiet")
+        assert one_json(run(capsys, "simulate", built, *given)[1])["verdict"] in kinds
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@
 * The event map at the worst friction: from every stick position scanned the servo sticks nearer to the set point.  Then
   no cycle with sticking exists, lopsided ones included: along a cycle |x1| of the sticks cannot always fall.
 * The margins of the linear loops of corners and samples of the set, by the search for crossings of
-  servo/delayed_loop.py.
+  servo/delayed_loop.py, or with a drive of the loop as built, servo/sampled/linear.py.
 * Simulated regulator tasks, each simulated until it is decided (tasks.py).
 
 What speaks against the tuning, and what could not be verified, are kept apart.
@@ -32,6 +32,7 @@ from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import Scan, scan
 from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
+from ...servo.sampled.linear import sampled_margins
 from ...servo.servo import Servo, flatten
 from ..ensemble import folds_of
 from ..nearby import fold_beside, said, servo_at
@@ -288,8 +289,7 @@ def _loops(
         used = np.isin(names, loop_box(servo, {}, lag).names)
         points = _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, used & (high > low))
         others = [servo_at(servo, np.array(names)[used].tolist(), q) for q in points[:, used]]
-    late = {"delay": lag, "filter_time": demands.filter_time}
-    loops = {name: margins(each, gain, **late) for name, each in named.items()}
+    loops = {name: _margins_of(each, gain, demands) for name, each in named.items()}
     missed = [
         f"the linear loop of the {'servo with the least ' if name in DEMANDS else ''}{name}"
         f"{' friction' if name == 'worst' else ''} misses the margins: {_margins_said(loop)}"
@@ -297,13 +297,19 @@ def _loops(
         if not _keeps(loop, demands)
     ]
     for other in others:
-        found = margins(other, gain, **late)
+        found = _margins_of(other, gain, demands)
         if not _keeps(found, demands):
             own = flatten(servo)
             where = {key: value for key, value in flatten(other).items() if value != own[key]}
             missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {said(where)}")
             break
     return loops, corners, len(loops) + len(others), missed
+
+
+def _margins_of(servo: Servo, gain: float, demands: Demands) -> Margins:
+    """Those of the loop as built, where there is a drive."""
+    drive = demands.built
+    return margins(servo, gain, delay=demands.delay) if drive is None else sampled_margins(servo, gain, drive)
 
 
 def _keeps(loop: Margins, demands: Demands) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 from ...checks import choice_of, require, sensible, shown
 from ...errors import InputError
 from ...servo.controller import BY_GAINS, BY_TIMES
+from ...servo.drive import Drive
 from ...servo.linear_loop import linear_loop
 from ...servo.servo import Servo, flatten
 
@@ -52,8 +53,9 @@ class Demands:
     margin : K >= (1 + margin) K_fold; 0 to 1e6.
     phase_margin : [deg], 0 to 180.
     gain_margin : factor by which the gain may fall or rise and the linear loop stays stable; 1 to 1e6.
-    delay, sample_time : of the loop [s]; >= 0.
-    filter_time : of the derivative [s], >= 0; in the margins of the checks alone, which may speak against a tuning.
+    delay, sample_time : of the loop [s]; >= 0; left out where `drive` has them.
+    drive : as built; with a sample time alone, one with every default.  The search has delay and half a sample in its
+        margins, the checks, which may speak against a tuning, the sampled loop itself (`sampled_margins`).
     max_torque : largest torque of the motor on the simulated tasks [N m]; > 0.
 
     Examples
@@ -68,7 +70,7 @@ class Demands:
     gain_margin: float = 2.0
     delay: float = 0.0
     sample_time: float = 0.0
-    filter_time: float = 0.0
+    drive: Drive | None = None
     max_torque: float = math.inf
 
     def __post_init__(self) -> None:
@@ -77,9 +79,19 @@ class Demands:
         require("gain-margin", self.gain_margin, at_least=1, at_most=LARGEST_FACTOR)
         sensible("delay", self.delay, zero=True, unit="s")
         sensible("sample-time", self.sample_time, zero=True, unit="s")
-        sensible("filter-time", self.filter_time, zero=True, unit="s")
         if self.max_torque != math.inf:
             sensible("max-torque", self.max_torque, unit="N m")
+        for key in ("delay", "sample_time") if self.drive is not None else ():
+            of_drive = getattr(self.drive, key)
+            if getattr(self, key) not in (0, of_drive):
+                raise InputError(f"{key} = {shown(getattr(self, key))}: must be left out, or that of the drive")
+            object.__setattr__(self, key, of_drive)
+
+    @property
+    def built(self) -> Drive | None:
+        """`drive`, or one of the sample time; None where the loop is continuous."""
+        plain = Drive(sample_time=self.sample_time, delay=self.delay) if self.sample_time else None
+        return self.drive or plain
 
     @property
     def lag(self) -> float:

@@ -4,7 +4,7 @@
     details   multipliers, fixed points, residuals, iterations, and every digit that is known: with --details, below it
 
 answer.py     the form of all of them: plain lines, details, numbers
-orbit.py, fold.py, diagram.py, map.py, basin.py, equilibria.py, loop.py, simulate.py, fold_curve.py, fold_map.py,
-uncertainty.py, tune.py
+orbit.py, fold.py, diagram.py, map.py, basin.py, equilibria.py, simulate.py
 sampled.py, loops.py   simulate of the loop as built, and of a loop of parts
+loop.py, fold_curve.py, fold_map.py, uncertainty.py, tune.py
 """

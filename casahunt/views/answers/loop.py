@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from ...servo.delayed_loop import Margins
 from ...servo.linear_loop import LinearLoop
 from .answer import Answer, item, short
+from .sampled import drive_said
+
+if TYPE_CHECKING:
+    from ...servo.drive import Drive
 
 STABLE_BELOW, STABLE_ABOVE = "at any lower gain", "at any higher one"
 NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry friction is not in it."
 
 
 def loop_answer(
-    loops: Sequence[LinearLoop], viscous: float, frictionless: float, lag: float = 0.0,
-    delayed: Sequence[Margins] = (), filter_time: float = 0.0,
+    loops: Sequence[LinearLoop], viscous: float, frictionless: float, drive: Drive | None = None,
+    built: Sequence[Margins] = (),
 ) -> Answer:  # fmt: skip
     """What is said of linear loops.
 
-    viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad]; lag, delayed: delay
-    and half a sample of the drive as built [s], and the margins with it, where the servo file describes one;
-    filter_time: of its derivative [s].
+    viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad]; drive, built: the
+    drive where the servo file describes one, and the margins as built.
     """
     plain = [
         "linear loop, dry friction left out",
@@ -33,10 +37,11 @@ def loop_answer(
         for c in loop.gain_crossovers:
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
         plain.append(item("gain margin", _gain_margin(loop)))
-    for loop, margins in zip(loops, delayed, strict=bool(delayed)):
-        late = f"delay and sampling of the drive, {short(lag)} s"
-        late += f", and its filter of the derivative, {short(filter_time)} s" if filter_time else ""
-        plain.append(f"gain {loop.gain:.10g} V/rad with {late}: {_with_delay(margins)}")
+    for loop, margins in zip(loops, built, strict=bool(built)):
+        plain.append(f"gain {loop.gain:.10g} V/rad as built: {_as_built(margins)}")
+    if drive is not None:
+        said = "; ".join(drive_said(drive.exact()))
+        plain.append(item("as built", f"the sampled loop, {said}; what is not linear in it is left out"))
     return Answer([*plain, NOT_SAID], _details(loops, viscous, frictionless))
 
 
@@ -65,7 +70,7 @@ def stable_between(low: float, high: float, written: Callable[[float], str] = sh
     return f"{falls} and {rises}"
 
 
-def _with_delay(found: Margins) -> str:
+def _as_built(found: Margins) -> str:
     if not found.stable:
         return "unstable"
     limits = stable_between(found.lowest_factor, found.highest_factor)

@@ -34,7 +34,7 @@ def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     name = f"{found.model} servo as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
     yield f"{name}, {found.duration:.10g} s: {HEADS[verdict.kind]}"
     yield item("because", verdict.sentence)
-    yield item("drive", "; ".join(_drive(found.drive)))
+    yield item("drive", "; ".join(drive_said(found.drive)))
     if verdict.kind == "hunting":
         low, high = found.readings
         counts = f", {verdict.amplitude / q:.3g} counts; the reading moves over {high - low}" if q else ""
@@ -63,7 +63,8 @@ def _cure(cause: Cause, count: float) -> str:
     return f"a dead band of the integrator of {cause.dead_band:.4g} rad{counts}, {beyond}"
 
 
-def _drive(drive: Drive) -> Iterator[str]:
+def drive_said(drive: Drive) -> Iterator[str]:
+    """What a drive does, in a few words each."""
     yield f"{drive.sample_time:g} s"
     if drive.delay:
         yield f"delay {drive.delay:g} s"

@@ -75,7 +75,7 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
     yield item("why not less", ", ".join(BINDS.get(name, name) for name in record["binding"]) or "nothing")
     which = "the continuous loop is " if unless(record) else ""
     yield item("checked", f"{which}{check['result']}, in ways that the search for it did not use")
-    yield item("linear loop", _loops(check))
+    yield item("linear loop", ("as built, " if record["demands"]["sample_time"] else "") + _loops(check))
     yield item("simulated", f"it {_tasks(check['tasks'])}")
     if record["before"] is not None:
         yield item("before", f"at gain {short(record['before']['gain'])} V/rad it {_tasks(record['before']['tasks'])}")

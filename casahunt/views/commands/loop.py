@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from ...results import tables_of
-from ...servo.delayed_loop import margins
 from ...servo.linear_loop import linear_loop, lowest_stable_gain, routh_hurwitz_gain
+from ...servo.sampled.linear import sampled_margins
 from ..answers.loop import loop_answer
 from .arguments import add_command, add_gain, drive_of, positive, servo_of
 from .output import give
@@ -33,12 +33,9 @@ def run(options: argparse.Namespace) -> int:
         "loops": loops,
     }
     drive = drive_of(options)
-    lag, filter_time, delayed = 0.0, 0.0, []
+    built = [sampled_margins(servo, gain, drive) for gain in gains] if drive is not None else []
     if drive is not None:
-        lag = drive.delay + drive.sample_time / 2
-        filter_time = drive.filter_of(servo.controller)
-        delayed = [margins(servo, gain, delay=lag, filter_time=filter_time) for gain in gains]
-        record["with_delay"] = {"delay": lag, "filter_time": filter_time, "margins": delayed}
-    answer = loop_answer(loops, viscous, frictionless, lag, delayed, filter_time)
+        record["as_built"] = {"drive": drive, "margins": built}
+    answer = loop_answer(loops, viscous, frictionless, drive, built)
     give(options, record, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
     return 0

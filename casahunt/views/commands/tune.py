@@ -6,7 +6,7 @@ model; gain, lead_time, integral_time (kp, ki, kd of a controller by gains): the
 cost_meaning, cost_value, cost_unit, cost_gain_only
 (with the times as given; null where nothing was freed or where that cannot be met);
 fold_gain (at the worst friction; 0 where no servo can hunt), margin (asked for), demands {phase_margin, gain_margin,
-delay, sample_time, max_torque}, free, bounds {gain: [low, high], ...};
+delay, sample_time, drive, max_torque}, free, bounds {gain: [low, high], ...};
 worst {corner {parameter: value}, fold_gain, evaluations};
 fold {nominal, error, amplitude, period, linear_low, linear_high}: of the nominal friction, with the linearised range
 over the uncertainty set; binding: what keeps the cost from being less;
@@ -28,6 +28,7 @@ tol; made {date, casahunt (version), servo_file (null: the servo built in), set 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import math
 from collections.abc import Iterator, Sequence
@@ -159,15 +160,19 @@ def _judged(tuning: Tuning, built: AsBuilt | None) -> int:
 def _demands(options: argparse.Namespace) -> Demands:
     """What is asked for."""
     drive = drive_of(options)
-    of_drive = {key: 0.0 if drive is None else getattr(drive, key) for key in ("delay", "sample_time")}
-    own = {key: of_drive[key] if (text := getattr(options, key)) is None else text for key in of_drive}
+    times: dict[str, Any] = {}
+    for key in ("delay", "sample_time"):
+        text = getattr(options, key)
+        own = 0.0 if drive is None else getattr(drive, key)
+        times[key] = own if text is None else finite(key.replace("_", "-"), text)
+    if drive is not None:
+        drive = dataclasses.replace(drive, **times) if times["sample_time"] else None
     return Demands(
         margin=finite("margin", options.margin),
         phase_margin=finite("phase-margin", options.phase_margin),
         gain_margin=finite("gain-margin", options.gain_margin),
-        delay=finite("delay", own["delay"]),
-        sample_time=finite("sample-time", own["sample_time"]),
-        filter_time=0.0 if drive is None else drive.filter_of(servo_of(options).controller),
+        drive=drive,
+        **times,
         max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
     )
 
