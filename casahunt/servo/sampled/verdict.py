@@ -4,16 +4,19 @@ Turning points T_i [rad] are the extremes of the position between which it moves
 in the second half of the motion; swings S_i = |T_{i+1} - T_i|.
 
     at rest     it is stuck with nothing to integrate and a torque within static friction: proven (loop.py); LuGre,
-                which never is: in the second half of the motion it moves by less than bristles bend, Fs/sigma0
+                which never is: in the second half of the motion it moves by less than bristles bend, Fs/sigma0, and the
+                integral does not wind up to a breakaway
     hunting     swings and the times that they take repeat within `PATTERN_WITHIN` (and half a count of the encoder)
                 after a pattern of p swings, p even, over two patterns, and do not drift: the period is the pattern's.
                 Counts that do not lie the same way on both sides make patterns longer than two swings.
                 Or, without a pattern, at least `ENDLESS` swings in the second half of the motion get no smaller
     decaying    each of the last `FALLING` swings is smaller than the one before (of `ENDLESS`, where so many are in
-                the second half of the motion), or it has stayed in the second half within `DIED_OUT` of (Fs - Fc)/kp,
-                the size of hunting by stiction
+                the second half of the motion), none less than what is read of it or acts on it; or, where nothing is
+                quantised, it was farther away before, and has stayed in the second half within `DIED_OUT` of
+                (Fs - Fc)/kp, the size of hunting by stiction
     growing     the motion was given up far away from the set point
-    undecided   none of these
+    undecided   none of these: a servo that is stuck beside its set point winds up and breaks away again, and by torques
+                in steps it may go on for ever where the loop without steps dies out
 """
 
 from __future__ import annotations
@@ -120,7 +123,8 @@ class Ending:
 
     rests_since: when it came to rest for ever [s], nan where it did not; far: whether it was given up far away; waits:
     what is said of a servo that is stuck; count: of the encoder [rad], or 0; unit: (Fs - Fc)/kp [rad], the size of
-    hunting by stiction; bends: Fs/sigma0 of LuGre friction [rad], or 0.
+    hunting by stiction; bends: Fs/sigma0 of LuGre friction that holds [rad], or 0; step: the error that changes the
+    torque by one of its steps [rad], or 0.
     """
 
     rests_since: float
@@ -129,6 +133,12 @@ class Ending:
     count: float
     unit: float
     bends: float = 0.0
+    step: float = 0.0
+
+    @property
+    def grain(self) -> float:
+        """Swings that are smaller show no decay [rad]: nothing is read of them, or acts on them."""
+        return max(self.count, self.step)
 
 
 def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
@@ -154,13 +164,14 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
         text = f"{count}, {_how_closely(in_size, in_time)}"
         return SampledVerdict("hunting", text, amplitude, period, pattern, last, lasts)
-    if not end.count and np.abs(half).max() <= DIED_OUT * end.unit:
-        text = f"within {np.abs(half).max():.2g} rad of the set point since {times[-half.size]:.4g} s"
+    largest = float(np.abs(half).max())
+    if not end.grain and largest <= DIED_OUT * end.unit and largest < np.abs(x[: -half.size]).max(initial=0.0):
+        text = f"within {largest:.2g} rad of the set point since {times[-half.size]:.4g} s"
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
     late = S[t[:-1] >= times[-1] / 2]
     falling = max(FALLING, min(late.size - 1, ENDLESS))  # of a chatter some few are smaller by chance
     falls = S.size > falling and bool((np.diff(S[-falling - 1 :]) < 0).all())
-    if falls and S[-1] >= end.count:  # within a count nothing is read of it, and the integral goes on
+    if falls and S[-1] >= end.grain:  # of less nothing is read, or acts, and the integral goes on
         text = f"the last {falling} swings are each smaller than the one before, {S[-1]:.3g} rad at the end"
         return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
     early, later = (float(part.max(initial=0.0)) for part in np.array_split(late, 2))
@@ -171,7 +182,8 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
         text = f"{late.size} swings in the second half of the motion, which get no smaller and do not repeat"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
         return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)
-    text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s; simulate a longer time{end.waits}"
+    seen = f"; its last swing is {S[-1]:.3g} rad, {t[-1] - t[-2]:.4g} s after the one before" if late.size else ""
+    text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s{seen}; simulate a longer time{end.waits}"
     return SampledVerdict("undecided", text, swings=last)
 
 

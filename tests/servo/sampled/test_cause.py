@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from built_case import SERVO
 
-from casahunt import Drive, cause_of, simulate_sampled
+from casahunt import Drive, Friction, Pid, Servo, cause_of, simulate_sampled
 from casahunt.servo.sampled import cause
 from casahunt.servo.sampled.cause import smallest_dead_band, told_apart
 from casahunt.servo.sampled.verdict import Ending, judge, turning_points
@@ -98,6 +99,55 @@ def test_swings_that_shrink_are_no_hunting():
     """Above its fold the loop without an encoder dies out."""
     motion = simulate_sampled(SERVO, 4.458, DRIVE.exact(), time=100.0)
     assert motion.verdict.kind == "decaying"
+
+
+COARSE = Servo(
+    inertia=0.0035, motor_gain=1.0, controller=Pid(kp=4, ki=30, kd=0.12),
+    friction=Friction(static=0.8, coulomb=0.55, stribeck_velocity=0.08, viscous=0.02, stiffness=8e3, damping=3.0),
+)  # fmt: skip
+
+
+def test_a_servo_that_winds_up_by_torques_in_steps_is_not_on_its_way_to_rest():
+    """Steps of 2 N m: stuck at x its integral goes from -1 to 1 N m, 2/(30 |x|) s, where its torque turns round."""
+    drive = Drive(sample_time=1e-3, quantise_torque=2.0)
+    for time in (100.0, 300.0, 1000.0):
+        short = simulate_sampled(COARSE, 1.0, drive, time=time).verdict
+        assert short.kind == "undecided" and "ends stuck" in short.sentence
+    assert "its last swing is 0.000689 rad" in short.sentence
+    motion = simulate_sampled(COARSE, 1.0, drive, time=3000.0)
+    late = motion.states[0, 1_500_000:]
+    waits = [2 / (30 * abs(x)) for x in (late.min(), late.max())]
+    assert motion.verdict.kind == "hunting" and motion.verdict.period == pytest.approx(sum(waits), rel=5e-3)
+    assert motion.verdict.amplitude == pytest.approx(np.ptp(late) / 2, rel=1e-2)
+
+
+def test_a_servo_that_has_not_moved_shows_no_decay():
+    motion = simulate_sampled(COARSE, 1.0, Drive(sample_time=1e-3), position=1 - 1e-5, time=10.0)
+    assert motion.verdict.kind == "undecided" and not motion.states[1].any()
+
+
+@pytest.mark.parametrize("step, kind", [(1e-3, "decaying"), (1.0, "undecided")])
+def test_swings_within_what_changes_the_torque_do_not_show_that_they_die_out(step, kind):
+    x = 0.9 ** np.arange(30.0) * (-1.0) ** np.arange(30)
+    assert judge(np.arange(30.0), x, Ending(np.nan, False, "", 0.0, 0.0, step=step)).kind == kind
+
+
+def test_a_lugre_servo_that_winds_up_is_not_at_rest():
+    """Bristles do not move under a torque in steps that stays 0 for 40 s; its sum goes on. A leak ends that."""
+    drive = Drive(sample_time=1e-3, quantise_torque=2.0)
+    short, held = (
+        simulate_sampled(COARSE, 1.0, replace(drive, leak=leak), model="lugre", time=6.0) for leak in (0.0, 5.0)
+    )
+    assert np.ptp(short.states[0, 3000:]) < 1e-4 and np.ptp(short.states[2, 3000:]) > 1e-3
+    assert short.verdict.kind == "undecided" and held.verdict.kind == "at rest"
+
+
+@pytest.mark.parametrize("step, beside, rests", [(0.0, 5e-6, True), (0.0, 1.5e-4, False), (0.5, 5e-6, False)])
+def test_bristles_that_bend_to_the_set_point_are_at_rest(step, beside, rests):
+    """8000 N m/rad and 0.8 N m: 0.1 mrad. By torques in steps they do not bend, and the sum goes on."""
+    drive = Drive(sample_time=1e-3, quantise_torque=step)
+    motion = simulate_sampled(COARSE, 1.0, drive, model="lugre", position=1 - beside, time=2.0)
+    assert np.ptp(motion.states[0]) < 1e-4 and (motion.verdict.kind == "at rest") == rests
 
 
 @pytest.mark.parametrize("shrinks, kind", [(0.0, "hunting"), (5e-3, "decaying")])
