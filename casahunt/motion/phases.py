@@ -188,9 +188,7 @@ def _at_rest_since(segments: list[Segment], scale: Array) -> int:
     last, many = segments[-1], len(segments) - STANDS_FOR
     if many < 0 or np.any(np.abs(last.end - last.start) > STANDS * scale):
         return len(segments)
-    since = len(segments)
-    while since and _is_noise(segments[since - 1], last.end, scale):
-        since -= 1
+    since = len(before_rest(segments, scale, STANDS))
     earlier, later = (
         np.max(np.ptp(np.vstack([_nodes(s) for s in half]), axis=0) / scale)
         for half in (segments[many : -STANDS_FOR // 2], segments[-STANDS_FOR // 2 :])
@@ -205,16 +203,21 @@ def _nodes(segment: Segment) -> Array:
 
 def _is_noise(segment: Segment, x: Array, scale: Array) -> bool:
     """Whether a phase stays at x, but for rounding."""
-    return not np.any(np.abs(_nodes(segment) - x) > STANDS * scale)
+    return far_from([segment], x, scale) <= STANDS
 
 
-def before_rest(segments: list[Segment], scale: Array) -> list[Segment]:
-    """The phases before the motion stays where it ends, but for rounding: all of them where it never does.
+def far_from(segments: list[Segment], x: Array, scale: Array) -> float:
+    """How far phases lead from x; scale: (n,) sizes of the states that this is relative to."""
+    return max((float(np.max(np.abs(_nodes(segment) - x) / scale)) for segment in segments), default=0.0)
 
-    scale: (n,) sizes of the states.
+
+def before_rest(segments: list[Segment], scale: Array, within: float) -> list[Segment]:
+    """The phases before the motion stays where it ends, but for so much: all of them where it never does.
+
+    scale: (n,) sizes of the states that `within` is relative to.
     """
     since = len(segments)
-    while since and _is_noise(segments[since - 1], segments[-1].end, scale):
+    while since and far_from(segments[since - 1 : since], segments[-1].end, scale) <= within:
         since -= 1
     return segments[:since]
 

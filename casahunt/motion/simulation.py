@@ -29,7 +29,7 @@ from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
 from ..results import Result
 from .closed_forms import check_closed_forms
-from .phases import MARCHED_AT_MOST, MarchFailure, Segment, before_rest, march
+from .phases import MARCHED_AT_MOST, MarchFailure, Segment, before_rest, far_from, march
 from .segment import NoEnd
 
 Array = np.ndarray
@@ -218,7 +218,7 @@ def simulate(
         coarse, fine = (follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, SECOND_RUN * tol))
     except MarchFailure as failure:
         raise NoOrbit(f"the motion of {system.name} cannot be followed: {failure}", Status.NOT_CONVERGED) from None
-    return Motion(system, p, tuple(fine), _difference(coarse, fine, scale), scale, kind)
+    return Motion(system, p, tuple(fine), _difference(coarse, fine, scale, tol), scale, kind)
 
 
 def _scale_of(sizes: Mapping[str, float], system: System) -> Array:
@@ -305,19 +305,29 @@ def look(
     return scale, phases, (times, states)
 
 
-def _difference(coarse: list[Segment], fine: list[Segment], scale: Array) -> float:
+def _difference(coarse: list[Segment], fine: list[Segment], scale: Array, tol: float) -> float:
     """What two runs of one motion differ by: times of events relative to the duration, states relative to their sizes.
 
-    Infinite where the sequences of the phases are not the same; those of a rest, which are rounding, may differ.
+    Infinite where the sequences of the phases are not the same.  Where both motions have come to where they end, but
+    for half of the tolerance, their phases from then on may differ, and count by how far they lead from there.
     """
-    whole, states = sum(s.duration for s in fine), [(coarse[-1].end - fine[-1].end) / scale]
+    whole, at_end = sum(s.duration for s in fine), float(np.max(np.abs(coarse[-1].end - fine[-1].end) / scale))
+    found = _apart(coarse, fine, scale, whole)
+    if found > tol:
+        lively = min(len(before_rest(run, scale, tol / 2)) for run in (coarse, fine))
+        later = max(far_from(run[lively:], run[-1].end, scale) for run in (coarse, fine))
+        if later <= tol:
+            found = min(found, max(_apart(coarse[:lively], fine[:lively], scale, whole), later))
+    return max(found, at_end)
+
+
+def _apart(coarse: list[Segment], fine: list[Segment], scale: Array, whole: float) -> float:
+    """By how much the phases differ; infinite where their sequences do."""
     if _names_of(coarse) != _names_of(fine):
-        coarse, fine = before_rest(coarse, scale), before_rest(fine, scale)
-        if _names_of(coarse) != _names_of(fine):
-            return float("inf")
+        return float("inf")
     times = np.cumsum([a.duration - b.duration for a, b in zip(coarse, fine, strict=True)]) / whole
-    states += [(a.end - b.end) / scale for a, b in zip(coarse, fine, strict=True)]
-    return float(max(np.max(np.abs(times), initial=0.0), np.max(np.abs(states))))
+    states = [np.abs(a.end - b.end) / scale for a, b in zip(coarse, fine, strict=True)]
+    return float(max(np.max(np.abs(times), initial=0.0), np.max(states, initial=0.0)))
 
 
 def _names_of(segments: list[Segment]) -> list[tuple[str, str]]:

@@ -134,7 +134,7 @@ def test_what_two_motions_differ_by():
         ([phase(1.0, 1.0, 50.0), phase(3.0, 0.5, 90.0, event="rests")], math.inf),
         ([phase(1.0, 1.0, 50.0)], math.inf),
     ):
-        assert simulation._difference(other, fine, size) == error
+        assert simulation._difference(other, fine, size, 1e-8) == error
 
 
 def test_stick_slip():
