@@ -45,8 +45,9 @@ def as_whole_as_needed(orbit: AnyOrbit, vary: Sequence[str], to: Sequence[float]
         return orbit
     found = _whole(orbit, options)
     if found is None:
-        sentence = f"along {' and '.join(vary)} the cycle of {family.title} loses its symmetry, and the whole of it was"
-        raise NoOrbit(f"{sentence} not computed: start where it is not symmetric", Status.NOT_CONVERGED)
+        names = " and ".join(vary)
+        sentence = f"along {names} the cycle of {family.title} loses its symmetry, and the whole of it was not computed"
+        raise NoOrbit(f"{sentence}: start from a cycle at another {names}, where it has none", Status.NOT_CONVERGED)
     return found
 
 

@@ -164,7 +164,7 @@ def is_symmetry(
     """Whether x -> S^-1 (x + shift) maps the first half of `segments`, with all that belongs to it, to the second.
 
     Fields, conditions, events, also those that are not met, and jumps are compared at states of the motion and at
-    others around them.
+    others around them, all with the parameters p: the motion may be one with others.
 
     S, shift: (n, n) and (n,); p, scale: parameter vector; (n,) sizes of the states.
     Returns True where everything agrees.
@@ -193,11 +193,10 @@ def is_symmetry(
         if not np.max(np.abs(f - _fields(second, y, p, scale)) / np.abs(f).max(axis=1, initial=1.0)[:, None]) <= EQUAL:
             return False
         for a, b in alike:
-            if (
-                a.jumped is not None
-                and np.max(np.abs(image(a.jumped) - _jumped(form, b, image(a.end), p)) / scale) > EQUAL
-            ):
-                return False
+            if a.jumped is not None:
+                off = image(_jumped(form, a, a.end, p)) - _jumped(form, b, image(a.end), p)
+                if np.max(np.abs(off) / scale) > EQUAL:
+                    return False
     return True
 
 

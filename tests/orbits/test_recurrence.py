@@ -117,3 +117,22 @@ def test_what_a_phase_is_called_when_mirrored():
         end = np.array([1.0, 0.5])
         phase = Segment("in", "right", 0.5, np.array([0.0, 1.0]), np.array([[0.5, 1.0], end]), end)
         assert image_of(form, phase, Closure.of(-np.eye(2), np.zeros(2), 2), np.zeros(0), np.ones(2)) == ("in", "left")
+
+
+@pytest.mark.parametrize(("offset", "image"), [(0.0, ("in", "left")), (0.1, None)])
+def test_a_jump_is_mirrored_with_the_parameters_that_are_asked_for(offset, image):
+    """A speed that is multiplied by k at either side stays mirrored for every k, whatever k the motion has jumped with;
+    one that is also shifted by 0.1 (k - 0.5) is mirrored at the motion's own k = 0.5 alone.  With the states behind
+    the motion's own jump a reset lost its symmetry wherever it was varied."""
+
+    def bounces(x, p):
+        return {"v": p.k * x.v + offset * (p.k - 0.5)}
+
+    right = Event("right", lambda x, p: x.x - 1, +1, to="in", reset=bounces)
+    left = Event("left", lambda x, p: x.x + 1, -1, to="in", reset=bounces)
+    mode = Mode("in", lambda x, p: {"x": x.v, "v": -x.x}, ends=(right, left))
+    form = System("gap", ("x", "v"), {"k": 0.5}, (mode,)).vector_form
+    end, half = np.array([1.0, 0.5]), Closure.of(-np.eye(2), np.zeros(2), 2)
+    phase = Segment("in", "right", 0.5, np.array([0.0, 1.0]), np.array([[0.5, 1.0], end]), end, np.array([1.0, 0.25]))
+    assert image_of(form, phase, half, np.array([0.5]), np.ones(2)) == ("in", "left")
+    assert image_of(form, phase, half, np.array([-1.0]), np.ones(2)) == image

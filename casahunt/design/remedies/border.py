@@ -142,20 +142,22 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
         with effort.at_most(MOST_WORK_OF_A_BORDER):
             found = _from_a_little(loop, remedy, start, scales, options, way)
     except effort.PartGivenUp:
-        found = _given_up(remedy, way, f"after the work of {MOST_WORK_OF_A_BORDER:g} intervals")
+        found = _given_up(remedy, way, f"given up after the work of {MOST_WORK_OF_A_BORDER:g} intervals")
+    except NoOrbit as refusal:
+        found = _given_up(remedy, way, str(refusal))
     if found.kind == "not found" and way:
         return _by_motions(loop, remedy, remedy.last * scales.of(remedy, loop), way) or found
     return found
 
 
-def _given_up(remedy: Remedy, way: list[SystemOrbit], spent: str) -> Border:
-    """How far cycles were followed."""
+def _given_up(remedy: Remedy, way: list[SystemOrbit], evidence: str) -> Border:
+    """How far cycles were followed, and what stopped it."""
     if not way:
-        return Border("not found", math.nan, math.nan, None, None, {}, NO_FIRST, f"given up {spent}")
+        return Border("not found", math.nan, math.nan, None, None, {}, NO_FIRST, evidence)
     values = [orbit.problem.value(remedy.size) for orbit in way]
     farthest = int(np.argmax(remedy.sense * np.array(values)))
     why = f"{_went(values[0], values[farthest], remedy)}, {NO_FARTHER}"
-    return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why, f"given up {spent}")
+    return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why, evidence)
 
 
 def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit]) -> Border | None:
@@ -278,7 +280,7 @@ def _along(
     before = None
     for tol in BRANCH_TOLERANCES:
         if len(way) >= MOST_CYCLES:
-            return _given_up(remedy, way, f"after {len(way)} cycles")
+            return _given_up(remedy, way, f"given up after {len(way)} cycles")
         branch = follow(cycle, remedy.size, to=last, monitors=(FOLD, GRAZING), options=replace(options, tol=tol),
                         max_points=MOST_CYCLES, progress=way.append)  # fmt: skip
         if (found := _told(branch, last, tol) or _turned(branch, remedy.sense)) is not None:

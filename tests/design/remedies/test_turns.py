@@ -9,6 +9,7 @@ from casahunt import Controller, Friction, Options, Servo, Uncertainty, effort, 
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies.border import TURN_KNOWN
+from casahunt.errors import NoOrbit, Status
 from casahunt.servo.parts import REMEDIES
 
 
@@ -91,6 +92,28 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
     monkeypatch.undo()
     with pytest.raises(effort.GivenUp), effort.counting_work(None, limit=2000):  # of all, and not of the remedy
         asked()
+
+
+@pytest.mark.parametrize("least", [0.535, 0.0])
+def test_a_branch_that_cannot_be_followed_is_a_row_that_says_so(monkeypatch, least):
+    """It is no end of the table, of the worst servo of a set or the one that is given; the fold: an event map's."""
+    along = border._along
+
+    def followed(cycle, *more):
+        if cycle.problem.value("static") > least:
+            raise NoOrbit("its cycles are not to be followed", Status.NOT_CONVERGED)
+        return along(cycle, *more)
+
+    monkeypatch.setattr(border, "_along", followed)
+    monkeypatch.setattr(border, "end_of_motions", lambda *a: None)
+    allowed = Uncertainty({"friction.static": (0.52, 0.54)})
+    row = remedies(Servo(), "switch", 0.04, only=["dead band"], uncertainty=allowed).remedies[0]
+    assert math.isnan(row.worst_size)
+    if least:
+        assert row.ends_hunting and row.size == pytest.approx(0.0433457242337, rel=1e-9)
+    else:
+        assert row.kind == "not found" and row.evidence == "its cycles are not to be followed"
+        assert "could not be farther" in row.why and row.first is not None
 
 
 @pytest.mark.slow
