@@ -28,10 +28,10 @@ from ...servo.parts.linear import linear_margins
 from ...servo.parts.loop import Loop
 from ...servo.parts.lugre import LUGRE
 from ...servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
-from ...servo.parts.plain_loop import by_gains, loop_of
+from ...servo.parts.plain_loop import FRICTIONS, by_gains, loop_of
 from ...servo.parts.remedy import Corners, Remedy
 from ...servo.parts.switch import SWITCH
-from ...servo.parts.table import REMEDIES, REMEDY_NAMES, remedy_name
+from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of
 from ...servo.parts.verbs import loop_cycle
 from ...servo.parts.with_exponent import WITH_EXPONENT
 from ...servo.servo import Servo, a_servo
@@ -86,7 +86,7 @@ def remedies(
         the servo, its friction model (default "switch") and gain K > 0 [V/rad] (default 1); or a loop of parts, which
         says both itself.
     only
-        names of the remedies that are looked at; default all that go with the friction model.
+        names of the remedies that are looked at; default all.  Of one that does not go with the loop its row says why.
     max_error, max_torque
         demands: largest error at rest [rad], largest torque on a step of 1 rad [N m].
     margin
@@ -104,7 +104,7 @@ def remedies(
 
     Raises
     ------
-    InputError : an unknown name, or a number out of range.
+    InputError : an unknown name, a number out of range, or remedies none of which goes with the loop.
     NoOrbit : the servo does not hunt at this gain, or its cycle was not found.
 
     Examples
@@ -120,11 +120,10 @@ def remedies(
     require("margin", margin, above=0, at_most=LARGER_SIZES[-1])
     asked = _asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin)
     rows = []
-    for remedy in REMEDIES:
-        if asked.model in remedy.needs and remedy.name in wanted:
-            rows.append(_row(asked, remedy))
-            if progress is not None:
-                progress(rows[-1])
+    for remedy, misfit in _looked_at(asked, wanted):
+        rows.append(Cure(remedy.name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy))
+        if progress is not None:
+            progress(rows[-1])
     loop, orbit = asked.loop, asked.orbit
     rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0, orbit.amplitude).peak_torque, orbit))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
@@ -224,8 +223,6 @@ def _price(today: float, orbit: Orbit) -> Callable[[Cure], tuple[bool, float]]:
 def _row(asked: _Asked, remedy: Remedy) -> Cure:
     """One remedy, found and priced."""
     loop = asked.loop
-    if misfit := _misfit(loop, remedy):
-        return Cure(remedy.name, remedy.unit, "does not fit", why=misfit)
     found, numbers = border(loop, remedy, asked.start, asked.scales, asked.options), _numbers(loop)
     if found.kind == "not found":
         return Cure(remedy.name, remedy.unit, found.kind, why=found.why, evidence=found.evidence,
@@ -272,8 +269,21 @@ def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
                 followed_to=found.size, first=found.first)  # fmt: skip
 
 
-def _misfit(loop: Loop, remedy: Remedy) -> str:
+def _looked_at(asked: _Asked, wanted: Sequence[str]) -> list[tuple[Remedy, str]]:
+    """Remedies that are wanted, by name, and why each does not go with the loop.  Raises InputError: none does."""
+    known = [remedy_of(name, asked.model) for name in REMEDY_NAMES if name in wanted]
+    looked_at = [(remedy, _misfit(asked, remedy)) for remedy in known]
+    if all(misfit for _, misfit in looked_at):
+        said = "; ".join(f"{remedy.name}: {misfit}" for remedy, misfit in looked_at)
+        raise InputError(f"none of these remedies goes with this loop: {said}")
+    return looked_at
+
+
+def _misfit(asked: _Asked, remedy: Remedy) -> str:
     """Why a remedy does not go with a loop; "" where it does."""
+    loop = asked.loop
+    if asked.model not in remedy.needs:
+        return f"it goes with {' and '.join(FRICTIONS[model].name for model in remedy.needs)} alone"
     if remedy.part is None and remedy.size not in loop.parameters:
         return f"its size is {remedy.size}, which no part of this loop has"
     if remedy.instead and remedy.instead not in [part.name for part in loop.present]:

@@ -36,6 +36,12 @@ def remedies_for(model: str) -> dict[str, Remedy]:
     return {remedy.name: remedy for remedy in REMEDIES if remedy.part is not None and model in remedy.needs}
 
 
+def remedy_of(name: str, model: str) -> Remedy:
+    """A remedy, by its name, as it goes with a friction model; where it does not, as it goes with another one."""
+    known = [remedy for remedy in REMEDIES if remedy.name == name]
+    return next((remedy for remedy in known if model in remedy.needs), known[0])
+
+
 def remedy_name(name: str) -> str:
     """The name of a remedy.  Raises InputError: it is none; says the nearest, or that the model has no such thing."""
     check_in_the_model(name)

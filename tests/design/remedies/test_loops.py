@@ -1,10 +1,13 @@
 """Remedies for loops of parts: the plain servo in any form has the servo's sizes, and what does not fit says why."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
-from casahunt import InputError, Uncertainty, remedies
+from casahunt import InputError, Servo, Uncertainty, remedies
+from casahunt.design.remedies import remedies as module
+from casahunt.design.remedies.cures import Cure
 from casahunt.servo.parts import (
     BY_DIRECTION,
     DEAD_BAND,
@@ -18,6 +21,8 @@ from casahunt.servo.parts import (
     Loop,
     transfer_function,
 )
+from casahunt.servo.parts.plain_loop import loop_of
+from casahunt.servo.parts.table import REMEDY_NAMES
 
 BAND, LEAKS, LEAST_KI = 0.0433457242337, 0.246844841, 0.02507950354
 """Of Table 1 at K = 0.04: the first two by independent event maps [rad], [1/s]."""
@@ -55,15 +60,32 @@ def test_a_friction_of_its_own_in_each_direction():
     assert remedies(loop, only=["dead band"]).best == "dead band"
 
 
-def test_what_does_not_fit_says_why():
+def test_what_does_not_fit_says_why(monkeypatch):
+    """In a row beside others; alone it is refused: "none of these remedies ends it" was said of what nobody tried."""
+    monkeypatch.setattr(module, "_row", lambda asked, remedy: Cure(remedy.name, remedy.unit, "none"))
     loop = Loop((INERTIA, BY_DIRECTION, P_PI, INTEGRATOR, DEAD_BAND), {"gain": 0.04, "dead_band": 0.01})
     names = ["dither", "integral", "hysteresis"]
-    said = {row.name: row.why for row in remedies(loop, only=names).remedies if row.kind == "does not fit"}
-    assert said == {
+    rows = remedies(loop, only=[*names, "leak"]).remedies
+    said = {row.name: row.why for row in rows if row.kind == "does not fit"}
+    assert len(rows) == 4 and said == {
         "dither": "it takes the place of Switch friction, which this loop does not have",
         "integral": "its size is ki, which no part of this loop has",
         "hysteresis": "dead band and hysteresis do not go together: both give the integrand",
     }
+    with pytest.raises(InputError, match="^none of these remedies goes with this loop: hysteresis: dead") as refused:
+        remedies(loop, only=names)
+    assert all(f"{name}: {why}" in str(refused.value) for name, why in said.items())
+
+
+def test_what_does_not_go_with_a_bristle_says_so():
+    asked = SimpleNamespace(loop=loop_of(Servo(), "lugre", 0.04), model="lugre")
+    looked_at = module._looked_at(asked, REMEDY_NAMES)
+    assert [remedy.name for remedy, _ in looked_at] == list(REMEDY_NAMES)
+    assert all((not misfit) is ("lugre" in remedy.needs) for remedy, misfit in looked_at)
+    said = {remedy.name: misfit for remedy, misfit in looked_at if misfit}
+    assert said == dict.fromkeys(("freeze", "reset at a stop", "dither"), "it goes with Switch friction alone")
+    with pytest.raises(InputError, match="goes with this loop: freeze: it goes with Switch friction alone$"):
+        module._looked_at(asked, ["freeze"])
 
 
 def test_a_part_that_nobody_reads_is_refused():
