@@ -21,11 +21,17 @@ from casahunt.design.uncertainty.samples import draw, sample
 from casahunt.design.uncertainty.set import Uncertainty, load_uncertainty
 from casahunt.design.uncertainty.summary import linear_gains, linear_moments, linear_range, summary
 from casahunt.design.uncertainty.worst_corner import WorstCase, worst_corner
+from casahunt.errors import Status
+from casahunt.views.commands import remedies as remedies_command
+from casahunt.views.commands import tune as tune_command
+from casahunt.views.commands import uncertainty as uncertainty_command
 from problems import table1
 
 EXAMPLE = Path(table1.__file__).with_name("table1_uncertainty.toml")
 FRICTION = Uncertainty({"friction.static": (0.52, 0.54), "friction.coulomb": (0.435, 0.445)})
 PAIR = ("friction.static", "friction.coulomb")
+SQUARE = Uncertainty(dict.fromkeys(PAIR, (0.40, 0.46)))
+"""Half of which is no servo."""
 QUICK = Options(tol=1e-6)
 
 
@@ -108,6 +114,39 @@ def test_draws(servo):
     assert np.cov(normal.T) == pytest.approx(covariance, abs=4 * 4e-6 * np.sqrt(2 / 20000))
     singular = draw(servo, Uncertainty(names=PAIR, covariance=1e-6 * np.ones((2, 2))), 5)
     assert singular[:, 0] - singular[:, 1] == pytest.approx(0.09, abs=1e-12)
+
+
+def test_what_is_no_servo_is_left_out_of_the_draws(servo):
+    """Half of a square of static and Coulomb friction, 0.4 to 0.46 N m, is: a triangle, its mean at two thirds and one
+    third of the way, with a standard deviation of a side over sqrt(18)."""
+    rows = draw(servo, SQUARE, 5000, seed=1)
+    assert (rows[:, 0] >= rows[:, 1]).all() and np.array_equal(rows[:9], draw(servo, SQUARE, 9, seed=1))
+    assert rows.mean(axis=0) == pytest.approx([0.44, 0.42], abs=4 * 0.06 / np.sqrt(18 * 5000))
+    alone = draw(servo, Uncertainty({"friction.static": (0.40, 0.53)}), 5000)[:, 0]  # Coulomb friction is 0.44
+    assert alone.min() >= 0.44 and alone.mean() == pytest.approx(0.485, abs=4 * 0.09 / np.sqrt(12 * 5000))
+
+
+@pytest.mark.parametrize(("intervals", "said"), [
+    (SQUARE.intervals, True),
+    ({"friction.static": (0.40, 0.53)}, True), ({"friction.static": (0.45, 0.53)}, False),
+    ({"friction.coulomb": (0.40, 0.54)}, True), ({"friction.coulomb": (0.40, 0.53)}, False),
+    ({"friction.viscous": (0.1, 0.9)}, False),
+])  # fmt: skip
+def test_every_command_says_what_it_leaves_out(tmp_path, capsys, monkeypatch, intervals, said):
+    """It was refused by the one, where a sample was no servo, and verified by the other."""
+
+    def stops(*given, **how):
+        raise NoOrbit("as far as here", Status.NOT_CONVERGED)
+
+    for module, name in ((uncertainty_command, "find_fold"), (tune_command, "tune"), (remedies_command, "remedies")):
+        monkeypatch.setattr(module, name, stops)
+    path = tmp_path / "friction.toml"
+    path.write_text("[interval]\n" + "".join(f'"{key}" = {list(ends)}\n' for key, ends in intervals.items()))
+    for command in (["uncertainty"], ["tune"], ["remedies", "--gain", "0.1"]):
+        assert cli.main([*command, "--uncertainty", str(path)]) == 1
+        err = capsys.readouterr().err
+        assert ("the part with friction.static below friction.coulomb is left out" in err) is said
+        assert "as far as here" in err
 
 
 class Backwards(Executor):
@@ -351,8 +390,7 @@ def test_no_uncertainty(given, sentence):
         ('[covariance]\nnames = ["friction.static"]\n', "must have a matrix"),
         ('[covariance]\nnames = ["friction.static"]\nmatrix = [[1.0]]\n', "at 3 standard deviations"),
         ('[covariance]\nnames = ["friction.static"]\nmatrix = [[1e-6]]\nsigma = 2\n', "did you mean 'sigmas'"),
-        # Within the box there are servos, but not every sample is one.
-        ('[interval]\n"friction.static" = [0.40, 0.53]\n', "sample .* of 20: friction.static = .* smaller"),
+        ('[interval]\n"friction.static" = [0.40, 0.44000001]\n', "values drawn only .*; narrow one of the int"),
     ],
 )
 def test_bad_files(tmp_path, capsys, text, sentence):

@@ -35,7 +35,7 @@ from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of
 from ...servo.parts.verbs import loop_cycle
 from ...servo.parts.with_exponent import WITH_EXPONENT
 from ...servo.servo import Servo, a_servo
-from ..uncertainty.set import Uncertainty, check_box
+from ..uncertainty.set import Uncertainty, are_servos, check_box
 from .border import (
     BORDERS,
     MOTIONS_KNOW,
@@ -170,6 +170,13 @@ class _Asked:
         servo, uncertainty = self.uncertain
         ends = zip(*(end.tolist() for end in uncertainty.box(servo)), strict=True)
         return dict(zip(called(uncertainty.parameters), ends, strict=True))
+
+    def has(self, corner: tuple[float, ...]) -> bool:
+        """Whether a corner of the box is a servo."""
+        if self.uncertain is None:
+            return False
+        servo, uncertainty = self.uncertain
+        return bool(are_servos(servo, uncertainty.parameters, np.array([corner])).all())
 
     @cached_property
     def farthest_at_rest(self) -> Loop:
@@ -313,6 +320,8 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
         corner = tuple(ends[at.moves.get(name, 0.0) * remedy.sense > 0] for name, ends in box.items())
         if corner in seen:
             break
+        if not asked.has(corner):
+            return math.nan
         at = border(asked.at(corner), remedy, asked.start, asked.scales, asked.options)
         if at.kind not in BORDERS:
             return math.nan
@@ -332,7 +341,7 @@ def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:
     swing = found.swing or Swing.of(found.orbit or asked.orbit)
     if len(asked.box) > MOST_UNCERTAIN:
         return math.nan
-    for corner in product(*asked.box.values()):
+    for corner in filter(asked.has, product(*asked.box.values())):
         begin = more_of(remedy, size, 1 - MOTIONS_KNOW)
         more = end_of_motions(asked.at(corner), remedy, swing, begin, last, STARTS_BESIDE)
         if more is None:

@@ -1,6 +1,8 @@
 """Fold gains of servos drawn from the uncertainty.
 
-    q_j uniform in the box,    or    q_j = q0 + D R z_j:    D = diag sqrt(C_ii), R R = D^-1 C D^-1, z_j standard normal
+    q_j uniform in the box, or    q_j = q0 + D R z_j:    D = diag sqrt(C_ii), R R = D^-1 C D^-1, z_j standard normal
+
+Of the box, what is no servo is left out (set.py).
 
 Units: K in V/rad.  Symbols: k uncertain parameters, n samples.
 """
@@ -24,10 +26,12 @@ from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT, column
 from ..ensemble import folds_of
 from ..nearby import nominal_fold, servo_at, values_of
-from .set import Array, Uncertainty, check_box
+from .set import COULOMB, STATIC, Array, Uncertainty, are_servos, check_box
 
 MOST_SAMPLES = 1_000_000
 """Beyond so many the folds would take days."""
+DRAWN_FOR_A_SAMPLE = 1000
+"""Points of the box that are drawn for a sample, on average: where fewer of them are servos, hardly any is."""
 QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "50%": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
 """Quantiles of the sampled fold gains."""
 
@@ -89,11 +93,11 @@ class Samples(Result):
 
 
 def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:
-    """Parameter values: uniform in the intervals, or normal about the servo's values.
+    """Parameter values: uniform in the intervals, where they are of a servo, or normal about the servo's values.
 
     servo, uncertainty: the servo, and k of its parameters as they may be; seed: >= 0, of the random numbers. Returns
-    (n, k); the first rows do not depend on n. Raises InputError: n or seed is no such number, or a value is out of its
-    parameter's range, for example static below Coulomb friction.
+    (n, k); the first rows do not depend on n. Raises InputError: n or seed is no such number, hardly any value of the
+    intervals is of a servo, or a normal one is not, for example with static below Coulomb friction.
     """
     if isinstance(n, bool) or int(n) != n or n < 1:
         raise InputError(f"samples = {quoted(n)}: must be a whole number, at least 1")
@@ -104,8 +108,7 @@ def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Ar
     random = np.random.default_rng(np.random.SeedSequence(int(seed)))
     names = uncertainty.parameters
     if uncertainty.covariance is None:
-        low, high = uncertainty.box(servo)
-        rows = low + (high - low) * random.random((int(n), len(names)))
+        rows = _uniform(servo, uncertainty, int(n), random)
     else:
         # The symmetric root exists for a singular matrix too, and has no sign to choose; of the correlations,
         # because the variances differ by many orders of magnitude.
@@ -119,6 +122,19 @@ def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Ar
         except InputError as error:
             raise InputError(f"sample {i + 1} of {n}: {error}; make the uncertainty smaller") from None
     return rows
+
+
+def _uniform(servo: Servo, uncertainty: Uncertainty, n: int, random: np.random.Generator) -> Array:
+    """(n, k) the first n servos of a sequence of points of the box.  Raises InputError: hardly any is one."""
+    names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
+    rows = np.empty((0, len(names)))
+    for _ in range(DRAWN_FOR_A_SAMPLE):
+        drawn = low + (high - low) * random.random((n, len(names)))
+        rows = np.vstack([rows, drawn[are_servos(servo, names, drawn)]])
+        if len(rows) >= n:
+            return rows[:n]
+    few = f"of {n * DRAWN_FOR_A_SAMPLE} values drawn only {len(rows)} are of a servo"
+    raise InputError(f"{few}, the others have {STATIC} below {COULOMB}; narrow one of the intervals")
 
 
 def sample(

@@ -7,6 +7,9 @@ A TOML file has one of two tables:
     [interval]      "friction.static" = [0.52, 0.54], or "2%": l, h = q0 -+ 0.02 |q0|
     [covariance]    names, matrix, sigmas
 
+Where intervals of static and Coulomb friction overlap, the part of the box with static < Coulomb friction is no servo,
+and left out: no sample, no corner lies there (`are_servos`).  Intervals found in records may overlap so.
+
 The box of a covariance takes no notice of correlations: its corners are farther out than any likely servo, and normal
 samples may lie outside it.
 
@@ -161,6 +164,30 @@ def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
                 where = "" if uncertainty.covariance is None else f" (at {uncertainty.sigmas:g} standard deviations)"
                 raise InputError(f"{error}{where}") from None
     servo.replace(**roomy)
+
+
+def are_servos(servo: Servo, names: Sequence[str], rows: Array) -> Array:
+    """Whether values in the box are of servos: static friction is at least Coulomb friction.
+
+    servo, names, rows: the servo, k names, and (n, k) values of them. Returns (n,) bool.
+    """
+    values = dict(zip(names, rows.T, strict=True))
+    static, coulomb = values.get(STATIC, servo.friction.static), values.get(COULOMB, servo.friction.coulomb)
+    return np.broadcast_to(np.asarray(static) >= coulomb, len(rows))
+
+
+def part_without_servos(servo: Servo, uncertainty: Uncertainty) -> str:
+    """A sentence on the part of the intervals that is no servo, where there is one; "" else."""
+    if uncertainty.covariance is not None:
+        return ""
+    ends = zip(uncertainty.parameters, *uncertainty.box(servo), strict=True)
+    least = np.array([[high if name == COULOMB else low for name, low, high in ends]])
+    if are_servos(servo, uncertainty.parameters, least).all():
+        return ""
+    return (
+        f"of the uncertainty the part with {STATIC} below {COULOMB} is left out, which is no servo; narrow one of the "
+        "intervals where that is not meant"
+    )
 
 
 def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:

@@ -52,6 +52,7 @@ from .remedies import (
     remedy_lines,
     that_holds,
 )
+from .uncertain import say_what_is_left_out
 
 FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -87,6 +88,7 @@ def run(options: argparse.Namespace) -> int:
         complain("casahunt cure", f"the records were not fitted: {found.status.advice}")
         return 1
     gain = found.records[0].gain
+    say_what_is_left_out(options, found.servo, found.uncertainty)
     tell(stream, "computing the fold")
     fold = _fold(found, how)
     cures = remedies(

@@ -21,7 +21,6 @@ from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
 from ...design.remedies.price import ENDED, SETTLED_WITHIN, TASK_STEP, settled_within
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
-from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError
 from ...export import plain
 from ...results import tables_of
@@ -38,6 +37,7 @@ from .output import give
 from .output_paths import write_results
 from .progress import progress, tell
 from .sampled import DRIVE_PARTS, checked_lines
+from .uncertain import uncertainty_of
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -110,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
     limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
     margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
-    uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
+    uncertainty = uncertainty_of(options, servo)
 
     def computed() -> Cures:
         return remedies(

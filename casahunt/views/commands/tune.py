@@ -40,7 +40,6 @@ from ...design.remedies.remedies import remedies
 from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tasks import TASK_STEPS
 from ...design.tune.tuning import Tuning, tune
-from ...design.uncertainty.set import load_uncertainty
 from ...errors import InputError, NoOrbit
 from ...export import columns_from
 from ...results import tables_of
@@ -58,6 +57,7 @@ from .output_paths import write_results
 from .progress import progress, tell, telling
 from .remedies import built_lines, fails_as_built, remedies_as_built, remedy_details, remedy_lines
 from .sampled import as_record, checked, checked_lines
+from .uncertain import uncertainty_of
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
     demands = _demands(options)
     servo = servo_of(options)
     now = None if options.gain is None else positive("gain", options.gain)
-    uncertainty = None if options.uncertainty is None else load_uncertainty(options.uncertainty, servo)
+    uncertainty = uncertainty_of(options, servo)
     free = [choice_of("free", name, NUMBERS) for name in options.free]
     bounds = bounds_of(options.bounds)
     remedy = _remedy(options)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ... import effort, interrupts
 from ...design.uncertainty.samples import Samples, draw, sample
-from ...design.uncertainty.set import Uncertainty, load_uncertainty
+from ...design.uncertainty.set import Uncertainty
 from ...design.uncertainty.summary import Summary, summary
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
 from ...errors import NoOrbit, Status
@@ -26,6 +26,7 @@ from .arguments import add_command, count_of, how_of, model_of, servo_of
 from .console import orbit_line
 from .output import give
 from .progress import progress, say, tell, teller
+from .uncertain import uncertainty_of
 
 DEFAULT_SAMPLES = 200
 """The 5 and 95 % quantiles are then known to a fiftieth of the distribution: sqrt(0.05 0.95 / 200) = 0.015."""
@@ -58,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
     n, jobs = count_of("samples", options.samples, 1), count_of("jobs", options.jobs, 1)
     seed = count_of("seed", options.seed, 0)
     servo = servo_of(options)
-    uncertainty = load_uncertainty(options.uncertainty, servo)
+    uncertainty = uncertainty_of(options, servo)
+    assert uncertainty is not None  # the command requires it
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
     out = progress(options)
 

@@ -1,6 +1,7 @@
 """What becomes of motions: those that creep to the set point, take too long to follow, or outgrow what was before."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from casahunt import Friction, Pid, Servo, Uncertainty, effort, find_orbit, reme
 from casahunt.design.remedies import border, price
 from casahunt.design.remedies import remedies as table
 from casahunt.servo.parts.plain_loop import loop_of
+from casahunt.servo.parts.table import remedy_of
 
 CREEPS = Servo(
     inertia=0.0049, motor_gain=13.6, controller=Pid(kp=1.6, ki=0.018, kd=0.3),
@@ -65,3 +67,26 @@ def test_the_worst_servo_may_need_so_much_more(monkeypatch, times, known):
     uncertain = Uncertainty({"friction.static": (0.53, 0.55)})
     (row,) = remedies(Servo(), "switch", 0.1, only=["dead band"], uncertainty=uncertain).remedies
     assert math.isfinite(row.worst_size) == known and row.ends_hunting
+
+
+def test_corners_that_are_no_servo_are_left_out(monkeypatch):
+    """The worst servo of a set is one with static above Coulomb friction; slopes may point to another one."""
+    set_ = Uncertainty({"friction.static": (0.42, 0.53), "friction.coulomb": (0.40, 0.46)})
+    loop, seen = loop_of(Servo(), "switch", 0.1), []
+    asked = table._Asked(loop, "switch", None, {}, None, (Servo(), set_), 0.1)
+    found = border.Border("motions", 0.1, 0.0, None, None, {}, swing=border.Swing({}, 1.0, 1.0))
+
+    def looked_at(at, *more):
+        seen.append((at.value("static"), at.value("coulomb")))
+        return 0.2, found.swing
+
+    monkeypatch.setattr(table, "end_of_motions", looked_at)
+    leak = remedy_of("leak", "switch")
+    monkeypatch.setattr(border.Scales, "of", lambda *given: 1.0)
+    monkeypatch.setattr(table._Asked, "scales", border.Scales(1.0, 1.0))
+    assert table._worst(asked, leak, found) == 0.2
+    assert seen == [(0.42, 0.40), (0.53, 0.40), (0.53, 0.46)]
+    slopes = replace(found, kind="fold", moves={"static": -1.0, "coulomb": 1.0})
+    monkeypatch.setattr(table, "border", lambda *given: replace(slopes, size=0.3))
+    assert math.isnan(table._worst(asked, leak, slopes))
+    assert table._worst(asked, leak, replace(slopes, moves={"static": 1.0, "coulomb": -1.0})) == 0.3
