@@ -45,7 +45,7 @@ def outcome(loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None) -> Ou
     """What a motion goes on to; bare: the cycle of the loop without its remedy, None where there is none."""
     motion = found.motion
     try:
-        return _hunting(_cycle_from(loop, motion.phases[-1].mode, motion.end, tol))
+        return _hunting(_cycle_from(loop, motion.phases[-1].mode, _end(motion), tol))
     except ComesToRest:
         stays = _stays(loop, found)
         return Outcome("at rest", STANDS_FOR_GOOD) if stays else Outcome("decaying", COMES_TO_REST)
@@ -75,9 +75,7 @@ def _followed_on(loop: Loop, found: LoopMotion, tol: float, bare: Orbit, why: st
 
     Smaller than half of the hunting is no rest: the cycle with a remedy may be so small, and half of that is asked for.
     """
-    motion, size = found.motion, bare.amplitude
-    small = {name: ROUNDING_OF_A_STATE * value for name, value in motion.sizes.items()}
-    state = {name: value if abs(value) > small[name] else 0.0 for name, value in motion.end.items()}
+    state, size = _end(found.motion), bare.amplitude
     for _ in range(HALVED):
         seen = fate(loop, state, size, bare.period)
         state, late = seen.end, seen.times >= seen.times[-1] - 2 * bare.period
@@ -91,6 +89,12 @@ def _followed_on(loop: Loop, found: LoopMotion, tol: float, bare: Orbit, why: st
     return Outcome("decaying", f"followed on, its swings become smaller and smaller, down to {size:.3g} rad")
 
 
+def _end(motion: Motion) -> dict[str, float]:
+    """Every state at the end; nothing, where rounding has left something: that is no size of a state."""
+    least = {name: ROUNDING_OF_A_STATE * size for name, size in motion.sizes.items()}
+    return {name: value if abs(value) > least[name] else 0.0 for name, value in motion.end.items()}
+
+
 def _still(motion: Motion, states: np.ndarray) -> bool:
     """Whether no state moves, the sum of an integrator neither: a servo that is stuck may wind up to its breakaway."""
     sizes = np.array([motion.sizes[name] for name in motion.system.states])
@@ -101,6 +105,6 @@ def _stays(loop: Loop, found: LoopMotion) -> bool:
     """Whether nothing moves for as long again behind the end of a motion."""
     motion = found.motion
     with suppress(NoOrbit):
-        further = loop_motion(loop, motion.duration, start=motion.end, mode=motion.phases[-1].mode)
+        further = loop_motion(loop, motion.duration, start=_end(motion), mode=motion.phases[-1].mode)
         return _still(motion, further.states)
     return False
