@@ -279,12 +279,12 @@ def test_a_loop_whose_cycle_rests_on_its_way_hunts_wherever_its_motion_is_cut(ca
     """Its shaft rings out in each stick; stops of a fourth order integrator with steps of 2.5e-6 s: 0.040751 rad."""
     values = {
         "inertia": 0.0012, "load_inertia": 0.004, "shaft_stiffness": 180, "shaft_damping": 0.5, "load_damping": 0.01,
-        "gain": 1, "motor_gain": 1, "kp": 4, "ki": 30, "kd": 0.12, "static": 0.8, "coulomb": 0.55,
+        "motor_gain": 1, "kp": 4, "ki": 30, "kd": 0.12, "static": 0.8, "coulomb": 0.55,
         "stribeck_velocity": 0.08, "viscous": 0.02,
     }  # fmt: skip
     lines = [f"{name} = {value}" for name, value in values.items()]
     parts = '"two masses", "Switch friction", "PID by gains", "integrator"'
     path = loop_file()
     path.write_text("\n".join([f"[loop]\nparts = [{parts}]", "[values]", *lines]))
-    found = one_json(run(capsys, "simulate", path, "--time", 60, "--json", "--quiet")[1])
+    found = one_json(run(capsys, "simulate", path, "--gain", 1, "--time", 60, "--json", "--quiet")[1])
     assert found["verdict"] == "hunting" and found["amplitude"] == pytest.approx(0.040751, abs=1e-6)
