@@ -81,6 +81,38 @@ def test_a_unit_is_known_by_its_factor(time, angle, quantum, says):
     assert said.startswith(says) and bool(said) is bool(says)
 
 
+SMALL = Servo(
+    inertia=0.0042, motor_gain=1.0, controller=Pid(kp=6, ki=25, kd=0.18),
+    friction=Friction(static=0.28, coulomb=0.19, stribeck_velocity=0.06, viscous=0.015),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("factor", "says"), [(180 / np.pi, "the positions look like deg"), (1.0, "the frequency is ")])
+@pytest.mark.parametrize("changed", [
+    {"static": 0.33}, {"static": 0.24}, {"coulomb": 0.23}, {"static": 0.36, "coulomb": 0.25, "stribeck_velocity": 0.08},
+])  # fmt: skip
+def test_a_unit_is_known_with_a_friction_that_is_not(changed, factor, says):
+    """Friction that is off by a third moves amplitude and period by up to a factor of 2, to and fro; degrees are 57."""
+
+    def fit():
+        raise InputError("does not fit")
+
+    made = find_orbit(SMALL, "switch", 1.0)
+    given = find_orbit(SMALL.replace(**{f"friction.{name}": value for name, value in changed.items()}), "switch", 1.0)
+    said = suspicion(given, made.period, factor * made.amplitude, 0.0, 0.004, 2, fit)
+    assert said.startswith(says) or (factor == 1 and not said)
+
+
+def test_a_unit_is_known_with_a_gain_that_is_not(capsys, tmp_path):
+    """Of a record in degrees at another gain the frequency is about right, and nothing was said."""
+    made = find_orbit(SMALL, "switch", 1.0)
+    t = np.arange(0.0, 6 * made.period, made.period / 200)
+    record = Record(t, np.degrees(positions(SMALL, "switch", 1.0, made.amplitude, t)), "made")
+    path = written(tmp_path / "record.csv", record)
+    code, out, _ = run(capsys, "record", path, "--gain", 1.3, *sets(SMALL), "--quiet", "--json")
+    assert code == 0 and one_json(out)["suspect"] == "the positions look like deg: --position-unit deg"
+
+
 @pytest.mark.parametrize("explained", [True, False])
 def test_few_counts_are_suspected_beside_the_friction_that_explains_the_record(explained):
     """Rounding of the file alone: a fit that explains the record names its friction first."""
@@ -93,13 +125,14 @@ def test_few_counts_are_suspected_beside_the_friction_that_explains_the_record(e
 
 
 def test_a_factor_of_one_of_two_is_no_unit():
-    """A period a thousand times as long, with another amplitude, is another servo."""
+    """A period a thousand times as long, with another amplitude, is another servo; so is one 57 times as long."""
     orbit = find_orbit(Servo(), "switch", GAIN)
 
     def fit():
         raise InputError("does not fit")
 
     assert suspicion(orbit, 1e3 * orbit.period, 3 * orbit.amplitude, 0.0, 1.0, 2, fit).startswith("the frequency is")
+    assert suspicion(orbit, 180 / np.pi * orbit.period, orbit.amplitude, 0.0, 1.0, 2, fit).startswith("the frequency is")
 
 
 @pytest.mark.slow
