@@ -148,11 +148,21 @@ def test_the_motion_of_pure_coulomb_friction_decays():
     assert not found.hunting and found.reason
 
 
-@pytest.mark.parametrize("periods", [1.9, 2.6])
-def test_too_few_periods(periods):
+@pytest.mark.parametrize(("periods", "said"), [
+    (1.9, "in 19 s none was seen twice; record longer"), (2.6, r"holds 2 of about (9\.9|10).* s in 26 s"),
+])  # fmt: skip
+def test_too_few_periods(periods, said):
     t = np.linspace(0, periods * 10, 800)
-    with pytest.raises(InputError, match="must hold at least 3 whole periods, but holds"):
+    with pytest.raises(InputError, match=f"must hold at least 3 whole periods, but {said}"):
         measure(Record(t, np.sin(2 * np.pi * t / 10 + 0.3)))
+
+
+def test_a_part_of_a_period_has_no_length():
+    """Of half a period of hunting, a rest, a slip and a rest, 1.25 s were said to be the period."""
+    t, rng = np.arange(0.0, 2.4, 0.004), np.random.default_rng(0)
+    x = 1 - 8.6e-3 * np.tanh((t - 1.2) / 0.02) + 2e-5 * rng.standard_normal(t.size)
+    with pytest.raises(InputError, match="whole periods, but in .* s none was seen twice"):
+        measure(Record(t, x))
 
 
 # Files -----------------------------------------------------------------------------------------------------

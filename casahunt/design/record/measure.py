@@ -248,10 +248,9 @@ def measured(record: Record) -> Measurement:
     if k < FEWEST_PERIODS and held > (FEWEST_PERIODS + 2) * period:
         return _nothing(record, still=False)
     if k < FEWEST_PERIODS:
-        raise InputError(
-            f"{record.name}: must hold at least {FEWEST_PERIODS} whole periods, but holds {k} of about "
-            f"{period:.3g} s in {t[-1] - t[0]:.4g} s"
-        )
+        lasts = f"in {t[-1] - t[0]:.4g} s"  # what was not seen twice is no period
+        seen = f"holds {k} of about {period:.3g} s {lasts}" if k > 1 else f"{lasts} none was seen twice"
+        raise InputError(f"{record.name}: must hold at least {FEWEST_PERIODS} whole periods, but {seen}; record longer")
     kind, reason = judge_record(found)
     if kind in ("hunting", "irregular"):
         found = _divided(times, values, settled(found, blur))
