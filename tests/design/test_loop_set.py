@@ -9,6 +9,7 @@ import pytest
 
 from casahunt import Demands, Friction, Pid, Servo
 from casahunt.design.tune.demands import DEMANDS
+from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.loop_set import Table, allowed, common, loop_box, shortfall, worst
 from casahunt.servo.linear_loop import gain_crossovers, loop_polynomials
 
@@ -34,7 +35,7 @@ def phases(points: np.ndarray, gains: np.ndarray, delay: float) -> np.ndarray:
 
 
 def box_of(ranges: dict[str, tuple[float, float]], delay: float):
-    return loop_box(Servo(), ranges, delay)
+    return loop_box(Servo(), ranges, Lag(delay))
 
 
 @pytest.mark.parametrize(
@@ -114,7 +115,7 @@ def test_a_table_knows_all_crossovers():
     """|L| of this loop by gains rises between two frequencies: the least phi of three, by a polynomial's roots."""
     controller, lag = Pid(kp=1.886, ki=0.8, kd=5.16), 0.2
     servo = Servo(inertia=0.28, motor_gain=1.0, controller=controller, friction=Friction(viscous=5.0))
-    found = Table([loop_box(servo, {}, lag)], Demands(phase_margin=30, gain_margin=1.0), 0.3, 3.0)
+    found = Table([loop_box(servo, {}, Lag(lag))], Demands(phase_margin=30, gain_margin=1.0), 0.3, 3.0)
     several, off = 0, []
     for gain, missed in zip(found.gains.tolist(), found.missed[0].tolist(), strict=True):
         crossings = gain_crossovers(*loop_polynomials(servo, gain))

@@ -10,6 +10,7 @@ import pytest
 
 from casahunt import InputError, Options, Pid, find_fold
 from casahunt.design.tune.demands import Demands, log_numbers
+from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.problem import Cut, Round, solve_round
 from casahunt.design.tune.tuning import tune
 from casahunt.servo.delayed_loop import margins
@@ -39,13 +40,13 @@ def test_a_problem_without_folds_in_both_forms(servo):
         for each in (servo, other):
             q = log_numbers(each)
             cut = Cut(each.replace(**{"servo.motor_gain": off * each.motor_gain}), demand, 0.5)
-            point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (0.01, 100.0), 1.1, [], [cut], lag, math.inf))
+            point = solve_round(Round(each, cost, q, math.log(0.5), q, q, (0.01, 100.0), 1.1, [], [cut], Lag(lag)))
             assert point.converged and np.max(point.slack) < 1e-9
             found.append(point.k)
         assert found[1] == pytest.approx(found[0], abs=1e-6)
     # Settling alone, where no margin is in the way: the gain at which the slowest poles of chi decay fastest.
     q = log_numbers(other)
-    point = solve_round(Round(other, "settling", q, math.log(0.5), q, q, (0.01, 1.0), 1.1, [], [], 0.0, math.inf))
+    point = solve_round(Round(other, "settling", q, math.log(0.5), q, q, (0.01, 1.0), 1.1, [], [], Lag(), math.inf))
     rates = {k: -np.roots([0.026, k * 16 * other.controller.kd + 0.1, k * 32, k * 16 * other.controller.ki]).real.max()
              for k in np.geomspace(0.01, 1.0, 2001).tolist()}  # fmt: skip
     assert math.exp(point.k) == pytest.approx(max(rates, key=rates.__getitem__), rel=5e-3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tuning import TIME, crossover_phase
 
-from casahunt import Options, find_fold
+from casahunt import Drive, Options, find_fold, margins, sampled_margins
 from casahunt.cli import main
 from casahunt.design.tune.best_gain import Given, Outlook
 from casahunt.design.tune.demands import Demands, check_bounds
@@ -31,6 +31,18 @@ def test_what_is_in_the_way_is_said(servo, plain):
         tune(servo, "switch", bounds={"gain": (0.1, 0.5)})
     with pytest.raises(NoOrbit, match=r"in the way: the phase margin of 60 .* is kept at no gain \(.* at best"):
         tune(servo, "switch", demands=Demands(phase_margin=60, delay=0.1))
+
+
+@pytest.mark.slow
+def test_a_gain_that_misses_its_margins_as_built_is_not_recommended(servo):
+    """The largest gain told has the margin of the sampled loop; half a sample of delay alone would let it pass."""
+    T = 0.008
+    with pytest.raises(NoOrbit, match="cannot be met; in the way: the hunting margin of 10 %") as error:
+        tune(servo, "switch", demands=Demands(gain_margin=4.0, phase_margin=0, sample_time=T))
+    said = str(error.value).partition("the gain margin of 4 when the gain rises with samples of 0.008 s ")[2]
+    most = float(said.partition("at most ")[2].split(";")[0])
+    assert sampled_margins(servo, most, Drive(sample_time=T)).highest_factor == pytest.approx(4.0, rel=1e-4)
+    assert margins(servo, 0.712073, delay=T / 2).highest_factor > 4.0
 
 
 @pytest.mark.slow

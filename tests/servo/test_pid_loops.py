@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import Friction, Pid, Servo
+from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.loop_set import loop_box, worst
 from casahunt.servo.delayed_loop import margins
 from casahunt.servo.linear_loop import (
@@ -106,7 +107,7 @@ def test_the_worst_loop_of_a_set_is_that_of_all_crossovers():
         several += len(found) > 1
         # Without delay phi is between -90 and 180 degrees, as the margins are.
         least = min(math.radians(c.margin) - c.frequency * delay for c in found)
-        assert worst(loop_box(servo, {}, delay), 1.0).phase == pytest.approx(least, abs=1e-7)
+        assert worst(loop_box(servo, {}, Lag(delay)), 1.0).phase == pytest.approx(least, abs=1e-7)
     assert several > 15
 
 

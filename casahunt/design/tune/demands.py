@@ -20,6 +20,7 @@ from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.drive import Drive
 from ...servo.linear_loop import linear_loop
 from ...servo.servo import Servo, flatten
+from .lag import Lag
 
 Array = np.ndarray
 
@@ -54,14 +55,14 @@ class Demands:
     phase_margin : [deg], 0 to 180.
     gain_margin : factor by which the gain may fall or rise and the linear loop stays stable; 1 to 1e6.
     delay, sample_time : of the loop [s]; >= 0; left out where `drive` has them.
-    drive : as built; with a sample time alone, one with every default.  The search has delay and half a sample in its
-        margins, the checks, which may speak against a tuning, the sampled loop itself (`sampled_margins`).
+    drive : as built; with a sample time alone, one with every default.  The search has most of it in its margins,
+        the checks, which may speak against a tuning, all (`sampled_margins`).
     max_torque : largest torque of the motor on the simulated tasks [N m]; > 0.
 
     Examples
     --------
     >>> from casahunt import Demands
-    >>> Demands(margin=0.2, delay=0.001).lag  # [s]
+    >>> Demands(margin=0.2, delay=0.001).lag.delay  # [s]
     0.001
     """
 
@@ -94,9 +95,10 @@ class Demands:
         return self.drive or plain
 
     @property
-    def lag(self) -> float:
-        """D = delay + half a sample [s]."""
-        return self.delay + self.sample_time / 2
+    def lag(self) -> Lag:
+        """What the loops of the search have of it."""
+        drive = self.built
+        return Lag(self.delay, self.sample_time / 2, drive is None or drive.integration == "rectangle")
 
     def factors(self, name: str) -> tuple[float, float]:
         """The range of factors of the gain over which one of `DEMANDS` must hold."""

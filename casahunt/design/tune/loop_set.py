@@ -5,8 +5,9 @@ With kappa = K cm g, g a factor by which the gain may be off, and w = omega^2, |
     w^2 (J^2 w + sigma2^2) = kappa^2 (kp'^2 w + (kd' w - ki')^2),                                         [N m/rad]
     phi = atan2(kd' w - ki', kp' omega) + pi/2 - atan2(J omega, sigma2) - omega D                              [rad]
 
-(servo/delayed_loop.py), a cubic in w.  It may have three roots, one in each of the stretches between the zeros of its
-derivative, which are bisected; phi is the least of them.  A controller by times is one by gains (servo/controller.py).
+(servo/delayed_loop.py; of a sampled loop lag.py has the gains, the frequency and the loss of phase), a cubic in w.  It
+may have three roots, one in each of the stretches between the zeros of its derivative, which are bisected; phi is the
+least of them.  A controller by times is one by gains (servo/controller.py).
 
 What is asked of every servo of the box (demands.py):
 
@@ -38,6 +39,7 @@ import numpy as np
 from ...roots import Bracket
 from ...servo.servo import Servo, flatten
 from .demands import DEMANDS, Demands
+from .lag import Lag
 
 Array = np.ndarray
 
@@ -70,13 +72,13 @@ class LoopBox:
     names : what the loops depend on besides the gain, in the order of every array here: inertia, viscous friction, the
         numbers of the controller, motor gain.
     low, high : (names,) bounds.
-    lag : D [s].
+    lag : sampling and delay.
     """
 
     names: tuple[str, ...]
     low: Array
     high: Array
-    lag: float
+    lag: Lag
 
 
 @dataclass(frozen=True)
@@ -95,11 +97,10 @@ class WorstLoop:
     kappa: float
 
 
-def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: float) -> LoopBox:
+def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: Lag) -> LoopBox:
     """The loops of a servo with some parameters in intervals.
 
-    bounds: (low, high) by parameter name; names that the loop does not depend on are left out; lag: D [s], half a
-    sample time included.
+    bounds: (low, high) by parameter name; names that the loop does not depend on are left out; lag: sampling and delay.
     """
     own = flatten(servo)
     names = ("servo.inertia", "friction.viscous", *servo.controller_names, "servo.motor_gain")
@@ -136,27 +137,27 @@ def crossovers(loops: Array, goal: Array) -> tuple[Array, Array]:
     return i, (left + right) / 2
 
 
-def _loops_of(points: Array) -> Array:
-    """(5, m) J, sigma2, kp', ki', kd' of (m, 4 or 5) points, whose controllers may be by times."""
+def _loops_of(points: Array, lag: Lag) -> Array:
+    """(5, m) J, sigma2, kp', ki', kd' of (m, 4 or 5) points, whose controllers may be by times, as they are seen."""
     if points.shape[1] == 5:
-        return points.T
+        return np.array(lag.seen(*points.T))
     J, sigma2, lead, integral = points.T
-    return np.array([J, sigma2, 1 + lead / integral, 1 / integral, lead])
+    return np.array(lag.seen(J, sigma2, 1 + lead / integral, 1 / integral, lead))
 
 
-def _phase(loops: Array, omega: Array, lag: float) -> Array:
+def _phase(loops: Array, omega: Array, lag: Lag) -> Array:
     """phi [rad] of loops (5, m) at omega [rad/s]."""
     J, sigma2, kp, ki, kd = loops
     lead = np.arctan2(kd * omega - ki / omega, kp) + np.pi / 2
-    return np.asarray(lead - np.arctan2(J * omega, sigma2) - omega * lag)
+    return np.asarray(lead - np.arctan2(J * omega, sigma2) - lag.lost(J, sigma2, omega))
 
 
-def _least_phases(points: Array, lag: float) -> Array:
+def _least_phases(points: Array, lag: Lag) -> Array:
     """(m,) phi [rad] of loops at their crossovers, the least where there are several.
 
     points: (m, 5 or 6) J, sigma2, the numbers of the controller, ln kappa.
     """
-    loops, phi = _loops_of(points[:, :-1]), np.full(len(points), np.inf)
+    loops, phi = _loops_of(points[:, :-1], lag), np.full(len(points), np.inf)
     i, y = crossovers(loops, points[:, -1])
     np.minimum.at(phi, i, _phase(loops[:, i], np.exp(y), lag))
     return phi
@@ -260,7 +261,7 @@ class Table:
 def _least_phase(box: LoopBox, x: Array) -> Array:
     """(m,) smallest phi at ln kappa = x over J, sigma2 and the controller of the box."""
     varied = np.flatnonzero(box.high[:-1] > box.low[:-1])
-    loops = _loops_of(_grid(box.low[:-1], box.high[:-1], varied, TABLE_POINTS))
+    loops = _loops_of(_grid(box.low[:-1], box.high[:-1], varied, TABLE_POINTS), box.lag)
     ends = [crossovers(loops, np.full(loops.shape[1], goal))[1] for goal in (x[0], x[-1])]
     y = np.arange(ends[0].min() - LOG_STEP, ends[1].max() + LOG_STEP, LOG_STEP / 2)
     w, found = np.exp(2 * y), np.full(x.size, np.inf)

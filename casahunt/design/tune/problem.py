@@ -18,6 +18,7 @@ radian.  Below the price of breaking it no constraint is broken (exact penalty).
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,12 +29,13 @@ import numpy as np
 from ...collocation import minimise
 from ...compiled import alone
 from ...continuation import FoldConstraints
-from ...servo.controller import torque_gains_of_gains, torque_gains_of_times
+from ...servo.controller import Pid, torque_gains_of_gains, torque_gains_of_times
 from ...servo.delayed_loop import crossover, log_magnitude, margins, phase
 from ...servo.linear_loop import linear_loop
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from .demands import DEMANDS, log_numbers, with_numbers
+from .lag import Lag
 
 Array = np.ndarray
 
@@ -92,7 +94,7 @@ class Round:
     needed : (1 + margin).
     folds : of the servos that must not hunt, at the times exp(q).
     cuts : loops.
-    lag : D [s].
+    lag : sampling and delay.
     most : the largest kp of the nominal servo that the torque allows [N m/rad]; inf without a limit.
     """
 
@@ -106,7 +108,7 @@ class Round:
     needed: float
     folds: Sequence[HuntingFold]
     cuts: Sequence[Cut]
-    lag: float
+    lag: Lag
     most: float = math.inf
 
 
@@ -142,17 +144,22 @@ def solve_round(r: Round) -> TuningPoint:
 
 def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX, slack: ca.MX) -> None:
     """Crossover and phase of one linear loop."""
-    servo, own = cut.servo, times + offset
-    J, cm, sigma2 = servo.inertia, servo.motor_gain, servo.friction.viscous
-    y = ca.MX.sym("y")
-    there = margins(with_numbers(servo, r.q + offset), math.exp(r.k), delay=r.lag)
-    start = math.log(there.frequency)  # with several crossovers the one of least phi is in the way
+    servo, y = cut.servo, ca.MX.sym("y")
+    kp, kd, ki = _torque_gains(1.0, 0.0, times + offset)
+    J, sigma2, *gains = r.lag.seen(servo.inertia, servo.friction.viscous, kp, ki, kd)
+    q = ca.log(ca.vertcat(*gains))
+    there = with_numbers(servo, r.q + offset).controller.pid()
+    *_, kp, ki, kd = r.lag.seen(J, sigma2, there.kp, there.ki, there.kd)
+    seen = dataclasses.replace(servo, inertia=J, controller=Pid(kp=kp, ki=ki, kd=kd))
+    late = margins(seen, math.exp(r.k), delay=r.lag.delay + 2 * r.lag.half)
+    start = math.log(late.frequency)  # with several crossovers the one of least phi is in the way
     p.add(y, [start], start - 20, start + 20)
-    p.row(log_magnitude(J, cm, sigma2, k, own, y), 0.0, 0.0)
-    p.row(phase(J, sigma2, r.lag, own, y) + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
+    p.row(log_magnitude(J, servo.motor_gain, sigma2, k, q, y), 0.0, 0.0)
+    phi = phase(J, sigma2, 0.0, q, y) - r.lag.lost(J, sigma2, ca.exp(y))
+    p.row(phi + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
 
 
-def _torque_gains(motor_gain: float, k: ca.MX, times: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+def _torque_gains(motor_gain: float, k: ca.MX | float, times: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
     """kp, kd, ki of symbols."""
     numbers = [ca.exp(times[i]) for i in range(times.numel())]
     torque_gains = torque_gains_of_times if len(numbers) == 2 else torque_gains_of_gains

@@ -83,7 +83,9 @@ def _against_each_other(sets: dict[str, Intervals]) -> tuple[str, ...]:
 
 def _of_a_loop(name: str, sets: Intervals, demands: Demands, table: Table) -> str:
     """The gains that one of `DEMANDS` allows, in words."""
-    lag = f" with a delay of {demands.lag:g} s" if demands.lag else ""
+    late = {"a delay of": demands.delay, "samples of": demands.sample_time}
+    lag = " and ".join(f"{words} {size:g} s" for words, size in late.items() if size)
+    lag = f" with {lag}" if lag else ""
     what = f"the gain margin of {demands.gain_margin:g} when the gain {'falls' if name == DEMANDS[1] else 'rises'}{lag}"
     if name == DEMANDS[0]:
         what = f"the phase margin of {demands.phase_margin:g} degrees{lag}"

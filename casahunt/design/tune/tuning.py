@@ -36,6 +36,7 @@ from ..uncertainty.summary import linear_range
 from .best_gain import Answer, Given
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
+from .lag import Lag
 from .search import TuningSearch
 
 REPAIRS = 3
@@ -132,7 +133,7 @@ class Tuning(Result):
             },
             "elasticities": fold_sensitivities(fold).elasticities if fold is not None else {},
             "proves_not": [
-                *PROVES_NOT, *[INSIDE_SENTENCE] * bool(self.corner), *[DELAY_SENTENCE] * bool(self.demands.lag),
+                *PROVES_NOT, *[INSIDE_SENTENCE] * bool(self.corner), *[DELAY_SENTENCE] * (self.demands.lag != Lag()),
             ],
             "servo": flatten(self.before),
         }  # fmt: skip
