@@ -281,9 +281,11 @@ def test_the_linear_loop_and_a_tuning_have_the_delay_of_the_drive(capsys, built)
     assert "as built: unstable" in said
     assert "as_built" not in one_json(run(capsys, "loop", "--gain", 1, "--json", "--quiet")[1])
     tuned = one_json(run(capsys, "tune", built, "--json", "--quiet")[1])["demands"]
-    assert (tuned["delay"], tuned["sample_time"]) == (0.0, 0.001)
+    assert (tuned["delay"], tuned["sample_time"]) == (0.0, 0.001) and tuned["drive"]["encoder"] == 2000
+    late = one_json(run(capsys, "tune", built, "--delay", 0.0005, "--json", "--quiet")[1])["demands"]
+    assert late["delay"] == late["drive"]["delay"] == 0.0005 and late["drive"]["sample_time"] == 0.001
     tuned = one_json(run(capsys, "tune", built, "--sample-time", 0, "--json", "--quiet")[1])["demands"]
-    assert tuned["sample_time"] == 0.0
+    assert tuned["sample_time"] == 0.0 and tuned["drive"] is None
     err = run(capsys, "tune", built, "--set", "drive.sample_time=0")[2]
     assert err.count("is taken as a continuous one: drive.encoder left out") == 1
 
