@@ -9,10 +9,10 @@ linear.  At z = exp(i omega T), with D = delay = l T + p, 0 <= p < T, and r = si
     f, s = T/(T + Te), T/(T + Tf)                                            1 without a filter
     P(z) = z^-l ((z - a) x(z) + E(T) v(z))/(J (z - 1) (z - a)),   a = exp(-r T)
 
-x(z) + v(z) are what position and velocity have gained at the next sample by the torque that is held for h = T - p, and
-by the one before it, 1/z, for p and then no longer:
+x(z) and v(z) are what position and velocity have gained at the next sample, times J, by the torque that is held for
+h = T - p, and by the one before it, 1/z, for p and then no longer:
 
-    E(h) = (1 - exp(-r h))/r,   F(h) = (h - E(h))/r          velocity and position by a torque J held for h
+    E(h) = (1 - exp(-r h))/r,   F(h) = (h - E(h))/r          velocity and position times J
     v(z) = E(h) + exp(-r h) E(p)/z
     x(z) = F(h) + (F(p) + E(h) E(p))/z
 
@@ -20,8 +20,7 @@ No pole of L is outside of the unit circle.  As the gain is raised from next to 
 arg -L < 0 at low frequencies, and none if not, a pair of poles leaves the unit circle at each frequency at which
 arg -L falls through 0, enters it where that rises, at the gain factor 1/|L|; and at pi/T a single one.
 
-Source: Nyquist's criterion; the pulse transfer function of a plant behind a hold with a delay as in Astrom and
-Wittenmark, Computer-controlled systems, sections 2.3 and 2.6, derived here.
+Source: Nyquist's criterion; P(z), the pulse transfer function of a plant behind a hold with a delay, is derived here.
 """
 
 from __future__ import annotations
