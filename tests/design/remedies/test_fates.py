@@ -87,6 +87,6 @@ def test_corners_that_are_no_servo_are_left_out(monkeypatch):
     assert table._worst(asked, leak, found) == 0.2
     assert seen == [(0.42, 0.40), (0.53, 0.40), (0.53, 0.46)]
     slopes = replace(found, kind="fold", moves={"static": -1.0, "coulomb": 1.0})
-    monkeypatch.setattr(table, "border", lambda *given: replace(slopes, size=0.3))
+    monkeypatch.setattr(table, "border", lambda *given: replace(slopes, size=0.3, moves={}))
     assert math.isnan(table._worst(asked, leak, slopes))
     assert table._worst(asked, leak, replace(slopes, moves={"static": 1.0, "coulomb": -1.0})) == 0.3
