@@ -101,6 +101,32 @@ class NoOrbit(Exception):
         self.status, self.plain, self.evidence = status, message, evidence
 
 
+class NotFollowed(NoOrbit):
+    """A motion could not be followed for as long as was asked for; what stopped it is its evidence.
+
+    Attributes
+    ----------
+    time : how far it was followed [s]; nan where that is not known.
+
+    Examples
+    --------
+    >>> from casahunt.errors import NotFollowed
+    >>> from casahunt.hybrid import Mode, System
+    >>> from casahunt.motion import simulate
+    >>> ends = System("ramp", ("x",), {}, (Mode("free", lambda x, p: {"x": 1}, holds=lambda x, p: 1 - x.x),))
+    >>> try:
+    ...     simulate(ends, x=0.0, duration=3.0)
+    ... except NotFollowed as refusal:
+    ...     print(refusal.plain)
+    the motion of ramp cannot be followed; try a shorter time, or another start
+    """
+
+    def __init__(self, message: str, status: Status, *, evidence: str, time: float) -> None:
+        beyond = f" beyond {time:.4g} s" if time > 0 else ""
+        super().__init__(f"{message}{beyond}; try a shorter time, or another start", status, evidence=evidence)
+        self.time = time
+
+
 class ComesToRest(NoOrbit):
     """No cycle was found, for the motion that was followed comes to rest.
 

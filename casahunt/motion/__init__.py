@@ -7,6 +7,7 @@ series.py          steps by power series, and the mesh for what they have shown
 interval_newton.py one interval as a compiled function: Newton's step, and chords
 march_step.py      one interval: Newton on its stages
 segment.py         one phase of a motion, as data
+rest.py            where a motion has come to rest, and what it still does is rounding
 sensitivity.py     how the end of a phase moves with its start and with parameters
 march_watch.py     an interval watched for the exits of its mode
 march_exits.py     where a mode ends: its exits watched, and located to rounding

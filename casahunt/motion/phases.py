@@ -32,6 +32,7 @@ from .march_intervals import collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
 from .march_watch import EventWatch
+from .rest import at_rest, at_rest_since, dies_out_at, is_noise, nodes_of
 from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
 
@@ -41,16 +42,14 @@ MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
-STANDS, STANDS_FOR = 1e-13, 50
-"""Of a motion at rest no state moves by more than this part of its size, in so many phases in a row: by rounding."""
 HIDES = (
     ", or a part of the field that changes suddenly was stepped over: a function that shows it, of order one, is named "
     "as the `feature` of the mode"
 )
 NEAR_EVENT = 1e-9
 """A mode that starts so near to its own event starts on it."""
-AT_SPEED = 0.3
-"""An event whose mean rate at first is this part of that later on is left at speed; from rest it is nearly zero."""
+AT_SPEED = 1.5
+"""An event that grows by a lower power of time is left at speed, as by the first one; from rest it is the second."""
 FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
 """Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
 UNLIKE_ITS_FIELD = 1e-2
@@ -126,10 +125,17 @@ def march(
             raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
         segment, mode = _phase(system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals))
         segments.append(segment)
-        if strict:
-            if (still := _at_rest_since(segments, scale)) < len(segments):
-                return [*segments[:still], _at_rest(segments[still:], max_time - time)]
-            _check(system, segments, p, scale, time, met)
+        still = at_rest_since(segments, scale) if strict else len(segments)
+        if strict and still == len(segments):
+            try:
+                _check(system, segments, p, scale, time, met)
+            except MarchFailure as failure:
+                still = dies_out_at(segments, scale)
+                if still == len(segments):
+                    failure.time = time
+                    raise
+        if still < len(segments):
+            return [*segments[:still], at_rest(segments[still:], max_time - time)]
         time, used, after = time + segment.duration, used + segment.count, segment
         if segment.event == "" or until(segment) or (used < max_intervals and time >= max_time):
             return segments
@@ -180,63 +186,11 @@ def _phase(
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
-def _at_rest_since(segments: list[Segment], scale: Array) -> int:
-    """Number of the first of the phases since which nothing moves but by rounding; how many there are where it does.
-
-    What gets larger is a motion that has begun next to an equilibrium and leaves it.
-    """
-    last, many = segments[-1], len(segments) - STANDS_FOR
-    if many < 0 or np.any(np.abs(last.end - last.start) > STANDS * scale):
-        return len(segments)
-    since = len(before_rest(segments, scale, STANDS))
-    earlier, later = (
-        np.max(np.ptp(np.vstack([_nodes(s) for s in half]), axis=0) / scale)
-        for half in (segments[many : -STANDS_FOR // 2], segments[-STANDS_FOR // 2 :])
-    )
-    return since if since <= many and later <= earlier else len(segments)
-
-
-def _nodes(segment: Segment) -> Array:
-    """(N + 1, n) its states between the intervals and at both ends."""
-    return np.vstack([segment.w[:, : segment.end.size], segment.end])
-
-
-def _is_noise(segment: Segment, x: Array, scale: Array) -> bool:
-    """Whether a phase stays at x, but for rounding."""
-    return far_from([segment], x, scale) <= STANDS
-
-
-def far_from(segments: list[Segment], x: Array, scale: Array) -> float:
-    """How far phases lead from x; scale: (n,) sizes of the states that this is relative to."""
-    return max((float(np.max(np.abs(_nodes(segment) - x) / scale)) for segment in segments), default=0.0)
-
-
-def before_rest(segments: list[Segment], scale: Array, within: float) -> list[Segment]:
-    """The phases before the motion stays where it ends, but for so much: all of them where it never does.
-
-    scale: (n,) sizes of the states that `within` is relative to.
-    """
-    since = len(segments)
-    while since and far_from(segments[since - 1 : since], segments[-1].end, scale) <= within:
-        since -= 1
-    return segments[:since]
-
-
-def _at_rest(noise: list[Segment], left: float) -> Segment:
-    """The motion at rest, for ever or as long as is asked for, in the place of phases that are rounding.
-
-    `left` [s] is what was left of the time when the last of them began.
-    """
-    first = noise[0]
-    duration = left + sum(segment.duration for segment in noise[:-1])
-    return Segment(first.mode, "", duration, np.array([0.0, 1.0]), np.tile(first.start, (1, 2)), first.start.copy())
-
-
 def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:
     """Whether the last phase, begun at `time`, is a motion of its mode.  Raises MarchFailure where it is none."""
     last = segments[-1]
     _check_holds(system.modes[last.mode], last, p, time)
-    if len(segments) == 1 or not _is_noise(last, last.start, scale):
+    if len(segments) == 1 or not is_noise(last, last.start, scale):
         _check_start(system, last, p, time, segments[-2].event if len(segments) > 1 else met)
     time += last.duration
     if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
@@ -263,7 +217,7 @@ def _check_start(system: VectorSystem, segment: Segment, p: Array, time: float, 
             times = FIRST_MOMENTS
             following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
         values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
-        at_speed = values[0] / times[0] > AT_SPEED * values[-1] / times[-1]
+        at_speed = values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1]
         if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not (at_speed and way_out.event.name == met):
             raise MarchFailure(
                 f"at {time:.6g} the mode {mode.name!r} starts on its own event {way_out.event.name!r} and moves on "
@@ -276,7 +230,7 @@ def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> N
     """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
     if mode.admissible is None or not np.isfinite(segment.duration):
         return
-    values = np.asarray(mode.admissible(_nodes(segment).T, p, mode.sign))
+    values = np.asarray(mode.admissible(nodes_of(segment).T, p, mode.sign))
     wrong = np.flatnonzero(values < -mode.slack - PASSED)
     if wrong.size:
         at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]

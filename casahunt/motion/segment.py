@@ -17,6 +17,10 @@ Array = np.ndarray
 class MarchFailure(Exception):
     """The march could not go on; the message says where.
 
+    Attributes
+    ----------
+    time : how far it was followed, nan where that is not known.
+
     Examples
     --------
     >>> import numpy as np
@@ -31,6 +35,8 @@ class MarchFailure(Exception):
     ...     print(str(failure).partition(";")[0])
     mode 'slip': no exit after 0.262 s and 1 intervals
     """
+
+    time = float("nan")
 
 
 class NoEnd(MarchFailure):

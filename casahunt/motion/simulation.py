@@ -22,14 +22,15 @@ import numpy as np
 from ..checks import choice_of, given_once, of_kind, require
 from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, scheme
-from ..errors import NoOrbit, Status
+from ..errors import NotFollowed, Status
 from ..export import Columns
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
 from ..results import Result
 from .closed_forms import check_closed_forms
-from .phases import MARCHED_AT_MOST, MarchFailure, Segment, before_rest, far_from, march
+from .phases import MARCHED_AT_MOST, MarchFailure, Segment, march
+from .rest import before_rest, far_after, far_from
 from .segment import NoEnd
 
 Array = np.ndarray
@@ -193,7 +194,7 @@ def simulate(
     Raises
     ------
     InputError : a name or number is wrong.
-    NoOrbit : the motion cannot be followed, with the time and the reason.
+    NotFollowed : a NoOrbit: the motion cannot be followed, with the time and the reason.
 
     Examples
     --------
@@ -217,7 +218,8 @@ def simulate(
             scale = _scale_of(sizes, system)
         coarse, fine = (follow_for(form, name, x, p, scale, kind, duration, error) for error in (tol, SECOND_RUN * tol))
     except MarchFailure as failure:
-        raise NoOrbit(f"the motion of {system.name} cannot be followed: {failure}", Status.NOT_CONVERGED) from None
+        what = f"the motion of {system.name} cannot be followed"
+        raise NotFollowed(what, Status.NOT_CONVERGED, evidence=str(failure), time=failure.time) from None
     return Motion(system, p, tuple(fine), _difference(coarse, fine, scale, tol), scale, kind)
 
 
@@ -316,8 +318,13 @@ def _difference(coarse: list[Segment], fine: list[Segment], scale: Array, tol: f
     if found > tol:
         lively = min(len(before_rest(run, scale, tol / 2)) for run in (coarse, fine))
         later = max(far_from(run[lively:], run[-1].end, scale) for run in (coarse, fine))
+        before = _apart(coarse[:lively], fine[:lively], scale, whole)
+        if tol < before < float("inf"):  # the phase in which they come there may only end by rounding
+            ended = min(run[lively - 1].duration for run in (coarse, fine))
+            crept = max(far_after(run[lively - 1], ended, run[-1].end, scale) for run in (coarse, fine))
+            before = max(_apart(coarse[: lively - 1], fine[: lively - 1], scale, whole), crept)
         if later <= tol:
-            found = min(found, max(_apart(coarse[:lively], fine[:lively], scale, whole), later))
+            found = min(found, max(before, later))
     return max(found, at_end)
 
 

@@ -8,6 +8,7 @@ import pytest
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.motion import simulate
+from casahunt.motion.rest import dies_out_at
 from casahunt.motion.segment import Segment
 from casahunt.motion.simulation import _difference
 from casahunt.orbits import find_cycle
@@ -64,6 +65,39 @@ def test_two_runs_that_rest_elsewhere_differ():
     at = np.array([0.5])
     here, there = run(5.0, 30.0, 0.0), [*run(5.0), Segment("up", "turns", 30.0, np.array([0.0, 1.0]), at[None], at)]
     assert _difference(here, there, np.ones(1), 1e-8) == 0.5
+
+
+def test_an_event_in_the_rounding_of_a_creep_to_rest_may_be_met_at_any_time():
+    """Both creep to 0 as exp(-t), and stop by rounding at 30 s, or at 33 s: after 20 s nothing is left of it. A stop at
+    speed, at 30 s or at 33 s, is another motion."""
+
+    def crept(stops, decays):
+        breaks = np.append(np.arange(0.0, 30.0, 2.0), stops)
+        at = np.exp(-breaks) if decays else 1 - breaks / stops
+        creep = Segment("up", "turns", stops, breaks / stops, at[:-1, None], at[-1:])
+        return [creep, Segment("down", "", 100 - stops, np.array([0.0, 1.0]), at[-1:, None], at[-1:])]
+
+    found = [_difference(crept(30.0, decays), crept(33.0, decays), np.ones(1), 1e-8) for decays in (True, False)]
+    assert found == [pytest.approx(np.exp(-28.0)), pytest.approx(3 / 100)]
+
+
+@pytest.mark.parametrize(("last", "rests_from"), [
+    ([(1.0, 1e-10)], 3), ([(1.0, 1e-8)], 4),  # it moves less than before, but not by what an event is known to
+    ([(1.0, 1e-10), (1.0, 0.5)], 3),  # the event that led to the last phase was met by rounding
+    ([(1.0, 1e-10), (1.0, 0.5), (1.0, 0.5)], 6),
+    ([(1e-12, 1e-22)], 4), ([(0.0, 0.0)], 4),  # too short to be told from rounding: events crowd
+    ([(1e-30, 2e-16), (1.0, 1e-8)], 5),  # nor was it fast because it moved by rounding in no time
+])  # fmt: skip
+def test_a_motion_that_cannot_be_followed_rests_where_its_forces_balance(last, rests_from):
+    """Phases by how long they take and how far they lead; the first three take 1 s and lead 1 to and fro."""
+    phases = [(1.0, 1.0)] * 3 + last
+    x = np.cumsum([0.0, *(far * (-1) ** k for k, (_, far) in enumerate(phases))])
+    segments = [
+        Segment("slip", "stop", lasts, np.array([0.0, 1.0]), np.array([[a]]), np.array([b]))
+        for (lasts, _), a, b in zip(phases, x, x[1:], strict=False)
+    ]
+    assert dies_out_at(segments, np.ones(1)) == rests_from
+    assert dies_out_at(segments[3:], np.ones(1)) == len(segments) - 3  # it begins next to an equilibrium, and leaves it
 
 
 def _two_modes(damping: float, stiff: bool) -> System:
