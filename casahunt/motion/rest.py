@@ -1,8 +1,8 @@
 """Where a motion has come to rest, so that what it still does is rounding.
 
-    noise      no state moves by more than `STANDS` of its size, in `STANDS_FOR` phases in a row
-    balanced   a motion that cannot be followed any more moves `BALANCED` times as slowly as it did before: forces that
-               balance to what an event is known to; which one is met next, and whether one is, is rounding
+noise      no state moves by more than `STANDS` of its size, in `STANDS_FOR` phases in a row
+balanced   a motion that cannot be followed any more moves `BALANCED` times as slowly as it did before: forces that
+           balance to what an event is known to; which one is met next, and whether one is, is rounding
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ import pytest
 from command_line import one_json, run
 
 from casahunt import InputError, Servo, cli
+from casahunt.motion import MarchFailure, simulation
 from casahunt.servo.sampled.check import AsBuilt
 from casahunt.views.commands import remedies as remedies_command
 from casahunt.views.commands.identify import fit_of
@@ -357,6 +358,52 @@ def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
     assert "it has come to rest, and nothing in the loop moves it again" in out
     assert "rad from the set point, velocity" in out
     assert "with a remedy it may hunt from nearer" in " ".join(out.split())
+
+
+ROTARY = """
+[servo]
+inertia = 0.0035
+motor_gain = 1.0
+[controller]
+kp = 4
+ki = 30
+kd = 0.12
+[friction]
+static = 0.8
+coulomb = 0.55
+stribeck_velocity = 0.08
+viscous = 0.02
+"""
+
+
+@pytest.mark.slow
+def test_motions_that_could_not_be_followed_are_known(capsys, tmp_path):
+    """One grows until it is too large, one creeps to the edge of Fs/(kp + ki/leak), where only rounding goes on."""
+    path = tmp_path / "rotary.toml"
+    path.write_text(ROTARY)
+    code, out, _ = run(capsys, "simulate", path, "--gain", 1, "--error-filter-time", 0.0792, "--json", "--quiet")
+    grown = one_json(out)
+    assert code == 0 and grown["verdict"] == "growing" and grown["time"] < 100 and abs(grown["end"]["x1"]) > 1e3
+    code, out, _ = run(capsys, "simulate", path, "--gain", 1, "--leak", 1.4, "--json", "--quiet")
+    rests = one_json(out)
+    assert code == 0 and rests["verdict"] == "at rest"
+    assert rests["end"]["x1"] == pytest.approx(0.8 / (4 + 30 / 1.4), rel=1e-9)
+
+
+def test_a_refusal_says_what_to_try_and_why_with_details(capsys, monkeypatch):
+    """The words of the engine are for those who ask."""
+
+    def march(*_, **__):
+        failure = MarchFailure("the mode 'stick' starts on its own event")
+        failure.time = 5.1691
+        raise failure
+
+    monkeypatch.setattr(simulation, "march", march)
+    words = ("simulate", "--gain", 0.04, "--leak", 1.0)
+    code, _, err = run(capsys, *words)
+    plain = "the motion of switch servo cannot be followed beyond 5.169 s; try a shorter time, or another start"
+    assert code == 1 and err.strip().endswith(plain)
+    assert run(capsys, *words, "--details")[2].strip().endswith(f"{plain} (the mode 'stick' starts on its own event)")
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
     hunting     a cycle was computed to which it goes on, from its end or from a later state
     at rest     nothing moves, no state at all, for as long again, or in the second half of it
     decaying    it comes to rest behind its end; or, with a remedy, what is left of it is half as large `HALVED` times
+    growing     it is so far away that a motion as built would be given up (`FAR_AWAY`), and goes ever farther
     undecided   none of these
 
 A servo that is stuck may wind up to its next breakaway: where its position stands, it is not at rest.
@@ -16,12 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...checks import to_error
-from ...errors import ComesToRest, NoOrbit
+from ...errors import ComesToRest, NoOrbit, NotFollowed
 from ...motion import Motion
 from ...orbits import Options, Orbit, SystemOrbit, find_cycle
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import LoopMotion, loop_motion
-from .price import RESTS_WITHIN, ROUNDING_OF_A_STATE, fate
+from ...servo.sampled.motion import FAR_AWAY
+from .price import OUTGROWN_BY, RESTS_WITHIN, ROUNDING_OF_A_STATE, TASK_STEP, fate
 
 LATE = 0.5
 """Part of the motion behind which nothing moves where it rests."""
@@ -44,6 +46,9 @@ class Outcome(NamedTuple):
 def outcome(loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None) -> Outcome:
     """What a motion goes on to; bare: the cycle of the loop without its remedy, None where there is none."""
     motion = found.motion
+    if grows(loop, found):
+        far = f"{motion.end['x1']:+.3g} rad beside the set point at {motion.duration:.4g} s"
+        return Outcome("growing", f"it grows without bound, and was followed to {far}")
     try:
         return _hunting(_cycle_from(loop, motion.phases[-1].mode, _end(motion), tol))
     except ComesToRest:
@@ -57,6 +62,30 @@ def outcome(loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None) -> Ou
         if bare is None:
             return Outcome("undecided", NOT_FOLLOWED, evidence=str(why))
         return _followed_on(loop, found, tol, bare, str(why))
+
+
+def grows(loop: Loop, found: LoopMotion) -> bool:
+    """Whether a motion grows without bound: its second half leads far away from where, and from how, it began, and much
+    farther than the first."""
+    x, late = np.abs(found.states[loop.system.states.index("x1")]), found.times >= LATE * found.motion.duration
+    start = max(TASK_STEP, float(np.abs(found.states[:, 0]).max()))
+    return bool(x[late].max() > max(FAR_AWAY * start, OUTGROWN_BY * x[~late].max()))
+
+
+def followed(loop: Loop, time: float, start: dict[str, float], tol: float) -> LoopMotion:
+    """The motion of a loop; of one that grows until it cannot be followed, half of the time that it was.
+
+    Raises NotFollowed: it cannot be, and does not grow.
+    """
+    try:
+        return loop_motion(loop, time, start=start, tol=tol)
+    except NotFollowed as refusal:
+        if refusal.time > 0:
+            with suppress(NotFollowed):
+                found = loop_motion(loop, refusal.time / 2, start=start, tol=tol)
+                if grows(loop, found):
+                    return found
+        raise
 
 
 def _cycle_from(loop: Loop, mode: str, start: dict[str, float], tol: float) -> SystemOrbit:

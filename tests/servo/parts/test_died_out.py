@@ -1,11 +1,14 @@
-"""Motions with remedies that come to rest where events are met by rounding: they are followed to the end."""
+"""What becomes of motions with remedies that could not be followed: they come to rest by rounding, or grow."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from casahunt import Friction, Pid, Servo
+from casahunt.design.remedies.outcome import followed, grows, outcome
 from casahunt.servo.parts import loop_motion
 from casahunt.views.commands.loops.remedied import with_remedies
 
@@ -36,3 +39,38 @@ def test_slips_shrink_to_rounding(remedy, at):
     assert motion.motion.error < 1e-6 and motion.motion.end["x1"] == pytest.approx(at, abs=1e-8)
     assert np.abs(motion.torque[-1]) == pytest.approx(0.32, rel=1e-6)  # breakaways follow each other to the end
     assert np.ptp(motion.states[:, motion.times > 50], axis=1).max() < 1e-9
+
+
+UNSTABLE = {"error_filter_time": 0.0792}
+
+
+def test_a_motion_grows_that_its_linear_loop_carries_away():
+    """Without dry friction, which holds nothing back so far out: theta'' = (-kp f - kd f' - ki w - b theta')/J with
+    the filtered error Tf f' = theta - f. 20 rad off it may still turn back."""
+    loop = with_remedies(ROTARY, "switch", 1.0, UNSTABLE)
+    J, b, Tf = ROTARY.inertia, 0.02, UNSTABLE["error_filter_time"]
+    linear = np.diag([1.0, 0.0, 0.0], 1)
+    linear[1] = -0.12 / Tf / J, -b / J, -30 / J, (0.12 / Tf - 4) / J
+    linear[2:] = (0, 0, 0, 1), (1 / Tf, 0, 0, -1 / Tf)
+    assert np.linalg.eigvals(linear).real.max() > 1
+    late, soon = (followed(loop, time, loop.at_rest(-1.0), 1e-6) for time in (2.0, 1.28))
+    assert grows(loop, late) and outcome(loop, late, 1e-6, None).verdict == "growing"
+    assert not grows(loop, soon) and abs(soon.motion.end["x1"]) > 10
+
+
+@pytest.mark.parametrize(("start", "time"), [
+    ({"x1": -5e3}, 1.0), ({"x2": 1e5}, 0.05), ({"x2": 1e5}, 1.0), ({"x3": -1e4}, 0.01),
+])  # fmt: skip
+def test_far_away_is_not_growing(start, time):
+    """Begun so far away, or thrown or pushed there, it comes back."""
+    loop = with_remedies(ROTARY, "switch", 1.0, {"leak": 1.4})
+    found = followed(loop, time, loop.state(**start), 1e-6)
+    assert np.abs(found.states[0]).max() > 1e3 and not grows(loop, found)
+
+
+@pytest.mark.parametrize(("x", "is_growing"), [
+    ([-1, 90, -3e3, 2e3, -5e3, 1e4], True), ([-1, 2e4, -2e4, 2e4, -2e4, 2e4], False),
+])  # fmt: skip
+def test_a_swing_that_is_large_from_the_beginning_does_not_grow(x, is_growing):
+    found = SimpleNamespace(states=np.array([x]), times=np.arange(6.0), motion=SimpleNamespace(duration=5.0))
+    assert grows(SimpleNamespace(system=SimpleNamespace(states=("x1",))), found) == is_growing
