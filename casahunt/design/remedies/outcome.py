@@ -49,14 +49,16 @@ def outcome(loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None) -> Ou
     if grows(loop, found):
         far = f"{motion.end['x1']:+.3g} rad beside the set point at {motion.duration:.4g} s"
         return Outcome("growing", f"it grows without bound, and was followed to {far}")
+    still = _still(motion, found.states[:, found.times >= LATE * motion.duration])
+    if still and _stays(loop, found):
+        return Outcome("at rest", STANDS_FOR_GOOD)
     try:
         return _hunting(_cycle_from(loop, motion.phases[-1].mode, _end(motion), tol))
     except ComesToRest:
         stays = _stays(loop, found)
         return Outcome("at rest", STANDS_FOR_GOOD) if stays else Outcome("decaying", COMES_TO_REST)
     except NoOrbit as why:
-        late = found.times >= LATE * motion.duration
-        if _still(motion, found.states[:, late]):
+        if still:
             since = f"since {LATE * motion.duration:.4g} s nothing has moved, and no cycle was found"
             return Outcome("at rest", since)
         if bare is None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from casahunt import Friction, Pid, Servo
+from casahunt.design.remedies import outcome as outcomes
 from casahunt.design.remedies.outcome import followed, grows, outcome
 from casahunt.servo.parts import loop_motion
 from casahunt.views.commands.loops.remedied import with_remedies
@@ -39,6 +40,14 @@ def test_slips_shrink_to_rounding(remedy, at):
     assert motion.motion.error < 1e-6 and motion.motion.end["x1"] == pytest.approx(at, abs=1e-8)
     assert np.abs(motion.torque[-1]) == pytest.approx(0.32, rel=1e-6)  # breakaways follow each other to the end
     assert np.ptp(motion.states[:, motion.times > 50], axis=1).max() < 1e-9
+
+
+def test_no_cycle_is_looked_for_where_nothing_moves(monkeypatch):
+    """Neither in the second half nor for as long again: it looked for one for seconds, and found none."""
+    monkeypatch.setattr(outcomes, "find_cycle", lambda *_, **__: pytest.fail("looked for a cycle"))
+    loop = with_remedies(ROTARY, "switch", 1.0, {"leak": 2.0})
+    found = loop_motion(loop, 100.0, start=loop.at_rest(-1.0), tol=1e-6)
+    assert outcome(loop, found, 1e-6, None).verdict == "at rest"
 
 
 UNSTABLE = {"error_filter_time": 0.0792}
