@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -163,4 +164,5 @@ def test_a_time_is_not_free_and_uncertain(servo):
 def test_a_task_that_cannot_be_met_is_code_1(capsys):
     assert main(["tune", "--bounds", "gain=0.1,0.5", "--json"]) == 1
     said = capsys.readouterr()
-    assert said.out == "" and "in the way: the hunting margin" in said.err
+    told = json.loads(said.out)["refused"]
+    assert "in the way: the hunting margin" in told and told in said.err
