@@ -27,13 +27,14 @@ def loop_answer(
     viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad]; drive, built: the
     drive where the servo file describes one, and the margins as built.
     """
+    kind = " as a continuous loop" if built else ""
     plain = [
-        "linear loop, dry friction left out",
+        f"linear loop{', continuous' if built else ''}, dry friction left out",
         f"  with viscous friction     {_stable_from(viscous)}",
         f"  without any friction      {_stable_from(frictionless)}",
     ]
     for loop in loops:
-        plain.append(f"gain {loop.gain:.10g} V/rad: {'stable' if loop.stable else 'unstable'}")
+        plain.append(f"gain {loop.gain:.10g} V/rad{kind}: {'stable' if loop.stable else 'unstable'}")
         for c in loop.gain_crossovers:
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
         plain.append(item("gain margin", _gain_margin(loop)))
