@@ -42,7 +42,8 @@ def loop_answer(
         plain.append(f"gain {loop.gain:.10g} V/rad as built: {_as_built(margins)}")
     if drive is not None:
         said = "; ".join(drive_said(drive.exact()))
-        plain.append(item("as built", f"the sampled loop, {said}; what is not linear in it is left out"))
+        left = "what is not linear in it is left out; a picture (--plot) shows the continuous loop"
+        plain.append(item("as built", f"the sampled loop, {said}; {left}"))
     return Answer([*plain, NOT_SAID], _details(loops, viscous, frictionless))
 
 
