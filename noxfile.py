@@ -42,11 +42,11 @@ def tests(session: nox.Session) -> None:
 
 @nox.session(python=PYTHONS[0])  # the youngest Pythons have no numpy that old
 def floors(session: nox.Session) -> None:
-    """The README's first command, and the tests of commands and files, with the oldest versions that are allowed."""
+    """The README's first command, and the tests of commands and files, with the lowest versions, of extras too."""
     work = Path(session.create_tmp())
     lowest = work / "floors.txt"
     lowest.write_text(str(session.run("python", ".ci/floors.py", silent=True)), encoding="utf-8")
-    session.install("-c", str(lowest), ".", "pytest", "pytest-xdist", "scipy", "pandas")
+    session.install("-c", str(lowest), ".[explore,completion,pandas,mat]", "pytest", "pytest-xdist")
     session.env.update({"MPLBACKEND": "Agg", "MPLCONFIGDIR": str(work)})
     with session.chdir(work):
         session.run("casahunt", "diagram", "--quiet")

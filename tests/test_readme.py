@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -203,6 +204,15 @@ def test_the_first_command_is_what_a_fresh_machine_does():
     assert [numbers for command, numbers in PROMISED.items() if numbers] == [
         ["0.6473"], ["0.8007"], ["0.8808"], ["0.04335", "0.2468", "0.6473"], ["0.209"], ["2.494"],
     ]  # fmt: skip
+
+
+def test_the_lowest_versions_are_those_of_the_extras_too():
+    """Of each library that a user installs with an extra and that has a lowest version."""
+    script = Path(__file__).parents[1] / ".ci" / "floors.py"
+    printed = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True).stdout.split()
+    assert {line.partition("==")[0] for line in printed} >= {
+        "casadi", "numpy", "matplotlib", "bokeh", "tornado", "argcomplete", "pandas", "scipy"
+    } and len(printed) == len(set(printed))  # fmt: skip
 
 
 def test_there_are_commands():

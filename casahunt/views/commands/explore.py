@@ -34,6 +34,8 @@ def run(options: argparse.Namespace) -> int:
     port = None if options.port is None else count_of("port", options.port, 1, LAST_PORT)
     server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
     stream = progress(options)
+    if opened := server.opened():
+        say(stream, opened)
     if options.json:
         print(json.dumps({"address": server.address}), flush=True)
     else:

@@ -4,8 +4,11 @@
     websocket /answers                      a conversation (conversation.py), in JSON
 
 Who may connect: by default this machine alone, since the server listens at 127.0.0.1.  A page of another site, open in
-the same browser, may not: its Origin is another one, and where it has made its own name point here, the Host is.  So
-many pages at once (`MOST_PAGES`), messages so long (`LONGEST_MESSAGE`), work so much for each stage (answers.py).
+the same browser, may not: its Origin is another one, and where it has made its own name point here, the Host is.  The
+Host is looked at first, by every handler (`prepare`): of an Origin that agrees with it nothing is asked.  An address
+in numbers is nobody's to give away: a server that listens at all of them (0.0.0.0) answers to these and to its own
+name.  So many pages at once (`MOST_PAGES`), messages so long (`LONGEST_MESSAGE`), work so much for each stage
+(answers.py).
 
 Only this module imports tornado, when a page is asked for.
 """
@@ -13,13 +16,14 @@ Only this module imports tornado, when a page is asked for.
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import json
+import re
 import socket
 import threading
 from contextlib import suppress
 from functools import partial
 from typing import Any
-from urllib.parse import urlsplit
 
 from ...errors import InputError
 from ...export import extra
@@ -30,8 +34,12 @@ from .state import State
 from .worker import DONE, Worker
 
 THIS_MACHINE = "127.0.0.1"
-LOCAL_NAMES = ("127.0.0.1", "localhost", "[::1]")
+HOST = re.compile(r"(\[[^@/\[\]]+\]|[^:@/\[\]]+)(?::[0-9]+)?")
+"""A name, or an address, and perhaps a port, as a browser says them."""
+LOCAL_NAMES = ("127.0.0.1", "localhost", "::1")
 """What this machine calls itself."""
+EVERYWHERE = ("", "0.0.0.0", "::")
+"""Hosts that are all addresses of the machine."""
 FIRST_PORT, PORTS_TRIED = 8765, 20
 """Where no port is asked for: the first free one of these."""
 MOST_PAGES = 6
@@ -78,8 +86,26 @@ class Server:
     @property
     def address(self) -> str:
         """Of the page."""
-        name = self.host if self.host not in ("", "0.0.0.0", "::") else THIS_MACHINE
-        return f"http://{name}:{self.port}/?{self.first.address()}"
+        name = self.host if self.host not in EVERYWHERE else THIS_MACHINE
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.port}/?{self.first.address()}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What it answers to, beside any address in numbers where it listens at all of them."""
+        own = (socket.gethostname(),) if self.host in EVERYWHERE else (self.host,)
+        return tuple(dict.fromkeys(name.lower() for name in (*LOCAL_NAMES, *own)))
+
+    def opened(self) -> str:
+        """What others than this machine are let in to, in a sentence; "" where nobody is."""
+        at = self._socket.getsockname()[0]
+        if ipaddress.ip_address(at.partition("%")[0]).is_loopback:
+            return ""
+        everywhere = self.host in EVERYWHERE
+        return (
+            f"whoever reaches {'any address of this machine' if everywhere else at} may open the page, compute here "
+            f"and see this servo, without a password; it answers to {'addresses in numbers and ' if everywhere else ''}"
+            f"the names {', '.join(self.names)}: for another one give that as --host"
+        )
 
     def run(self) -> None:
         """Serve until `close`."""
@@ -134,8 +160,9 @@ class Server:
 
     def may_ask(self, host: str) -> bool:
         """Whether somebody who calls this server so is meant to: not where another site has given it its own name."""
-        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
-        return name in (*LOCAL_NAMES, self.host) or self.host in ("", "0.0.0.0", "::")
+        told = HOST.fullmatch(host.lower())
+        name = told[1].strip("[]") if told else ""
+        return name in self.names or (self.host in EVERYWHERE and _in_numbers(name))
 
     def enter(self, shown: Any) -> Worker | None:
         """A worker for a page; None where there are too many."""
@@ -186,6 +213,31 @@ def _listening(host: str, port: int | None) -> tuple[socket.socket, int]:
     raise InputError(f"{asked} at {host}: cannot be listened at ({why}); give another --port")
 
 
+def _in_numbers(name: str) -> bool:
+    """Whether a name is an address of the network itself."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _looked_at(server: Server) -> Any:
+    """What every handler does first: whoever calls this server by a name that is not its own is sent away."""
+    web = extra("tornado.web", "explore", "explore")
+
+    def prepare(handler: Any) -> None:
+        if server.may_ask(handler.request.host):
+            return
+        handler.set_status(403)
+        handler.set_header("Content-Type", "text/plain; charset=utf-8")
+        handler.finish(f"casahunt explore answers to {', '.join(server.names)}; start it with --host and the name that "
+                       "it is to answer to.")  # fmt: skip
+        raise web.Finish
+
+    return prepare
+
+
 def _files(server: Server) -> Any:
     """The class of tornado that serves files."""
     web = extra("tornado.web", "explore", "explore")
@@ -193,12 +245,10 @@ def _files(server: Server) -> Any:
     class Files(web.RequestHandler):  # type: ignore[name-defined]
         """One file of the table."""
 
+        prepare = _looked_at(server)
+
         def initialize(self, name: str) -> None:
             self.name = name
-
-        def prepare(self) -> None:
-            if not server.may_ask(self.request.host):
-                raise web.HTTPError(403)
 
         def set_default_headers(self) -> None:
             for header, value in HEADERS.items():
@@ -218,12 +268,9 @@ def _answers(server: Server) -> Any:
     class Answers(websocket.WebSocketHandler):  # type: ignore[name-defined]
         """One page."""
 
+        prepare = _looked_at(server)
         worker: Worker | None = None
         talk: Conversation | None = None
-
-        def check_origin(self, origin: str) -> bool:
-            host = self.request.host
-            return urlsplit(origin).netloc.lower() == host.lower() and server.may_ask(host)
 
         def open(self, *_: Any) -> None:
             self.worker = server.enter(self)

@@ -6,6 +6,7 @@ import contextlib
 import http.client
 import json
 import re
+import socket
 import time
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -156,6 +157,50 @@ def test_another_name_for_this_machine_is_refused(served):
     """A site that points its own name here would else read the page (DNS rebinding)."""
     assert get(served, "/", Host=f"evil.example:{served.port}")[0] == 403
     assert get(served, "/", Host=f"localhost:{served.port}")[0] == 200
+
+
+def test_another_name_is_refused_where_the_origin_agrees_with_it(served):
+    """A site that points its own name here and asks from its own page: Origin and Host are one, and not ours."""
+    for evil in ("evil.example", f"evil.example:{served.port}"):
+        with pytest.raises(HTTPClientError, match="403"):
+            asyncio.run(begun(served, Origin=f"http://{evil}", Host=evil))
+    asyncio.run(begun(served, Origin=f"http://localhost:{served.port}", Host=f"localhost:{served.port}"))
+
+
+def test_every_handler_looks_at_the_host_before_anything_else(served):
+    application = served._application()
+    paths = [rule.matcher.regex.pattern.rstrip("$") for rule in application.wildcard_router.rules]
+    assert {"/", "/answers", "/page.js"} <= {path.replace("\\", "") for path in paths}
+    for path in paths:
+        status, _, said = get(served, path.replace("\\", ""), Host=f"evil.example:{served.port}")
+        assert status == 403 and b"answers to 127.0.0.1, localhost" in said and b"--host" in said
+
+
+@pytest.mark.parametrize(
+    ("host", "asked", "may"),
+    [
+        ("127.0.0.1", "127.0.0.1:1", True), ("127.0.0.1", "LocalHost:1", True), ("127.0.0.1", "[::1]:1", True),
+        ("127.0.0.1", "192.168.0.7:1", False), ("127.0.0.1", "evil.example@127.0.0.1", False),
+        ("127.0.0.1", "127.0.0.1/evil.example", False), ("127.0.0.1", "", False), ("127.0.0.1", "[::1", False),
+        ("0.0.0.0", "192.168.0.7:1", True), ("0.0.0.0", "[fe80::1]:1", True), ("0.0.0.0", "evil.example:1", False),
+        ("0.0.0.0", f"{socket.gethostname()}:1", True), ("Bench.lan", "bench.lan:1", True), ("::1", "[::1]:1", True),
+    ],
+)  # fmt: skip
+def test_the_names_that_it_answers_to(host, asked, may):
+    """Open to the network it answers to addresses in numbers, which no site can give to itself, and its own name."""
+    made = object.__new__(Server)
+    made.host = host
+    assert made.may_ask(asked) is may
+
+
+def test_what_a_host_opens_is_said(served):
+    assert served.opened() == ""
+    made = Server(FIRST, host="0.0.0.0", port=0)
+    try:
+        said = made.opened()
+    finally:
+        made._socket.close()
+    assert "without a password" in said and socket.gethostname().lower() in said and "--host" in said
 
 
 def test_it_listens_at_this_machine_alone(served):
