@@ -72,26 +72,33 @@ def stribeck(static: float, coulomb: float, velocity: float, viscous: float) -> 
     return lambda v: coulomb + (static - coulomb) * math.exp(-((v / velocity) ** 2)) + viscous * v
 
 
+def between(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number, log-uniformly."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 def one(kind: str, seed: int, number: int) -> tuple[Loop, PartMotion, dict[str, float], float]:
     """(loop, the same by scipy, states at the start, period of the plain servo)."""
-    rng = np.random.default_rng([seed, number, KINDS.index(kind)])
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-    servo = Servo().replace(**draw(seed, number))
-    gain = between(*SHARES) * find_fold(servo, "switch").gain
+    rng, servo = np.random.default_rng([seed, number, KINDS.index(kind)]), Servo().replace(**draw(seed, number))
+    gain = between(rng, *SHARES) * find_fold(servo, "switch").gain
     cycle = find_orbit(servo, "switch", gain)
+    return *with_part(kind, rng, servo, gain, cycle.amplitude, cycle.period), cycle.period
+
+
+def with_part(
+    kind: str, rng: np.random.Generator, servo: Servo, gain: float, amplitude: float, period: float
+) -> tuple[Loop, PartMotion, dict[str, float]]:
+    """(loop, the same by scipy, states at the start) of a servo that hunts with this amplitude and period."""
     f, loop = servo.friction, loop_of(servo, "switch", gain)
     factor = gain * servo.motor_gain
     kp, ki, kd = (factor * loop.value(name) for name in ("kp", "ki", "kd"))
     curve = stribeck(f.static, f.coulomb, f.stribeck_velocity, f.viscous)
     peer = PartMotion(servo.inertia, (curve, curve), (f.static, f.static), (kp, kd, ki))
-    start = {"x1": -between(0.3, 1.5) * cycle.amplitude}
+    start = {"x1": -between(rng, 0.3, 1.5) * amplitude}
     values, plant, friction, more = dict(loop.values), INERTIA, SWITCH, ()
     if kind == "two masses":
         part, J = rng.uniform(0.2, 0.8), servo.inertia
-        w, damping = between(20.0, 2000.0) / cycle.period, between(0.02, 0.5)
+        w, damping = between(rng, 20.0, 2000.0) / period, between(rng, 0.02, 0.5)
         reduced = part * (1 - part) * J
         shaft = (1 - part) * J, reduced * w**2, 2 * damping * reduced * w
         plant, start["load_angle"] = TWO_MASSES, start["x1"]
@@ -99,12 +106,13 @@ def one(kind: str, seed: int, number: int) -> tuple[Loop, PartMotion, dict[str, 
         values["inertia"] = peer.inertia = part * J
         peer.shaft = shaft
     elif kind == "direction":
-        Fs, Fc, b = f.static * between(0.7, 1.4), 0.0, f.viscous * between(0.5, 2.0)
+        Fs, Fc, b = f.static * between(rng, 0.7, 1.4), 0.0, f.viscous * between(rng, 0.5, 2.0)
         Fc = Fs * rng.uniform(0.6, 0.97)
         friction, values = BY_DIRECTION, values | {"static_back": Fs, "coulomb_back": Fc, "viscous_back": b}
         peer.curve, peer.static = (curve, stribeck(Fs, Fc, f.stribeck_velocity, b)), (f.static, Fs)
     elif kind == "table":
-        v = np.append(0.0, f.stribeck_velocity * np.geomspace(0.3, between(10.0, 1000.0), int(rng.integers(5, 14))))
+        last, entries = between(rng, 10.0, 1000.0), int(rng.integers(5, 14))
+        v = np.append(0.0, f.stribeck_velocity * np.geomspace(0.3, last, entries))
         torque = np.array([curve(k) for k in v]) * np.append(1.0, rng.uniform(0.98, 1.02, v.size - 1))
         torque[-1] = max(torque[-1], 1.001 * torque[-2])  # so that scipy's end is the part's
         friction = friction_table(v, torque, static=f.static)
@@ -112,18 +120,18 @@ def one(kind: str, seed: int, number: int) -> tuple[Loop, PartMotion, dict[str, 
         table: Curve = lambda u: float(cubic(u)) if u <= v[-1] else float(torque[-1] + slope * (u - v[-1]))  # noqa: E731
         peer.curve = table, table
     elif kind == "filter":
-        Tf = between(5e-3, 0.3) * cycle.period / 10
+        Tf = between(rng, 5e-3, 0.3) * period / 10
         more, values["derivative_filter"], peer.filter_time = (DERIVATIVE_FILTER,), Tf, Tf
     else:
-        limit, way = f.static * between(1.02, 3.0), int(rng.integers(3))
+        limit, way = f.static * between(rng, 1.02, 3.0), int(rng.integers(3))
         more, values["torque_limit"], peer.limit = ((TORQUE_LIMIT, CLAMPING, BACK_CALCULATION)[way],), limit, limit
-        peer.unwinding = (None, 0.0, between(0.02, 1.0) * cycle.period)[way]
+        peer.unwinding = (None, 0.0, between(rng, 0.02, 1.0) * period)[way]
         if way == 2:
             values["unwinding_time"] = peer.unwinding
     parts = plant, friction, PID_BY_GAINS, INTEGRATOR, *more
     wanted = {name for part in parts for name in part.parameters}
     values = {name: value for name, value in values.items() if name in wanted}
-    return Loop(parts, values), peer, start, cycle.period
+    return Loop(parts, values), peer, start
 
 
 def check(kind: str, seed: int, number: int) -> tuple[str, str]:

@@ -63,8 +63,8 @@ ROUNDING = 1e-11
 NUMBER = re.compile(r"[-+]?\d+([.,]\d+)*(e[-+]?\d+)?")
 
 Answer = dict[str, Any]
-"""{"words": [...], "numbers": {name: [value, absolute error], ...}}: JSON gives it back as it was."""
-GIVEN_UP: Answer = {"words": ["given up"], "numbers": {}}
+"""{"words": {"status": ..., ...}, "numbers": {name: [value, absolute error], ...}}: JSON gives it back as it was."""
+GIVEN_UP: Answer = {"words": {"status": "given up"}, "numbers": {}}
 
 
 def environment(processor: str) -> dict[str, str]:
@@ -88,17 +88,26 @@ def said(orbit: Any) -> Answer:
     }
     if m.trusted:
         numbers["leading multiplier"] = [abs(m.leading), m.leading_error]
-    words = [str(orbit.signature), orbit.status.name, f"{len(orbit.arcs)} phases", f"stable {orbit.stable}"]
+    words = {"status": orbit.status.name, "phases": str(orbit.signature), "stable": orbit.stable}
     return {"words": words, "numbers": numbers}
+
+
+def said_of_fold(fold: Any) -> Answer:
+    """What is said of a fold: its leading multiplier is 1, and on which side of it the orbit lies is rounding."""
+    answer = said(fold.orbit)
+    known = {"leading multiplier": [1.0, 0.0], "gain": [fold.gain, fold.gain * fold.gain_error]}
+    words = {name: answer["words"][name] for name in ("status", "phases")}
+    return {"words": words, "numbers": answer["numbers"] | known}
 
 
 def said_of_branch(branch: Any, tol: float) -> Answer:
     """What is said of a branch: its special points, what it missed, how it ended."""
     points = [f"{s.kind}, {len(s.orbit.arcs)} phases" for s in branch.special]
-    missed = [f"missed: {m.kind}, {without_numbers(m.meaning)}" for m in branch.missed]
+    missed = [f"{m.kind}, {without_numbers(m.meaning)}" for m in branch.missed]
     # Next to a sharp fold no step converges: by what the last of many fails is rounding.
-    ended = branch.end.kind if branch.end.kind == "stuck" else without_numbers(branch.ended)
-    words = [*points, *missed, ended]
+    stuck = hasattr(branch, "end") and branch.end.kind == "stuck"
+    end = "stuck" if stuck else without_numbers(branch.ended)
+    words = {"status": "answered", "points": points, "missed": missed, "end": end}
     values = {f"{k + 1}, {s.kind}": [s.value, tol * abs(s.value)] for k, s in enumerate(branch.special)}
     return {"words": words, "numbers": values}
 
@@ -117,7 +126,8 @@ def asked(question: Any, limit: float) -> tuple[Any, Answer | None]:
             return None, GIVEN_UP
         except NoOrbit as refusal:
             status = refusal.status.name if refusal.status else "there is none"
-            return None, {"words": ["refused", status, without_numbers(str(refusal))], "numbers": {}}
+            words = {"status": f"refused, {status}", "sentence": without_numbers(str(refusal))}
+            return None, {"words": words, "numbers": {}}
 
 
 def servo_answers(
@@ -129,10 +139,7 @@ def servo_answers(
     if refusal is None:
         if first:
             gains[name] = fold.gain
-        answer = said(fold.orbit)
-        # At the fold the leading multiplier is 1, and on which side of it the orbit lies is rounding.
-        known = {"leading multiplier": [1.0, 0.0], "gain": [fold.gain, fold.gain * fold.gain_error]}
-        refusal = {"words": answer["words"][:3], "numbers": answer["numbers"] | known}
+        refusal = said_of_fold(fold)
     yield f"{name}, fold", refusal
     if name not in gains:  # the first processor has found none
         return
@@ -151,7 +158,8 @@ def servo_answers(
     start = {"position": 1 + 2 * float(f"{stable.amplitude:.6g}"), "time": PERIODS * float(f"{stable.period:.6g}")}
     motion, refusal = asked(lambda: simulate(servo, model, stable.gain, **start), limit)
     yield f"{name}, motion at gain {stable.gain!r}", refusal or {
-        "words": [motion.verdict.kind, motion.status.name, without_numbers(motion.ended)], "numbers": {},
+        "words": {"verdict": motion.verdict.kind, "status": motion.status.name, "end": without_numbers(motion.ended)},
+        "numbers": {},
     }  # fmt: skip
 
 
@@ -225,7 +233,7 @@ def table(runs: dict[str, dict[str, Answer]]) -> str:
     lines = [f"{'':20s}{'asked':>7s}{'refused':>9s}{'given up':>10s}{'words':>7s}{'digits':>8s}"]
     for kind in [*kinds, ""]:
         part = [q for q in runs[first] if kind in ("", kind_of(q))]
-        refused = sum(runs[first][q]["words"][:1] == ["refused"] for q in part)
+        refused = sum(runs[first][q]["words"]["status"].startswith("refused") for q in part)
         given_up = sum(GIVEN_UP in [run.get(q) for run in runs.values()] for q in part)
         counts = [sum(how in found.get(q, {}).values() for q in part) for how in ("words", "digits")]
         lines.append(f"{kind or 'all':20s}{len(part):7d}{refused:9d}{given_up:10d}{counts[0]:7d}{counts[1]:8d}")

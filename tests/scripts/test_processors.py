@@ -10,7 +10,7 @@ from scripts import processors
 
 
 def said(*words: str, **numbers: tuple[float, float]) -> processors.Answer:
-    return {"words": list(words), "numbers": {name: list(pair) for name, pair in numbers.items()}}
+    return {"words": {"status": words[0]}, "numbers": {name: list(pair) for name, pair in numbers.items()}}
 
 
 @pytest.mark.parametrize(("other", "how"), [
