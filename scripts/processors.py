@@ -95,7 +95,7 @@ def said(orbit: Any) -> Answer:
 def said_of_fold(fold: Any) -> Answer:
     """What is said of a fold: its leading multiplier is 1, and on which side of it the orbit lies is rounding."""
     answer = said(fold.orbit)
-    known = {"leading multiplier": [1.0, 0.0], "gain": [fold.gain, fold.gain * fold.gain_error]}
+    known = {"leading multiplier": [1.0, 0.0], "gain": [fold.value, abs(fold.value) * fold.value_error]}
     words = {name: answer["words"][name] for name in ("status", "phases")}
     return {"words": words, "numbers": answer["numbers"] | known}
 

@@ -32,7 +32,7 @@ Differences = dict[str, list[str]]
 def state(row: Row) -> str:
     """Whether a question was answered or refused; else what became of it."""
     status: str = row["words"]["status"]
-    failed = status in ("given up", "ran away") or status.endswith("Error")
+    failed = status in ("given up", "ran away") or status.startswith("error")
     return status if failed else "refused" if status.startswith("refused") else "answered"
 
 

@@ -157,19 +157,19 @@ class Verb(NamedTuple):
 
 VERBS = (
     Verb("fold", fold, (1, 1), False),
-    *(Verb(name, partial(cycle, name), (1, 1)) for name in ("stable", "unstable")),
-    Verb("diagram", branch, (2, 8), False),
+    *(Verb(name, partial(cycle, name), (1, 2)) for name in ("stable", "unstable")),
+    Verb("diagram", branch, (3, 12), False),
     Verb("lopsided", lopsided, (15, 0), False),
-    *(Verb(f"motion from {start:g}", partial(motion, start), (1, 2)) for start in STARTS),
-    Verb("basin", border, (1, 3)),
+    *(Verb(f"motion from {start:g}", partial(motion, start), (1, 3)) for start in STARTS),
+    Verb("basin", border, (1, 6)),
     Verb("margins", loop_margins, (1, 0)),
     Verb("as built", built, (8, 0)),
-    Verb("worst corner", corner, (3, 8), False),
+    Verb("worst corner", corner, (10, 15), False),
     Verb("samples", samples, (3, 15), False),
-    *(Verb(f"remedy {name}", partial(remedy, name), (15, 0)) for name in LOOKED_AT),
+    *(Verb(f"remedy {name}", partial(remedy, name), (20, 0)) for name in LOOKED_AT),
 )
-OFTEN = 3
-"""What is asked of every third servo or more is asked of Table 1 at all its gains; the rest at the first."""
+OFTEN = 6
+"""What is asked of every sixth servo or more is asked of Table 1 at all its gains; the rest at the first."""
 
 
 def asked_of(model: str, number: int | None, gains_before: int = 0) -> Iterator[Verb]:
