@@ -78,8 +78,8 @@ class Branch(Result, Generic[AnyOrbit]):
 
     @property
     def stable(self) -> Array:
-        """(m,) bool."""
-        return np.array([orbit.stable for orbit in self.orbits])
+        """(m,) bool: which are known to be."""
+        return np.array([orbit.stable is True for orbit in self.orbits])
 
     def __str__(self) -> str:
         met = [special.meaning for special in self.special] + [missed.meaning for missed in self.missed]
@@ -88,13 +88,12 @@ class Branch(Result, Generic[AnyOrbit]):
 
     def _columns(self) -> Columns:
         here = {id(special.orbit): special.kind for special in self.special}
-        known = [orbit.multipliers.trusted for orbit in self.orbits]
         return {
             self.vary: self.values,
             "period": self.periods,
             "amplitude": [orbit.amplitude for orbit in self.orbits],
             "error_estimate": [orbit.error_estimate for orbit in self.orbits],
-            "stable": [orbit.stable if trusted else None for orbit, trusted in zip(self.orbits, known, strict=True)],
+            "stable": [orbit.stable for orbit in self.orbits],
             "status": [orbit.status for orbit in self.orbits],
             "special": [here.get(id(orbit), "") for orbit in self.orbits],
         }

@@ -13,14 +13,16 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ..checks import quoted
 from ..compiled import alone
 from ..errors import InputError
+from .jumps import Looked, check_jumps
 from .vector_form import Names, listed, returned, symbols
 
 HINTS = {
-    "truth value": "what depends on a comparison is written with casadi.if_else, fmin, fmax, or as two modes",
+    "truth value": "what depends on a comparison is written with casadi.if_else, fmin, fmax; what jumps, as two modes",
     "not subscriptable": "states and parameters are written x.name and p.name",
     "positional argument": "a field takes (x, p), and so do events, resets and conditions; a flow takes (x, t, p)",
 }
@@ -113,36 +115,41 @@ def check_functions(system: Any) -> None:
     given = symbols(names)
     found: list[tuple[str, ca.SX]] = []
     events: list[tuple[str, ca.SX]] = []
-    for what, function, kind, signed in _user_functions(system):
+    looked: dict[Any, list[Looked]] = {}
+    for what, function, kind, mode in _user_functions(system):
         if kind == "turn":
             value = evaluated(what, function, names.p(given[2]))
         else:
-            value = evaluated(what, returned, function, names, signed, kind == "flow")
+            value = evaluated(what, returned, function, names, mode.sign is not None, kind == "flow")
         if kind in ("field", "flow", "reset"):
-            found += _by_name(what, value, system.states, partly=kind == "reset")
-            continue
-        scalar = (what, _one_value(what, value))
-        found.append(scalar)
+            scalars = _by_name(what, value, system.states, partly=kind == "reset")
+        else:
+            scalars = [(what, _one_value(what, value))]
+        found += scalars
         if kind == "event":
-            events.append(scalar)
+            events += scalars
+        if kind in ("field", "flow", "event"):
+            looked.setdefault(mode.sign, []).extend(Looked(*scalar, kind == "event") for scalar in scalars)
     _check_graph(found, list(given))
     slopes = ca.jacobian(ca.vertcat(*[scalar for _, scalar in events]), given[0]) if events else ca.SX(0, 0)
     for k, (what, _) in enumerate(events):
         if slopes[k, :].is_zero():
             raise InputError(f"{what} does not change with any state; an event is where a scalar goes through zero")
 
+    for sign, some in looked.items():
+        check_jumps(some, given, names, np.array(list(system.parameters.values())), sign or 0.0)
 
-def _user_functions(system: Any) -> Iterator[tuple[str, Callable[..., Any], str, bool]]:
-    """(what it is called, the function, its kind, whether it sees a sign)."""
+def _user_functions(system: Any) -> Iterator[tuple[str, Callable[..., Any], str, Any]]:
+    """(what it is called, the function, its kind, its mode)."""
     if system.forcing_period is not None:
-        yield f"system {system.name!r}: forcing_period", system.forcing_period, "turn", False
+        yield f"system {system.name!r}: forcing_period", system.forcing_period, "turn", None
     for mode in system.modes:
-        what, signed = f"mode {mode.name!r}", mode.sign is not None
+        what = f"mode {mode.name!r}"
         for kind in ("field", "holds", "feature", "flow"):
             if getattr(mode, kind) is not None:
-                yield f"{what}: {kind}", getattr(mode, kind), kind, signed
+                yield f"{what}: {kind}", getattr(mode, kind), kind, mode
         for event in mode.ends:
             where = f"event {event.name!r} of {what}"
-            yield f"{where}: function", event.function, "event", signed
+            yield f"{where}: function", event.function, "event", mode
             if event.reset is not None:
-                yield f"{where}: reset", event.reset, "reset", signed
+                yield f"{where}: reset", event.reset, "reset", mode

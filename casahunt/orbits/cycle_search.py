@@ -260,7 +260,7 @@ class _CycleSearch(Returning):
         if r.distance < RETURNED:
             self.refusals.append(why)
 
-    def attracts(self, orbit: SystemOrbit, M: Array) -> bool:
+    def attracts(self, orbit: SystemOrbit, M: Array) -> bool | None:
         """Whether a cycle is stable, by the eigenvalues of its return map (n, n) where these tell it."""
         seen = clearly_attracts(M)
         return orbit.stable if seen is None else seen

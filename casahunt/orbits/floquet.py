@@ -102,9 +102,10 @@ class Multipliers(Result):
         return np.asarray(self.floor**self.repeats)
 
     @property
-    def stable(self) -> bool:
-        """All nontrivial multipliers inside the unit circle."""
-        return abs(self.leading) < 1
+    def stable(self) -> bool | None:
+        """All nontrivial multipliers inside the unit circle; None where their error does not tell."""
+        size = abs(self.leading)
+        return size < 1 if self.trivial_trusted and abs(size - 1) > self.leading_error else None
 
     @property
     def trivial_trusted(self) -> bool:
@@ -266,5 +267,5 @@ def multiplier_record(m: Multipliers, half: bool) -> dict[str, Any]:
         "multiplier_error": m.error,
         "trivial_multiplier_error": m.trivial_error,
         "multipliers_trusted": m.trusted,
-        "stable": m.stable if m.trusted else None,
+        "stable": m.stable,
     }

@@ -164,7 +164,7 @@ class Orbit(Result):
         return leading_of(t.linearise(u, setting))
 
     @cached_property
-    def seen_stable(self) -> bool:
+    def seen_stable(self) -> bool | None:
         """`stable` for a picture: at a glance where that tells it clearly, by `multipliers` where it does not.
 
         A glance are the multipliers of the orbit's own mesh, which takes a thirtieth of the time.
@@ -193,8 +193,8 @@ class Orbit(Result):
         return leading.real if self.half else float("nan")
 
     @property
-    def stable(self) -> bool:
-        """All nontrivial Floquet multipliers inside the unit circle."""
+    def stable(self) -> bool | None:
+        """All nontrivial Floquet multipliers inside the unit circle; None where their error does not tell."""
         return self.multipliers.stable
 
     def extrema(self, what: Any) -> Extrema:

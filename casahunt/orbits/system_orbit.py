@@ -35,7 +35,7 @@ class SystemOrbit(Orbit):
     def __str__(self) -> str:
         count = len(self.arcs) * self.repeats
         phases = f"{count} phase{'s' * (count > 1)}" + (", symmetric" if self.repeats > 1 else "")
-        stability = "stability not known" if not self.multipliers.trusted else "stable" if self.stable else "unstable"
+        stability = {True: "stable", False: "unstable", None: "stability not known"}[self.stable]
         period = to_error(self.period, self.period_error)
         return f"{self.problem.title}: period {period}, {phases}, {stability}, error {error_text(self.error_estimate)}"
 

@@ -187,7 +187,7 @@ def basin(servo: Servo, model: Model, gain: float, *, options: Options | None = 
     inside, outside = (
         until_settled(
             servo, model, gain, border * factor, border, hunting,
-            stable=outer is not None and outer.stable, swings=swings,
+            stable=outer is not None and outer.stable is True, swings=swings,
         )
         for factor in (1 - offset, 1 + beyond)
     )  # fmt: skip

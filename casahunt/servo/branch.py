@@ -92,8 +92,8 @@ class Branch(Result):
 
     @property
     def stable(self) -> Array:
-        """(m,) bool."""
-        return np.array([orbit.stable for orbit in self.orbits])
+        """(m,) bool: which are known to be."""
+        return np.array([orbit.stable is True for orbit in self.orbits])
 
     @property
     def gain_range(self) -> tuple[float, ...]:

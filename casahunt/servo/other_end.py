@@ -118,7 +118,7 @@ def _hunts(seen: Verdict, orbit: HuntingOrbit) -> bool:
     """Whether a motion hunts: by its verdict; or it stays on a stable cycle, with nothing left to converge."""
     near = sum(abs(swing / orbit.amplitude - 1) <= SETTLED for swing in seen.judged)
     return seen.kind == "hunting" or (
-        orbit.stable and seen.kind == "undecided" and near == len(seen.judged) and near >= SWINGS
+        orbit.stable is True and seen.kind == "undecided" and near == len(seen.judged) and near >= SWINGS
     )
 
 

@@ -59,6 +59,7 @@ def v_is(value: Callable[[Any, Any], Any]) -> Callable[[], System]:
 
 EVENT = Event("hits", height, -1, to="free")
 FIELD, HITS, SYSTEM = "mode 'free': field", "event 'hits' of mode 'free'", "system 'oscillator'"
+JUMPS, TWO = "mode 'free': field of the state 'v' jumps", "write two modes"
 BAD: dict[str, tuple[Callable[[], System], str]] = {
     # Fields
     "unknown state": (v_is(lambda x, p: x.w), f"{FIELD}: there is no state 'w'; there is x, v"),
@@ -74,6 +75,27 @@ BAD: dict[str, tuple[Callable[[], System], str]] = {
     "infinite": (v_is(lambda x, p: x.x + math.inf), f"{FIELD} of the state 'v' holds an infinite number"),
     "if": (v_is(lambda x, p: 1 if x.x > 0 else -1), f"{FIELD} cannot be evaluated.*truth value.* casadi.if_else"),
     "max": (v_is(lambda x, p: max(x.x, 0)), f"{FIELD} cannot be evaluated.*fmax"),
+    "comparison": (v_is(lambda x, p: x.x > x.v), rf"{JUMPS} \(by 1.* where v = x: {TWO}"),
+    "friction": (v_is(lambda x, p: p.mu * ca.sign(x.v)), rf"{JUMPS} .* where v = 0: {TWO}"),
+    "choice": (v_is(lambda x, p: ca.if_else(x.x > 1.37e5, 0, p.mu)), rf"{JUMPS} \(by 1.* where x = 137000: {TWO}"),
+    "a narrow choice": (v_is(lambda x, p: ca.logic_and(x.x > 1e-7, x.x < 1.001e-7)), f"{JUMPS} .* where x = 1"),
+    "parts that nearly meet": (v_is(lambda x, p: ca.if_else(x.x > 1.2, 1, 0.8333 * x.x)), rf"{JUMPS} \(by 4e-05"),
+    "a small jump": (v_is(lambda x, p: 1e6 * x.x + 1e-3 * ca.sign(x.v)), f"{JUMPS} .* where v = 0"),
+    "a jump of size 0": (v_is(lambda x, p: (p.mu - 1) * ca.sign(x.v)), f"{JUMPS} .* where v = 0"),
+    "where it is defined": (v_is(lambda x, p: ca.log(x.x) * ca.sign(x.v - 1)), rf"{JUMPS} .* where \(v-1\) = 0"),
+    "steps": (v_is(lambda x, p: ca.floor(x.x / 0.01)), rf"{JUMPS} .* where floor\(\(x/0.01\)\) does"),
+    "ceiling": (v_is(lambda x, p: ca.ceil(x.x)), f"{JUMPS} .* where ceil"),
+    "sawtooth": (v_is(lambda x, p: ca.fmod(x.x, 0.7)), rf"{JUMPS} \(by 0.7, .* where fmod\(x, 0.7\) does"),
+    "remainder": (v_is(lambda x, p: ca.remainder(x.x, 0.7)), rf"{JUMPS} \(by 0.7, .* where remainder"),
+    "copied sign": (v_is(lambda x, p: ca.copysign(p.mu, x.v)), rf"{JUMPS} \(by 2, .* where copysign"),
+    "angle of two": (v_is(lambda x, p: ca.atan2(x.v, x.x)), rf"{JUMPS} \(by 6.28, .* where atan2\(v, x\) does"),
+    "square wave": (lambda: system(Mode("free", lambda x, p: {"x": x.v, "v": ca.sign(ca.sin(x.t))}),
+                                   forcing_period=turn), f"{JUMPS} .* where sin"),
+    "sign of a mode": (lambda: system(Mode("free", lambda x, p: {"x": x.v, "v": ca.if_else(p.sign * x.x > 0, 1, 0)},
+                                           sign=-1)), JUMPS),
+    "flow jumps": (lambda: system(Mode("rest", flow=lambda x, t, p: {"x": x.x, "v": x.v + (t > 1)})),
+                   "mode 'rest': flow of the state 'v' jumps .* where t = 1"),
+    "event jumps": (with_event(function=lambda x, p: x.x * ca.sign(x.v)), f"{HITS}: function jumps over zero where v"),
     "index": (v_is(lambda x, p: x[0]), f"{FIELD} cannot be evaluated.* written x.name"),
     "division": (v_is(lambda x, p: 1 / 0), f"{FIELD} cannot be evaluated with CasADi's symbols: division by zero"),
     "arguments": (with_field(lambda x: {}), rf"{FIELD} cannot be evaluated.* takes \(x, p\)"),
@@ -132,6 +154,35 @@ BAD: dict[str, tuple[Callable[[], System], str]] = {
     "forcing": (lambda: system(forcing_period=lambda p: 2 / p.w), f"{SYSTEM}: forcing_period: there is no .* 'w'"),
     "backwards": (lambda: system(forcing_period=lambda p: -p.mu), f"{SYSTEM}: forcing_period = -1: must be greater"),
 }  # fmt: skip
+
+
+MEETS: dict[str, Callable[[Any, Any], Any]] = {
+    "|v|": lambda x, p: ca.fabs(x.v),
+    "v sign v": lambda x, p: ca.sign(x.v) * x.v,
+    "saturation": lambda x, p: ca.if_else(x.x > p.mu, p.mu, ca.if_else(x.x < -p.mu, -p.mu, x.x)),
+    "dead band": lambda x, p: 1e5 * ca.if_else(ca.fabs(x.x) > 0.3, x.x - 0.3 * ca.sign(x.x), 0),
+    "table": lambda x, p: ca.pw_lin(x.x, [0, 0.1, 0.3], [1, 1.2, 1.3]),
+    "orifice": lambda x, p: ca.sign(x.x - x.v) * ca.sqrt(ca.fabs(x.x - x.v)),
+    "orifice under pressure": lambda x, p: ca.if_else(x.x > 1e5, ca.sqrt(x.x - 1e5), -ca.sqrt(1e5 - x.x)),
+    "contact": lambda x, p: 1e6 * ca.if_else(x.x > 0.1, (x.x - 0.1) ** 1.5, 0),
+    "steep": lambda x, p: ca.if_else(x.x > 1, 1e9 * (x.x - 1), 0),
+    "sine of an angle": lambda x, p: ca.sin(ca.atan2(x.v, x.x)) + ca.cos(ca.remainder(x.x, 2 * ca.pi)),
+    "no division by zero": lambda x, p: ca.if_else(x.x == 0, 1, ca.sin(x.x) / x.x),
+    "by a parameter": lambda x, p: ca.if_else(p.mu > 0.5, 1, -1) * x.x,
+    "tanh": lambda x, p: ca.if_else(ca.fabs(x.x) > 25, ca.sign(x.x), ca.tanh(x.x)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MEETS)
+def test_parts_that_meet_may_stay_in_one_mode(name):
+    assert v_is(MEETS[name])().states == ("x", "v")
+
+
+def test_what_is_asked_at_an_event_alone_may_jump():
+    """Resets, conditions and features: a jump in them is passed by no motion of the mode."""
+    hits = Event("hits", height, -1, to="free", reset=lambda x, p: {"v": -0.8 * x.v - ca.sign(x.v)})
+    mode = Mode("free", van_der_pol, holds=lambda x, p: ca.sign(x.x), feature=lambda x, p: x.v > 0, ends=(hits,))
+    assert system(mode).mode("free") == mode
 
 
 @pytest.mark.parametrize("name", BAD)

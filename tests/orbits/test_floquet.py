@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from copy import copy
 from dataclasses import replace
 
 import casadi as ca
@@ -13,7 +14,8 @@ import pytest
 
 from casahunt import NoOrbit, Options, Servo, find_orbit
 from casahunt.cli import main
-from casahunt.orbits import floquet, map_chain
+from casahunt.hybrid import Event, Mode, System
+from casahunt.orbits import find_cycle, floquet, map_chain
 from casahunt.orbits.graded import spectrum
 from casahunt.orbits.orbit import unknowns_of
 from problems import table1
@@ -172,3 +174,24 @@ def test_saltation_matrix():
     """Fixed-time map through x = 1 with the velocity doubling there, worked out by hand."""
     f_before, f_after, h = np.array([1.0, 0.0]), np.array([2.0, 0.0]), np.array([1.0, 0.0])
     assert map_chain.saltation(f_before, f_after, h) == pytest.approx(np.diag([2.0, 1.0]))
+
+
+def relay(name: str, sign: int, way: int, other: str) -> Mode:
+    """x''' + 2 x'' + ... + k sign x = 0 on one side."""
+
+    def field(x, p):
+        return {"x": x.y, "y": x.z, "z": -x.x - 2 * x.y - 1.5 * x.z - p.k * sign}
+
+    return Mode(name, field, ends=(Event("through 0", lambda x, p: x.x, way, to=other),))
+
+
+def test_a_relay_that_is_stated_in_two_modes():
+    """What the refusal of `sign` in a field asks for: multipliers by differences of motions, and stability as told."""
+    system = System("relay", ("x", "y", "z"), {"k": 2.0}, (relay("up", 1, -1, "down"), relay("down", -1, 1, "up")))
+    cycle = find_cycle(system, "up", x=0.5, y=1.0, z=0.0)
+    assert np.sort(np.abs(cycle.multipliers.full)) == pytest.approx([0.0051967, 0.2396503, 1.0], abs=1e-6)
+    assert cycle.stable and ", stable," in str(cycle)
+    for error, stable in ((0.4, True), (math.inf, None)):
+        unsure = copy(cycle)
+        unsure.__dict__["multipliers"] = replace(cycle.multipliers, error=error)
+        assert unsure.stable is stable and ("stability not known" in str(unsure)) is (stable is None)

@@ -30,7 +30,7 @@ DITHERED = Part(
     {"dither": 0.0, "static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1},
     modes=(PartMode("", Law(
         gives={"friction": _mean, "moving": lambda x, s, p: 1.0,
-               "direction": lambda x, s, p: ca.sign(s.motor_rate)},
+               "direction": lambda x, s, p: ca.erf(s.motor_rate / (p.dither * ca.sqrt(2)))},  # mean of the sign
         feature=lambda x, s, p: ca.erf(s.motor_rate / p.dither), stiff=True,
     )),),
 )  # fmt: skip

@@ -63,8 +63,7 @@ _SLIDE = Law(
 )  # fmt: skip
 _EITHER = Law(
     {"x4": _bristle_either_way},
-    {"friction": _force(_bristle_either_way), "moving": lambda x, s, p: 1.0,
-     "direction": lambda x, s, p: ca.sign(s.motor_rate)},
+    {"friction": _force(_bristle_either_way), "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: 0.0},
     feature=_feature, stiff=True, smooth=False,
 )  # fmt: skip
 

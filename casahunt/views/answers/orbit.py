@@ -44,7 +44,7 @@ def orbit_answer(
 
     title: whose it is, and at which gain; below: lines of its own; second: its multipliers by integrators.
     """
-    stable = orbit.stable if orbit.multipliers.trusted else None
+    stable = orbit.stable
     if branch == "unstable":
         head, means = f"{title}: the unstable hunting cycle", [item("what it is", UNSTABLE), item("", BOUNDS)]
     else:

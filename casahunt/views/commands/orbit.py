@@ -140,7 +140,7 @@ def _row(found: _Found, branch: str) -> Columns:
         "half_multiplier": orbit.half_multiplier if m.trusted and orbit.half else math.nan,
         "half_multiplier_error": m.error * max(1.0, abs(m.leading)) if m.trusted and orbit.half else math.nan,
         "trivial_multiplier_error": m.trivial_error,
-        "stable": bool(orbit.stable) if m.trusted else None,
+        "stable": orbit.stable,
         "status": orbit.status.name.lower(),
     }
     for i, value in enumerate(m.full, 1):

@@ -84,7 +84,7 @@ class ServoAnswers:
         return {"verdict": self.verdict, "sentence": self.said, **refused(why)}
 
     def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any) -> dict[str, Any]:
-        stable = bool(orbit.stable) if orbit.multipliers.trusted else None
+        stable = orbit.stable
         self.said = hunts(orbit.amplitude, orbit.period, stable)
         self.verdict = "hunts" if stable else "uneven" if stable is False else "can"
         return {

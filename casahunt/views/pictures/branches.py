@@ -182,7 +182,7 @@ class _Curve(NamedTuple):
 
         A stretch is stable if neither of its ends is unstable; a point with |mu| = 1 decides nothing.
         """
-        unstable = [k not in EXCHANGING and not o.stable for o, k in zip(self.orbits, self.kinds, strict=True)]
+        unstable = [k not in EXCHANGING and o.stable is False for o, k in zip(self.orbits, self.kinds, strict=True)]
         stretches = [not (a or b) for a, b in zip(unstable, unstable[1:], strict=False)]
         result, start = [], 0
         for stable, group in groupby(stretches):

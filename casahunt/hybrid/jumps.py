@@ -1,0 +1,246 @@
+"""Whether a field, a closed form or an event of a user's jumps where its mode goes on: looked at when a system is made.
+
+    sign, <, <=, floor, ceil, fmod, remainder, copysign, the cut of atan2:    a step s(x), constant between its jumps
+
+What is jumped over changes how neighbouring motions part, and no mesh shows it: a jump is stated as an event between
+two modes, with what it does to neighbours there.  A step makes no jump of the whole where the parts meet (|x|, a
+saturation by if_else), so that the expression is written as f(x, s) with the steps for themselves, and on lines through
+the states on which steps change, at the places where they do, both sides are compared:
+
+    |f(x, s_behind) - f(x, s_before)| <= ONE_PART (|f| + |f|) + STEP_PLACE |d(f - f)/dx| (length of the line)
+
+The second term is what the place is not known to.  Parameters are tried at their values and next to them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ..compiled import caller
+from ..errors import InputError
+from .vector_form import Names
+
+Array = np.ndarray
+
+LINES = 256
+"""Through the states, a fourth of them in each of the ways of `_ends`, those of a size near one first."""
+LOWEST_POWER, HIGHEST_POWER = -9.0, 9.0
+"""Powers of ten between which the sizes of the states on them lie."""
+LINE_HALVED = 60
+"""Leave rounding of a line."""
+ONE_PART, STEP_PLACE, ENDS_ROUNDING, NO_JUMP = 1e-9, 1e-12, 1e-13, 1e-30
+"""Parts that meet to this part of their sizes are one; the place of a step, as part of its line; rounding, as part of
+the sizes at the ends of the line; nothing at all."""
+TRIED_NEXT_TO = 0.1
+"""How far from their values parameters are tried, relative to these and to one."""
+LONGEST_TEXT = 60
+"""A condition that takes more letters is not written out."""
+
+_STEPS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL,
+          ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2}  # fmt: skip
+
+
+class Looked(NamedTuple):
+    """An expression that is looked at: what it is called, its value, and whether only a jump across zero counts."""
+
+    what: str
+    value: ca.SX
+    event: bool
+
+
+class _Steps(NamedTuple):
+    """Expressions with the steps in them for themselves.
+
+    Attributes
+    ----------
+    values : (m,) of the symbols, and of the steps as symbols.
+    symbols, steps : these, and what they are; texts : where each of them steps.
+    """
+
+    values: ca.SX
+    symbols: ca.SX
+    steps: ca.SX
+    texts: list[tuple[int, list[ca.SX]]]
+
+
+def _split(operation: int, u: list[ca.SX], s: ca.SX) -> ca.SX:
+    """An operation of these operands with its step for itself."""
+    if operation == ca.OP_COPYSIGN:
+        return ca.fabs(u[0]) * s
+    if operation in (ca.OP_FMOD, ca.OP_REMAINDER):
+        return u[0] - u[1] * s
+    if operation == ca.OP_ATAN2:  # s = +-1 beside the cut, seen from the other side of the origin, and 0 elsewhere
+        beside = 1 - 2 * ca.fabs(s)
+        return s * ca.pi + ca.atan2(beside * u[0], beside * u[1])
+    return s
+
+
+def _step(operation: int, u: list[ca.SX]) -> ca.SX:
+    """What steps in an operation of these operands."""
+    if operation == ca.OP_COPYSIGN:
+        return ca.copysign(1, u[1])
+    if operation in (ca.OP_FMOD, ca.OP_REMAINDER):
+        turns = u[0] / u[1]
+        return ca.sign(turns) * ca.floor(ca.fabs(turns)) if operation == ca.OP_FMOD else ca.floor(turns + 0.5)
+    if operation == ca.OP_ATAN2:
+        return (u[1] < 0) * (2 * (u[0] >= 0) - 1)
+    return (ca.SX.unary if len(u) == 1 else ca.SX.binary)(operation, *u)
+
+
+def _steps_of(values: ca.SX, given: tuple[ca.SX, ...], moving: int) -> _Steps | None:
+    """The steps in (m,) expressions of the symbols `given`, of which the first `moving` change; None for none."""
+    graph = ca.Function("graph", list(given), [ca.densify(values)])
+    operations = [graph.instruction_id(k) for k in range(graph.n_instructions())]
+    if not _STEPS.intersection(operations):
+        return None
+    natural: list[Any] = [None] * graph.sz_w()
+    split, moves = list(natural), [False] * graph.sz_w()
+    out, found = ca.SX(values.numel(), 1), []
+    for k, operation in enumerate(operations):
+        of, into = graph.instruction_input(k), graph.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            out[into[1]] = split[of[0]]
+        elif operation == ca.OP_INPUT:
+            natural[into[0]] = split[into[0]] = given[of[0]][of[1]]
+            moves[into[0]] = of[0] < moving
+        elif operation == ca.OP_CONST:
+            natural[into[0]] = split[into[0]] = ca.SX(graph.instruction_constant(k))
+            moves[into[0]] = False
+        else:
+            apply = ca.SX.unary if len(of) == 1 else ca.SX.binary
+            u, v = [natural[i] for i in of], [split[i] for i in of]
+            natural[into[0]], split[into[0]] = apply(operation, *u), apply(operation, *v)
+            moves[into[0]] = any(moves[i] for i in of)
+            if operation in _STEPS and moves[into[0]]:
+                found.append((ca.SX.sym("s"), _step(operation, u), (operation, u)))
+                split[into[0]] = _split(operation, v, found[-1][0])
+    if not found:
+        return None
+    symbols, steps, texts = zip(*found, strict=True)
+    return _Steps(out, ca.vertcat(*symbols), ca.vertcat(*steps), list(texts))
+
+
+def _ends(n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """(n, LINES) both ends of lines: of any signs; of any signs, one state moving; positive; positive but for one."""
+    powers = sorted(rng.uniform(LOWEST_POWER, HIGHEST_POWER, LINES), key=abs)
+    size = 10 ** (np.array(powers) + rng.normal(0, 0.5, (n, LINES)))
+    a, b = (size * rng.uniform(0.0, 3.0, (n, LINES)) for _ in range(2))
+    way, line = np.arange(LINES) % 4, np.arange(LINES)
+    one = line // 4 % n
+    signs = rng.choice([-1.0, 1.0], (2, n, LINES))
+    signs[:, :, way > 1] = 1.0
+    signs[1, one[way == 3], line[way == 3]] = -1.0
+    a, b = signs[0] * a, signs[1] * b
+    alone = np.flatnonzero(way == 1)
+    moved = b[one[alone], alone]
+    b[:, alone] = a[:, alone]
+    b[one[alone], alone] = moved
+    return a, b
+
+
+def _tried(values: Array, rng: np.random.Generator) -> Array:
+    """(np, LINES) parameters: their values, and every second time others next to them."""
+    off = TRIED_NEXT_TO * rng.standard_normal((values.size, LINES)) * np.maximum(np.abs(values), 0.0)[:, None]
+    off[values == 0] = TRIED_NEXT_TO * rng.uniform(0, 1, (int(np.sum(values == 0)), LINES))
+    return values[:, None] + off * (np.arange(LINES) // 4 % 2)
+
+
+def _changes(
+    natural: ca.Function, a: Array, b: Array, p: Array, sign: float
+) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
+    """Where steps change on lines from a to b (n, LINES), the first change of a bisection of each.
+
+    natural: function (z, p, sign) -> the steps. Returns (n, LINES) places just before it; the steps (s, LINES) there
+    and just behind, and at both ends.
+    """
+    shapes = [(LINES, len(a)), (LINES, len(p)), 1], [(LINES, natural.numel_out(0))]
+    buffers = caller(natural.map("steps", "serial", LINES, [2], []), *shapes).buffers
+    buffers.inputs[1][:], buffers.inputs[2][:] = p.T, sign
+
+    def stepped(place: Array) -> Array:
+        buffers.inputs[0][:] = (a + place * (b - a)).T
+        buffers.trigger()
+        return buffers.outputs[0].T.copy()
+
+    low, high = np.zeros(LINES), np.ones(LINES)
+    before, last = stepped(low), stepped(high)
+    behind = last
+    for _ in range(LINE_HALVED):
+        middle = (low + high) / 2
+        there = stepped(middle)
+        same = np.all(there == before, axis=0)
+        low, high, behind = np.where(same, middle, low), np.where(same, high, middle), np.where(same, behind, there)
+    return a + low * (b - a), (before, behind), (before, last)
+
+
+def check_jumps(looked: list[Looked], given: tuple[ca.SX, ...], names: Names, p: Array, sign: float) -> None:
+    """Refuse what jumps.
+
+    looked: expressions of a mode; given: the symbols (x, T, p, sign) in them; p, sign: (np,) parameters, sign of the
+    mode. Raises InputError: one of them jumps; says which, where, and how that is stated.
+    """
+    parts = _steps_of(ca.vertcat(*[one.value for one in looked]), given, 2)
+    if parts is None:
+        return
+    z, others, rng = ca.vertcat(*given[:2]), list(given[2:]), np.random.default_rng(0)
+    a, b = _ends(z.numel(), rng)
+    a[-1], b[-1] = np.abs(a[-1]), np.abs(b[-1])  # the time in a mode
+    at = _tried(p, rng)
+    natural = ca.Function("natural", [z, *others], [ca.densify(parts.steps)])
+    place, (before, behind), ends = _changes(natural, a, b, at, sign)
+    value = ca.Function("value", [z, *others, parts.symbols], [ca.densify(parts.values)])
+    s = ca.SX.sym("s", parts.symbols.numel())
+    slopes = ca.jacobian(value(z, *others, s) - parts.values, z)
+    slope = ca.Function("slope", [z, *others, parts.symbols, s], ca.horzsplit(ca.densify(slopes)))
+    f, g, first, last = (
+        np.array(value(where, at, sign, steps))
+        for where, steps in ((place, before), (place, behind), (a, ends[0]), (b, ends[1]))
+    )
+    with np.errstate(all="ignore"):
+        by_state = zip(slope(place, at, sign, before, behind), np.abs(a), np.abs(b), strict=True)
+        unknown = sum(np.abs(np.array(rate)) * np.maximum(*sizes) for rate, *sizes in by_state)
+        least = STEP_PLACE * unknown + ENDS_ROUNDING * (np.abs(first) + np.abs(last)) + NO_JUMP
+        jumps = np.isfinite(least) & (np.abs(g - f) > ONE_PART * (np.abs(f) + np.abs(g)) + least)
+    jumps &= np.any(before != behind, axis=0)
+    jumps &= np.array([not one.event for one in looked])[:, None] | (f * g <= 0)
+    if jumps.any():
+        i = int(np.flatnonzero(jumps.any(axis=1))[0])
+        k = int(min(np.flatnonzero(jumps[i]), key=lambda line: np.any(at[:, line] != p)))
+        which = int(np.flatnonzero(before[:, k] != behind[:, k])[0])
+        raise InputError(_refusal(looked[i], _text(parts.texts[which], given, names), float(g[i, k] - f[i, k])))
+
+
+def _refusal(one: Looked, where: str, jump: float) -> str:
+    """What is told of a jump."""
+    if one.event:
+        return (
+            f"{one.what} jumps over zero{where}; an event is where a scalar goes through zero: take for it the scalar "
+            "whose sign is asked for"
+        )
+    return (
+        f"{one.what} jumps (by {abs(jump):.3g}, for example){where}: write two modes, each with what is valid on its "
+        "side and an event there that leads to the other, and a third that stays there if both sides can lead to it; "
+        "fabs, fmin, fmax and if_else with parts that meet may stay in one mode"
+    )
+
+
+def _text(step: tuple[int, list[ca.SX]], given: tuple[ca.SX, ...], names: Names) -> str:
+    """Where a step jumps, in the user's names; nothing where that is long."""
+    operation, u = step
+    called = [*names.entries, "t", *names.parameters, "sign"]
+    written = [
+        str(value) for value in ca.substitute(
+            [ca.SX(each) for each in u], [ca.vertcat(*given)], [ca.vertcat(*map(ca.SX.sym, called))])
+    ]  # fmt: skip
+    if operation in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE):
+        text = f" where {' = '.join(reversed(written) if ca.SX(u[0]).is_constant() else written)}"
+    elif operation == ca.OP_SIGN:
+        text = f" where {written[0]} = 0"
+    else:
+        name = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder",
+                ca.OP_COPYSIGN: "copysign", ca.OP_ATAN2: "atan2"}.get(operation, "")  # fmt: skip
+        text = f" where {name}({', '.join(written)}) does" if name else ""
+    return text if len(text) <= LONGEST_TEXT else ""
