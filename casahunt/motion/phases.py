@@ -24,9 +24,9 @@ import numpy as np
 
 from .. import effort
 from ..collocation.admissibility import PASSED
-from ..collocation.joints import flow_at
+from ..collocation.joints import event_rate, flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
-from ..hybrid.system import Exit, VectorMode, VectorSystem
+from ..hybrid.system import Exit, Phase, VectorMode, VectorSystem
 from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
 from .march_intervals import collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
@@ -52,6 +52,8 @@ AT_SPEED = 1.5
 """An event that grows by a lower power of time is left at speed, as by the first one; from rest it is the second."""
 FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
 """Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
+LEFT_BEHIND = 1e-6
+"""An event whose rate is this part of the size of what it is the sum of changes at speed."""
 UNLIKE_ITS_FIELD = 1e-2
 """A closed form that ends this far off the intervals of its field, in units of the states, is none of it."""
 
@@ -191,18 +193,22 @@ def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array
     last = segments[-1]
     _check_holds(system.modes[last.mode], last, p, time)
     if len(segments) == 1 or not is_noise(last, last.start, scale):
-        _check_start(system, last, p, time, segments[-2].event if len(segments) > 1 else met)
+        _check_start(system, last, p, time, segments[-2] if len(segments) > 1 else None, met)
     time += last.duration
     if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
         raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
 
 
-def _check_start(system: VectorSystem, segment: Segment, p: Array, time: float, met: str) -> None:
+def _check_start(
+    system: VectorSystem, segment: Segment, p: Array, time: float, before: Segment | None, met: str
+) -> None:
     """Whether a mode starts on an event of its own and goes on through it.  Raises MarchFailure where it does.
 
     No zero of the event is crossed then, and the mode would never end.  An event at which the mode goes on is none, nor
-    is the one that has just been `met` and is left behind at speed, as by a pendulum that is pushed on.
+    is the one that has just been `met`, before or at the end of the phase before, and is left behind at speed, as by a
+    pendulum that is pushed on; or one whose own jump leads there, as a walker begins its step where its foot stands.
     """
+    met = met if before is None else before.event
     mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
     for way_out in system.exits[segment.mode]:
         begins = way_out.direction * float(way_out.event.function(x, 0.0, p))
@@ -218,12 +224,49 @@ def _check_start(system: VectorSystem, segment: Segment, p: Array, time: float, 
             following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
         values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
         at_speed = values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1]
-        if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not (at_speed and way_out.event.name == met):
-            raise MarchFailure(
-                f"at {time:.6g} the mode {mode.name!r} starts on its own event {way_out.event.name!r} and moves on "
-                "through it: another mode should begin there, one that slides along it where the modes on both sides "
-                "lead to it; `holds` says where a mode is a motion"
-            )
+        left = at_speed and (way_out.event.name == met or _leads_on(system, way_out, x, p))
+        if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
+            raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
+
+
+def _leads_on(system: VectorSystem, way_out: Exit, x: Array, p: Array) -> bool:
+    """Whether the jump of an event leads from x to where one is left behind at speed: x may be such a state too."""
+    jumped = behind(way_out, x, p)
+    if jumped is None:
+        return False
+    name = way_out.successor(jumped, p)
+    for other in system.exits[name]:
+        if abs(float(other.event.function(jumped, 0.0, p))) <= NEAR_EVENT:
+            rate, size = event_rate(Phase(system.modes[name], other.event), jumped, 0.0, p)
+            if other.direction * rate > LEFT_BEHIND * size:
+                return True
+    return False
+
+
+def _on_its_event(
+    system: VectorSystem, segment: Segment, way_out: Exit, p: Array, time: float, before: Segment | None
+) -> str:
+    """What is said of a mode that starts on its own event and moves on through it."""
+    name = way_out.event.name
+    if before is not None and before.event != name:
+        for other in system.ways_out(before.mode, name):
+            if abs(float(other.event.function(before.end, 0.0, p))) <= NEAR_EVENT:
+                return (
+                    f"at {time:.6g} the mode {before.mode!r} meets two events at once, {before.event!r} and {name!r}, "
+                    "and which is the first is rounding: state them as one event, casadi.fmin (falling) or fmax "
+                    "(rising) of their functions, whose reset and `to` look at which of them are zero; or start where "
+                    "they do not meet"
+                )
+    jumped = behind(way_out, segment.start, p) if before is None else None
+    start = ""
+    if jumped is not None:
+        values = [f"{state} = {x:.6g}" for state, x in zip(system.states, jumped, strict=True)]
+        start = f"; a start behind the event is {', '.join(values)}"
+    return (
+        f"at {time:.6g} the mode {segment.mode!r} starts on its own event {name!r} and moves on through it: another "
+        "mode should begin there, one that slides along it where the modes on both sides lead to it; `holds` says "
+        f"where a mode is a motion{start}"
+    )
 
 
 def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> None:

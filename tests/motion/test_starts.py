@@ -1,0 +1,98 @@
+"""Where motions start, and what they meet at once: against another integrator, and closed forms."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from casahunt.errors import NoOrbit
+from casahunt.hybrid import Event, Mode, System
+from casahunt.motion import simulate
+
+
+def refused(system: System, sentence: str, **how) -> None:
+    with pytest.raises(NoOrbit, match=sentence):
+        simulate(system, **how)
+
+
+def test_a_start_in_front_of_an_event_is_told_the_state_behind_it():
+    """A ball that is thrown onto the table on which it lies."""
+    bounce = Event("impact", lambda x, p: x.x, -1, to="flight", reset=lambda x, p: {"v": -0.5 * x.v})
+    table = System("table", ("x", "v"), {}, (Mode("flight", lambda x, p: {"x": x.v, "v": -1.0}, ends=(bounce,)),))
+    sentence = r"starts on its own event 'impact'.*; a start behind the event is x = 0, v = 0.25"
+    refused(table, sentence, x=0.0, v=-0.5, duration=1.0)
+
+
+def swings(x, p):
+    s = ca.sin(x.th - p.slope)
+    return {"th": x.w, "w": s, "ph": x.u, "u": s + ca.sin(x.ph) * (x.w**2 - ca.cos(x.th - p.slope))}
+
+
+def strike(x, p):
+    c = ca.cos(2 * x.th)
+    return {"th": -x.th, "w": c * x.w, "ph": -2 * x.th, "u": c * (1 - c) * x.w}
+
+
+@pytest.mark.parametrize("legs", [("m",), ("left", "right")])
+@pytest.mark.parametrize("slope", [0.004, 0.009])
+def test_a_walker_begins_its_step_on_the_event_that_ends_it(legs, slope):
+    """Garcia, Chatterjee, Ruina and Coleman (1998), every leg in one mode, against DOP853 with its events."""
+    ends = [Event(f"strike {leg}", lambda x, p: x.ph - 2 * x.th, +1, to=legs[k - 1], reset=strike)
+            for k, leg in enumerate(legs)]  # fmt: skip
+    modes = tuple(Mode(leg, swings, ends=(end,)) for leg, end in zip(legs, ends, strict=True))
+    system = System("walker", ("th", "w", "ph", "u"), {"slope": slope}, modes)
+    start = [value * (slope / 0.009) ** (1 / 3) for value in (0.2003, -0.1998, 0.4006, -0.0158)]
+    motion = simulate(system, start=dict(zip(system.states, start, strict=True)), duration=15.0)
+    names = SimpleNamespace(slope=slope)
+
+    def at(x):
+        return SimpleNamespace(**dict(zip(system.states, x, strict=True)))
+
+    def gap(t, x):
+        return x[2] - 2 * x[0]
+
+    def rate(t, x):
+        return [float(value) for value in swings(at(x), names).values()]
+
+    gap.direction, x, t = 1, np.array(start), 0.0
+    for crossing in motion.events:
+        leg = solve_ivp(rate, (t, t + 10), x, method="DOP853", rtol=1e-12, atol=1e-13, events=gap)
+        k = next(k for k, found in enumerate(leg.t_events[0]) if found > t + 1e-6)  # the first is the start itself
+        t, x = leg.t_events[0][k], np.array([float(v) for v in strike(at(leg.y_events[0][k]), names).values()])
+        assert crossing.time == pytest.approx(t, abs=1e-7)
+        assert crossing.behind == pytest.approx(x, abs=1e-7)
+    assert len(motion.events) >= 3
+
+
+def corner(*, one: bool = False) -> System:
+    """A ball between two walls that meet in a corner; both as one event, as the refusal asks for."""
+
+    def free(x, p):
+        return {"x": x.u, "y": x.v, "u": 0, "v": 0}
+
+    def back(state):
+        return lambda x, p: {state: -getattr(x, state)}
+
+    if one:
+        return System("corner", ("x", "y", "u", "v"), {}, (Mode("free", free, ends=(
+            Event("wall", lambda x, p: ca.fmin(x.x, x.y), -1, to="free", reset=lambda x, p: {
+                "u": ca.if_else(x.x < 1e-9, -x.u, x.u), "v": ca.if_else(x.y < 1e-9, -x.v, x.v)}),)),))  # fmt: skip
+    walls = (Event("left wall", lambda x, p: x.x, -1, to="free", reset=back("u")),
+             Event("floor", lambda x, p: x.y, -1, to="free", reset=back("v")))  # fmt: skip
+    return System("corner", ("x", "y", "u", "v"), {}, (Mode("free", free, ends=walls),))
+
+
+def test_two_events_at_once():
+    sentence = "meets two events at once, '.*' and '.*', and .* as one event, .* or start where they do not meet"
+    start = {"y": 1.0, "u": -1.0, "v": -1.0}
+    refused(corner(), sentence, start={"x": 1.0, **start}, duration=3.0)
+    back = simulate(corner(one=True), start={"x": 1.0, **start}, duration=3.0)
+    assert list(back.end.values()) == pytest.approx([2.0, 2.0, 1.0, 1.0], rel=1e-12)
+    assert [crossing.time for crossing in back.events] == pytest.approx([1.0], rel=1e-12)
+    motion = simulate(corner(), start={"x": 1.001, **start}, duration=3.0)
+    assert [crossing.event for crossing in motion.events] == ["floor", "left wall"]
+    assert [crossing.time for crossing in motion.events] == pytest.approx([1.0, 1.001], rel=1e-10)
