@@ -119,8 +119,13 @@ def march(
     """
     effort.motion_begins()
     s = scheme(degree, kind)
-    segments: list[Segment] = []
+    at_once = _at_once(system, mode, x, p, s, met) if strict and after is None else None
+    segments: list[Segment] = [] if at_once is None else [at_once[0]]
     time, used = 0.0, 0
+    if at_once is not None:
+        (after, mode), x = at_once, at_once[0].behind
+        if until(after):
+            return segments
     while True:
         if not np.all(np.isfinite(x)):
             wrong = system.states[int(np.argmin(np.isfinite(x)))]
@@ -144,6 +149,27 @@ def march(
         if used >= max_intervals:
             raise NoEnd(f"no end after {time:.3g} s and {used} intervals", time)
         x = segment.behind
+
+
+def _at_once(
+    system: VectorSystem, name: str, x: Array, p: Array, s: Scheme, met: str
+) -> tuple[Segment, str] | None:
+    """(phase of no duration, next mode) of a motion that starts in front of an event of its mode, on it and at speed.
+
+    Not where it may just as well be behind it, as one that has just been `met`, or whose own jump leads there.
+    """
+    mode = system.modes[name]
+    for way_out in system.exits[name]:
+        if abs(float(way_out.event.function(x, 0.0, p))) > NEAR_EVENT or way_out.mark and way_out.reset is None:
+            continue
+        rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
+        jumped = behind(way_out, x, p)
+        successor = way_out.successor(x if jumped is None else jumped, p)
+        goes_on = way_out.event.name == met or jumped is None and successor == name
+        if way_out.direction * rate > LEFT_BEHIND * size and not goes_on and not _leads_on(system, way_out, x, p):
+            w = np.tile(x, 1 if mode.flow is not None else s.degree + 1)[None]
+            return Segment(name, way_out.event.name, 0.0, np.array([0.0, 1.0]), w, x.copy(), jumped), successor
+    return None
 
 
 class _Begins(NamedTuple):
@@ -257,15 +283,10 @@ def _on_its_event(
                     "(rising) of their functions, whose reset and `to` look at which of them are zero; or start where "
                     "they do not meet"
                 )
-    jumped = behind(way_out, segment.start, p) if before is None else None
-    start = ""
-    if jumped is not None:
-        values = [f"{state} = {x:.6g}" for state, x in zip(system.states, jumped, strict=True)]
-        start = f"; a start behind the event is {', '.join(values)}"
     return (
         f"at {time:.6g} the mode {segment.mode!r} starts on its own event {name!r} and moves on through it: another "
         "mode should begin there, one that slides along it where the modes on both sides lead to it; `holds` says "
-        f"where a mode is a motion{start}"
+        "where a mode is a motion"
     )
 
 

@@ -21,7 +21,7 @@ from ..hybrid.language import System
 from ..hybrid.problem import Kind
 from ..hybrid.vector_form import TURNS
 from ..motion.phases import MarchFailure, Segment, march
-from ..motion.simulation import MARCH_DEGREE, look
+from ..motion.simulation import MARCH_DEGREE, first_sizes, look
 from .closure import Section, turns
 from .recurrence import TRIED, turns_over
 
@@ -149,7 +149,7 @@ def _longest(system: System, mode: str, x: Array, p: Array, kind: Kind, least: A
     Of a forced system some turns; sizes are those at the start and at the first event, if one is met at once, and no
     smaller than they are known to be: at rest they are rounding, which no interval is short enough for.
     """
-    scale = size = np.where((x != 0) | (least > 0), np.maximum(np.abs(x), least), 1.0)
+    scale = size = first_sizes(system.vector_form.modes[mode], x, p, least=least)
     probe = march(
         system.vector_form, mode, x, p, scale=scale, until=lambda s: True, tol=1e-3, degree=MARCH_DEGREE,
         kind=kind, max_intervals=10**6, max_time=1e-3,

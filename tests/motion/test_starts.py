@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from types import SimpleNamespace
 
 import casadi as ca
@@ -11,7 +12,9 @@ from scipy.integrate import solve_ivp
 
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
+from casahunt.hybrid.examples import belt
 from casahunt.motion import simulate
+from casahunt.orbits import find_cycle
 
 
 def refused(system: System, sentence: str, **how) -> None:
@@ -19,12 +22,14 @@ def refused(system: System, sentence: str, **how) -> None:
         simulate(system, **how)
 
 
-def test_a_start_in_front_of_an_event_is_told_the_state_behind_it():
+@pytest.mark.parametrize("rounding", [0.0, 1e-17, -1e-17, 1e-12])
+def test_a_start_in_front_of_an_event_meets_it(rounding):
     """A ball that is thrown onto the table on which it lies."""
     bounce = Event("impact", lambda x, p: x.x, -1, to="flight", reset=lambda x, p: {"v": -0.5 * x.v})
     table = System("table", ("x", "v"), {}, (Mode("flight", lambda x, p: {"x": x.v, "v": -1.0}, ends=(bounce,)),))
-    sentence = r"starts on its own event 'impact'.*; a start behind the event is x = 0, v = 0.25"
-    refused(table, sentence, x=0.0, v=-0.5, duration=1.0)
+    motion = simulate(table, x=rounding, v=-0.5, duration=0.6)
+    assert [crossing.time for crossing in motion.events] == pytest.approx([0.0, 0.5], abs=1e-10)
+    assert motion.end["v"] == pytest.approx(0.125 - 0.1, abs=1e-9)
 
 
 def swings(x, p):
@@ -96,3 +101,46 @@ def test_two_events_at_once():
     motion = simulate(corner(), start={"x": 1.001, **start}, duration=3.0)
     assert [crossing.event for crossing in motion.events] == ["floor", "left wall"]
     assert [crossing.time for crossing in motion.events] == pytest.approx([1.0, 1.001], rel=1e-10)
+
+
+def waits(x, p):
+    return {"b": 0, "clock": 1}
+
+
+def jump(y):
+    return lambda x, p: {"clock": 0, "b": p.l * x.b + p.u - y}
+
+
+def after(x, p):
+    return "hi" if x.b >= 0 else "lo"
+
+
+MODULATOR = System(
+    "first order modulator", ("b", "clock"), {"u": 0.3, "l": 0.95},
+    tuple(Mode(name, waits, ends=(Event("tick", lambda x, p: x.clock - 1, +1, to=after, reset=jump(y)),))
+          for name, y in (("hi", 1), ("lo", -1))),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("beside", [0.0, 1e-300, 1e-18, -1e-18, 1e-12, 1e-6])
+def test_a_start_beside_zero_is_followed_as_one_at_zero(beside):
+    motion = simulate(MODULATOR, "hi", b=0.1, clock=beside, duration=10.5)
+    assert [crossing.time for crossing in motion.events] == pytest.approx(np.arange(1, 11) - beside, rel=1e-12)
+    slip = simulate(belt, "slip", x=beside, v=beside, duration=15.0)
+    at_zero = simulate(belt, "slip", x=0.0, v=0.0, duration=15.0)
+    assert len(slip.events) == 3 and slip.end["x"] == pytest.approx(at_zero.end["x"], abs=1e-6 + 10 * abs(beside))
+
+
+@pytest.mark.parametrize(("system", "mode", "start"), [(MODULATOR, "hi", {"b": 0.1, "clock": 0.0}),
+                                                       (belt, "slip", {"x": 0.0, "v": 0.0})])  # fmt: skip
+def test_every_state_of_a_sample_can_be_simulated(system, mode, start):
+    """In one of the modes: in front of an event, behind it, and between."""
+    cycle = find_cycle(system, mode, start=start)
+    _, states = cycle.sample()
+    for state in states[:, ::3].T:
+        begins = dict(zip(system.states, map(float, state), strict=True))
+        followed = []
+        for each in system.modes:
+            with suppress(NoOrbit):
+                followed.append(simulate(system, each.name, start=begins, duration=cycle.period).duration)
+        assert followed == pytest.approx([cycle.period] * len(followed)) and followed
