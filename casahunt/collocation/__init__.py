@@ -24,6 +24,7 @@ batched_newton.py solutions on meshes of parts, corrected many at once
 remesh.py         the mesh that makes it as small as asked for
 conditions.py     what the phases say of solutions: conditions, features, events there
 resolution.py     how well a condition is known inside an interval
+successors.py     does an event lead to the mode that follows?
 near_grazing.py   is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?
 """

@@ -9,6 +9,8 @@ a violation beyond that is a wrong root; a value that is not clear of zero by as
 interval.  Without that an interval can step over a whole ring-down and see nothing of it.  A condition with a kink is
 no polynomial at all: to be violated it must be so at the states of the polynomial, too.
 
+At its end a phase must lead to the mode that follows, as its event says of the state there (successors.py).
+
 Nor may an event of the mode be passed inside the phase: its scalar, counted along the direction of the way out, goes
 from below zero to above only at the end.  That needs no condition, and keeps a system without one from roots that go
 through a wall.
@@ -35,6 +37,7 @@ from ..hybrid.system import Exit, Feature
 from .conditions import Conditions, NotSymbolic
 from .near_grazing import comes_and_goes, tops_of
 from .resolution import BARELY, NOISE, RESOLUTION, dense_rule, largest_of_phase, not_clear
+from .successors import contradicted, undecided
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -98,6 +101,9 @@ def check_admissible(t: Transcription, u: Array, setting: Setting) -> Admissibil
         passed, by_little = _passed(ways, k, inside.unclear) if phase.exits else ("", False)
         if passed:
             return Admissibility(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
+        if other := contradicted(t, u, setting, k):
+            sentence = f"phase {k + 1} ({mode.name}): {phase.end.name!r} leads to {other!r}, not to what follows"
+            return Admissibility(sentence, k, inside.unclear)
         barely = k if by_little and barely < 0 else barely
     return Admissibility("", -1, inside.unclear, barely)
 
@@ -122,6 +128,7 @@ def admissible_many(t: Transcription, u: Array, settings: Setting) -> Array:
                 for i in range(len(phase.exits)):
                     _, *perhaps = ways.passing(k, i)
                     asked |= np.logical_or.reduce(perhaps).any(axis=(1, 2))
+            asked |= [bool(undecided(t, u[b], settings.of(b))) for b in range(len(u))]
         except NotSymbolic:
             return np.array([check_admissible(t, u[b], settings.of(b)).admissible for b in range(len(u))], dtype=bool)
     for b in np.flatnonzero(good & asked).tolist():

@@ -1,7 +1,10 @@
-"""Behind a grazing: the cycle with which a branch goes on where an event is met with no speed.
+"""Behind a contact: the cycle with which a branch goes on where an event is met with no speed, or leads elsewhere.
 
-    a phase has vanished            the cycle without it                                     (vanishing.py)
-    an event is grazed once more   the cycle that meets it, at first with no speed: its speed tells how far it is along
+    a phase has vanished           the cycle without it                                     (vanishing.py)
+    an event is grazed once more   the cycle that meets it, at first with no speed: its speed, or the time in the mode
+                                   that it leads to, tells how far it is along
+    the successor changes          `to` of an event names another mode from here on: the cycle with a phase of that
+                                   mode, at first of no duration, where it is left at once
     an event is only grazed        the cycle next to it that keeps clear of it, on either side of the parameter: where
     or met together with another    the motion settles on one that is nearly the same
 
@@ -14,20 +17,24 @@ speed is free.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Generic, NamedTuple, cast
 
 import numpy as np
 
+from ..collocation.successors import behind, undecided
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
+from ..orbits.sequences import with_successor
 from .curve import along, backwards, point_at, predict, solved_at
-from .grazing_contact import NEAR_CONTACT, Contact, contact_value, corner_at, cycle_near, grazing_at
+from .grazing_contact import NEAR_CONTACT, Contact, contact_value, corner_at, cycle_near, grazing_at, middle_of
 from .poincare_section import same_events
-from .special_points import GRAZING, SpecialPoint, absolute_error, special_point
+from .special_points import GRAZING, Monitor, SpecialPoint, absolute_error, special_point
+from .vanishing import last_before, with_phase_born
 from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)
@@ -48,6 +55,10 @@ MET_AT_ONCE = replace(
     meaning="grazing at {name} = {value:.10g}: two events are met at once, and no cycle with these phases follows",
 )
 
+SUCCESSOR_CHANGES = "the successor changes"
+LEADS_ELSEWHERE = Complaint("an event leads to another mode than the one that follows", Status.INADMISSIBLE)
+"""Why a walk is left at an orbit at which a successor has changed by less than counts."""
+
 
 class Behind(NamedTuple, Generic[AnyOrbit]):
     """What a branch has come to: the grazing and the cycle that it goes on with, None for either where there is none.
@@ -55,13 +66,13 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
     Attributes
     ----------
     grazing, following : the special point and the orbit.
-    place : where an event is grazed once more, or met together with another: orbits of the branch may have passed it.
+    passed : whether an orbit of the branch has passed it by less than counts; None where none can have.
     unlocated : relative error of the parameter there, where the place is not known as well as the orbit; else 0.
     """
 
     grazing: SpecialPoint[AnyOrbit] | None
     following: AnyOrbit | None
-    place: Contact | None = None
+    passed: Callable[[Orbit], bool] | None = None
     unlocated: float = 0.0
 
     @property
@@ -72,22 +83,27 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
         return absolute_error(self.grazing.orbit, self.grazing.vary, self.unlocated)
 
     def reached(self, orbits: tuple[AnyOrbit, ...]) -> tuple[AnyOrbit, ...]:
-        """The orbits of the branch up to the contact, and the one that grazes."""
-        if self.place is None or self.grazing is None:
+        """The orbits of the branch up to the contact, and the one there."""
+        if self.passed is None or self.grazing is None:
             return orbits
-        many = len(orbits)
-        while many > 1 and orbits[many - 1].signature == orbits[-1].signature:
-            if not contact_value(self.place, orbits[many - 1]) > 0:
-                break
-            many -= 1
-        return *orbits[:many], self.grazing.orbit
+        return *_not_beyond(orbits, self.passed), self.grazing.orbit
 
 
-def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Options) -> Behind[AnyOrbit]:
+def leads_elsewhere(orbit: Orbit) -> bool:
+    """Whether an event of a cycle leads to another mode than the one that follows, by less than counts."""
+    return bool(undecided(*unknowns_of(orbit)))
+
+
+def behind_grazing(
+    orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, options: Options
+) -> Behind[AnyOrbit]:
     """The grazing that a branch has come to, and the cycle that it goes on with.
 
-    last, vary: the last cycle of a walk, and the name of the parameter.
+    orbits, vary: of the branch, the last one that of a walk; and the name of the parameter.
     """
+    last = orbits[-1]
+    if leads_elsewhere(last):
+        return _at_changed_successor(orbits, vary, options)
     fewer = last.problem.vanishing(*unknowns_of(last))
     without = None if fewer is None else solved_at(last.problem, fewer[1], options)
     if without is not None and without.signature != last.signature and _alike(last, without):
@@ -101,7 +117,7 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
             special = special_point(MET_WITHOUT_SPEED, last, vary, error=UNLOCATED)
             return Behind(special, _clear_of_it(last, vary, options), unlocated=UNLOCATED)
         place, orbit = corner
-        return Behind(special_point(MET_AT_ONCE, orbit, vary), _clear_of_it(last, vary, options), place)
+        return Behind(special_point(MET_AT_ONCE, orbit, vary), _clear_of_it(last, vary, options), _beyond(place))
     what = f"grazing at {{name}} = {{value:.10g}}: mode {mode!r} meets {event!r} once more, with no speed"
     located = grazing_at(last, event, vary, options)
     if located is None:  # the last cycle is as near to it as its polynomials show
@@ -112,7 +128,39 @@ def behind_grazing(last: AnyOrbit, vary: str, failure: Complaint, options: Optio
     more = _with_one_more(orbit, place, vary, options)
     follows = "no cycle with these phases follows" if more is None else "it goes on with the cycle that meets it"
     contact = special_point(replace(GRAZING, meaning=f"{what}; {follows}"), orbit, vary)
-    return Behind(contact, more or _clear_of_it(last, vary, options), place)
+    return Behind(contact, more or _clear_of_it(last, vary, options), _beyond(place))
+
+
+def _beyond(place: Contact) -> Callable[[Orbit], bool]:
+    """Whether an orbit has passed a contact."""
+    return lambda orbit: contact_value(place, orbit) > 0
+
+
+def _not_beyond(orbits: tuple[AnyOrbit, ...], passed: Callable[[Orbit], bool]) -> tuple[AnyOrbit, ...]:
+    """The orbits of a branch without the last ones, with the same phases, that have passed something; one at least."""
+    many = len(orbits)
+    while many > 1 and orbits[many - 1].signature == orbits[-1].signature and passed(orbits[many - 1]):
+        many -= 1
+    return orbits[:many]
+
+
+def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Options) -> Behind[AnyOrbit]:
+    """Where the successor of an event changes: the last orbits of the branch have passed that by less than counts."""
+    last = orbits[-1]
+    kept = _not_beyond(orbits, leads_elsewhere)
+    same = kept[-1].signature == last.signature and len(kept) < len(orbits)
+    there = last_before(kept[-1], orbits[len(kept)], vary, options, leads_elsewhere) if same else last
+    at = unknowns_of(last)
+    k = undecided(*at)[0]
+    event, name = last.arcs[k].event, last.cycle.phases[k].leads_to(behind(*at, k), at[2].p)
+    start = with_successor(cast(Cycles, there.problem).asked(), unknowns_of(there), k, name)
+    more = None if start is None else with_phase_born(there.problem, start, k + 1, vary, options)
+    follows = "no cycle with it was found next to this one" if more is None else "it goes on with the cycle that has it"
+    what = f"{SUCCESSOR_CHANGES} at {{name}} = {{value:.10g}}: {event!r} leads to {name!r} beyond; {follows}"
+    unlocated = 0.0 if same else UNLOCATED
+    point = special_point(Monitor(SUCCESSOR_CHANGES, GRAZING.value, what), there, vary, error=unlocated)
+    following = cast("AnyOrbit | None", more) or _clear_of_it(last, vary, options)
+    return Behind(point, following, leads_elsewhere, unlocated)
 
 
 def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | None:
@@ -121,6 +169,8 @@ def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options)
     start = family.with_contact(place.phase, place.event, *unknowns_of(orbit))
     if start is None:
         return None
+    if start[0].phases > len(orbit.arcs) + 1:  # it leads to another mode, and from there back
+        return cast("AnyOrbit | None", with_phase_born(family, start, place.phase + 1, vary, options))
     point = point_at(*start, along(family, vary), like=None)
     for ds in SLOWLY:
         for one in (point, backwards(point)):
@@ -141,7 +191,7 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
     for side in (1.0, -1.0):
         beside = cast(Cycles, family.with_value(vary, family.moved(vary, side * BESIDE_GRAZING)))
         with suppress(NoOrbit):
-            other = cycle_near(beside, arc.mode, arc.states[len(arc.states) // 2, 0], options)
+            other = cycle_near(beside, arc.mode, middle_of(arc), options)
             if not same_events(last, other) and _alike(last, other):
                 return cast(AnyOrbit, other)
     return None

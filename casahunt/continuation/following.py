@@ -29,7 +29,7 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.other_start import may_vanish
 from ..orbits.restart import in_scheme
-from .beyond_grazing import behind_grazing
+from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
 from .bifurcations import monitors_of
 from .branch import Branch, Run
 from .broken_symmetry import as_whole_as_needed
@@ -265,7 +265,7 @@ def _after_planes(
 
 def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
     """The cycle that the branch goes on with behind the grazing that it has come to; its end where there is none."""
-    found = behind_grazing(run.last, run.branch.vary, failure, run.options)
+    found = behind_grazing(run.branch.orbits, run.branch.vary, failure, run.options)
     if found.grazing is None:
         return found.following or End("stuck", str(failure))
     special = found.grazing
@@ -274,7 +274,7 @@ def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
         orbits = found.reached(run.branch.orbits)
         run.branch = replace(run.branch, orbits=orbits, special=(*run.branch.special, special))
         run.line.go_on_from(orbits[-1])
-    return found.following or End("grazing", f"no cycle follows the {special.meaning}", special.value, found.error)
+    return found.following or End(special.kind, f"no cycle follows: {special.meaning}", special.value, found.error)
 
 
 def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: bool) -> Any:
@@ -319,13 +319,17 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
             return over[1]
 
 
-def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | None:
-    """The end that a branch has come to with the next orbit, which it is given; None where it goes on."""
+def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
+    """The end that a branch has come to with the next orbit, which it is given; None where it goes on.
+
+    A Complaint where an event has begun to lead elsewhere: no step goes beyond.
+    """
     if (closed := met_itself(run, after) or came_round(run, after)) is not None:
         return closed
     run.add(after)
     run.add(passed=run.line.past(after))
-    return comes_to(run.branch.orbits, run.branch.vary)
+    end = comes_to(run.branch.orbits, run.branch.vary)
+    return end or (LEADS_ELSEWHERE if GRAZING in run.looked_for and leads_elsewhere(after) else None)
 
 
 def _ended(run: Run[AnyOrbit], why: str) -> End | Complaint:

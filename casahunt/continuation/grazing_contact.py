@@ -35,7 +35,7 @@ from ..orbits.cycle_search import find_cycle
 from ..orbits.event_passage import passed, turning_values
 from ..orbits.family import Cycles
 from ..orbits.marched_mesh import cleared
-from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from ..orbits.orbit import AnyOrbit, Arc, Orbit, unknowns_of
 from ..orbits.restart import Start
 from ..roots import secant
 from .curve import CurvePoint, parameter_value, solved_at
@@ -322,9 +322,15 @@ def _without(orbit: AnyOrbit, vanishing: int, options: Options) -> AnyOrbit:
     sentence = f"phase {vanishing + 1} ({orbit.arcs[vanishing].mode}) vanishes, and no cycle was found without it"
     with suppress(InputError, NoOrbit):
         system = replace(family.system, modes=modes)
-        middle = before.states[len(before.states) // 2, 0]
-        return cast(AnyOrbit, cycle_near(family, before.mode, middle, options, system=system, settled=True))
+        near = cycle_near(family, before.mode, middle_of(before), options, system=system, settled=True)
+        return cast(AnyOrbit, near)
     raise NoOrbit(f"{sentence}; `grazing` takes one that keeps clear of {before.event!r}", Status.NOT_FOUND)
+
+
+def middle_of(arc: Arc) -> Array:
+    """(n,) a state in the middle of a phase, off the events at its ends."""
+    states = arc.states.reshape(-1, arc.end.size)
+    return np.asarray(states[len(states) // 2])
 
 
 def cycle_near(

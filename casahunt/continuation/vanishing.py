@@ -9,10 +9,13 @@ free, it leads to the contact; behind it stands the cycle without the phase.  Be
     the shortest phase of the orbit with more of them, shrunk to nothing
     where that is too far, the same from the orbits of a walk towards the other one, nearer and nearer
     where no phase vanishes, the cycle with fewer phases that grazes an event, or the last of them found
+
+The other way round, a phase that begins at a contact is held at a small duration there, with the parameter free.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import chain, takewhile
 from typing import cast
@@ -22,6 +25,7 @@ import numpy as np
 from ..collocation.mesh import halved, phase_breaks
 from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
+from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.other_start import may_vanish
@@ -47,6 +51,8 @@ AS_FAR = 3.0
 """A contact farther away than this many of the last steps is none that the branch has come to."""
 BEHIND = 1e-4
 """How far behind a grazing contact, along the branch, the next cycle is looked for."""
+BORN_PARTS = (1.0, 0.1, 0.01)
+"""Parts of its first duration with which a phase that begins at a contact is sought."""
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
 
@@ -197,7 +203,7 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         gone = orbit_at_contact(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
-    last = _last_alike(fewer, more, vary, options)
+    last = last_before(fewer, more, vary, options, lambda orbit: orbit.signature != fewer.signature)
     distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
     contact = grazing_at(last, event, vary, options) if distance <= CONTACT_RANGE else None
     return last if contact is None else contact[1]
@@ -222,18 +228,41 @@ def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
     return (parameter_value(between, vary) - here) * float(np.sign(parameter_value(other, vary) - here))
 
 
-def _last_alike(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit:
-    """The last orbit towards `after` with the phases of `before`."""
+def last_before(
+    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, beyond: Callable[[AnyOrbit], bool]
+) -> AnyOrbit:
+    """The last orbit on the way from one to another that is not beyond something."""
     start = curve_point(before, vary, like=secant_direction(before, after, vary))
     length = length_to(after, before, start, vary)
     found = [before]
 
-    def beyond(ds: float) -> bool:
+    def passed(ds: float) -> bool:
         outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
-        if isinstance(outcome, str) or outcome[0].signature != before.signature:
+        if isinstance(outcome, str) or beyond(outcome[0]):
             return True
         found.append(outcome[0])
         return False
 
-    boundary(beyond, 0.0, length, width=CHANGE_WIDTH, rounds=CHANGE_ROUNDS)
+    boundary(passed, 0.0, length, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
     return found[-1]
+
+
+def with_phase_born(problem: Problem, start: Start, k: int, vary: str, options: Options) -> Orbit | None:
+    """The cycle in which a phase has just begun, from the contact on: T_k is held, the parameter free.
+
+    problem, start, k: the problem at the contact; the cycle there with the phase, as long as it may be; its number.
+    Returns Orbit; None where there is none with these phases next to the contact.
+    """
+    t, begun, setting = start
+    setting = replace(setting, p=problem.vector(), dp=along(problem, vary))
+    for part in BORN_PARTS:
+        u = begun.copy()
+        t.durations_of(u)[k] *= part
+        solution = newton(t, u, setting, border=_row(t, u, k), accuracy=1e-3 * options.tol)
+        if not solution.status.ok:
+            continue
+        there = problem.with_value(vary, problem.moved(vary, solution.parameter))
+        found = solved_at(there, (t, solution.u, setting), options)
+        if found is not None and found.signature == t.cycle.signature:
+            return found
+    return None

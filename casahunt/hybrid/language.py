@@ -56,9 +56,9 @@ class Event:
     name : what the user reads, such as "catches up".
     function : (x, p) -> h, a scalar of order one away from the event.
     direction : +1 where h rises through zero, -1 where it falls, 0 for either way.
-    to : name of the next mode, or a function (x, p) of numbers that returns it.  The name of the mode itself makes the
-        event a boundary between two phases although the mode goes on; where a function returns it, the event was
-        grazed only, and the phase goes on.
+    to : name of the next mode, or a function (x, p) of numbers that returns it, of the state after the reset.  The name
+        of the mode itself makes the event a boundary between two phases although the mode goes on; where a function
+        returns it, the event was grazed only, and the phase goes on.
     reset : (x, p) -> the states that jump, by name; what is not named stays.  None where nothing jumps.
 
     Examples

@@ -129,6 +129,7 @@ class Phase(HashedOnce):
     reset : the jump of the state there, or None.
     direction : +1 where the event rises through zero at the end, -1 where it falls; 0 where nobody asks.
     exits : ways out of the mode, none of which may be passed inside the phase.
+    follows : names of the modes to which the event at the end may lead, as `successor` says; () where nobody asks.
     """
 
     mode: VectorMode
@@ -136,6 +137,12 @@ class Phase(HashedOnce):
     reset: Reset | None = None
     direction: int = 0
     exits: tuple[Exit, ...] = ()
+    follows: tuple[str, ...] = ()
+
+    def leads_to(self, x: np.ndarray, p: np.ndarray) -> str:
+        """The mode to which the event at the end leads from a state x (n,) behind it; "" where that is not known."""
+        way_out = next((e for e in self.exits if e.event == self.end), None)
+        return "" if way_out is None else way_out.successor(x, p)
 
 
 @dataclass(frozen=True)

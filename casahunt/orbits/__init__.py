@@ -30,6 +30,7 @@ watching.py  a first look at a motion: sizes, where it is cut
 returning.py a motion followed until it comes back
 sequences.py   other phase sequences, where one has stopped being a motion
 simulated_phases.py the phases that the motion itself has
+stated_cycle.py the cycle with given phases, as data
 other_start.py the same cycle from another of its boundaries
 family.py    the cycles of a user's system at one p
 marched_mesh.py  from a motion that is not yet the orbit to the orbit

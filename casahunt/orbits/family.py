@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,16 +18,17 @@ from ..checks import choice_of, number
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind, Problem
-from ..hybrid.system import Cycle, Feature, Phase, Signature
+from ..hybrid.system import Cycle, Feature, Signature
 from ..hybrid.vector_form import Names
 from ..motion.phases import Segment
-from .closure import Closure, Plane, Section, with_sections
+from .closure import Closure, Section, with_sections
 from .observables import check_expression, scalar_of
 from .other_start import rotated, strongest
 from .recurrence import image_of
 from .restart import Start
-from .sequences import Posed, in_parts, nearest_touch, parts_of, split, unsplit, with_contact, without
+from .sequences import Posed, in_parts, nearest_touch, split, unsplit, with_contact, without
 from .simulated_phases import marched
+from .stated_cycle import cycle_of, mode_after_last
 from .system_orbit import SystemOrbit
 
 Array = np.ndarray
@@ -107,7 +107,9 @@ class Cycles(Problem):
         """
         if repeats != self.closure.repeats:
             raise ValueError(f"{self.title}: no cycle closes {repeats} times, but {self.closure.repeats} times")
-        return _cycle(self.system, self.sections, self.closure, self.amplitude_of(), self.watched, signature)
+        asked = self.system, self.sections, self.closure
+        after = mode_after_last(*asked, signature, self.vector()) if self.watched else None
+        return cycle_of(*asked, self.amplitude_of(), signature, after)
 
     def amplitude_of(self) -> int | Feature:
         """What is measured, as a cycle knows it: `Cycle.measured`."""
@@ -379,27 +381,3 @@ def measured_of(system: System, measure: str | Function | None) -> str | Functio
         return next((state for state in system.states if state not in system.angles), system.states[0])
     check_expression("measure", scalar_of(measure, system.names))
     return measure
-
-
-@lru_cache(maxsize=256)
-def _cycle(
-    system: System, sections: tuple[Section, ...], closure: Closure, measured: int | Feature, watched: bool,
-    signature: Signature,
-) -> Cycle:  # fmt: skip
-    form = with_sections(system, sections)
-    phases = []
-    for mode, event in signature:
-        ways_out = form.ways_out(mode, event) or tuple(
-            way for part in parts_of(form, mode) for way in form.ways_out(part.name, event)
-        )
-        if not ways_out:
-            raise ValueError(f"{system.name}: no cycle with the phases {signature}: no {mode!r} ends with {event!r}")
-        way_out, direction = ways_out[0], sum(e.direction for e in ways_out)  # 0 for either way
-        exits = tuple(e for e in form.exits[mode] if not isinstance(e.event.function, Plane))
-        watch = (direction, exits) if watched else ()
-        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, *watch))
-    shift = closure.shift if any(closure.shift) else ()
-    return Cycle(
-        system.name, form.states, system.names.parameters, tuple(phases),
-        np.array(closure.matrix), closure.repeats, measured, shift,
-    )  # fmt: skip

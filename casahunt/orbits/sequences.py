@@ -10,7 +10,8 @@ From a root of the wrong sequence, or from a point predicted for it, these funct
 one.  All of them start at the same state as the cycle at hand, so that a branch goes on without a jump.
 
     split      put boundaries where the root crosses exits of its mode
-    with_contact put a boundary where a phase grazes an exit
+    with_contact put a boundary where a phase grazes an exit, and the phase that begins there
+    with_successor put the phase in that begins where the successor of an event is about to change
     without    take the shortest phase out, with both boundaries, or with the first of them
     unsplit    read a phase of a part of a mode as one of that mode, with kinks inside that are too weak for boundaries
     in_parts   the opposite, once they are strong enough
@@ -27,11 +28,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..collocation.interval import field_at
 from ..collocation.mesh import evaluate_phase
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid import system as engine
 from ..hybrid.system import Cycle, Signature
-from ..motion.march_exits import EXIT_ROUNDING
+from ..motion.march_exits import EXIT_ROUNDING, behind
 from ..motion.phases import Segment
 from .closure import Closure
 from .restart import Start, breaks_of, from_segments, in_scale, piece, relabelled
@@ -40,6 +42,9 @@ Array = np.ndarray
 
 VANISHES_BELOW = 0.5
 """A phase may be about to vanish where it is shorter than this part of the longer one of its neighbours."""
+BORN_WITH, LEFT_AT_ONCE = 1e-3, 1e-4
+"""Part of the computed piece that a phase takes which begins with no duration; and how far the event that ends it may
+be from zero where it begins, the contact being known to less."""
 CROSSING_LOOKS = 64
 """Parts of an interval, at the ends of which it is looked at for crossings of exits; with 16 a phase just begun
 at a grazing is overlooked (test_vanishing.py)."""
@@ -278,8 +283,8 @@ def with_contact(posed: Posed, start: Start, phase: int, event: str) -> Start | 
     """A boundary where a phase turns back right in front of an exit, as if that were met with no speed.
 
     posed, start: the problem, and a cycle that grazes the event; phase, event: number of the phase; name of the event,
-    at which the mode must go on.
-    Returns starting point; None where the phase does not turn back there, or goes on elsewhere.
+    at which the mode must go on, at once or behind a phase that leads back to it.
+    Returns starting point; None where the phase does not turn back there, or goes on elsewhere for longer.
     """
     t, u, setting = start
     segments = segments_of(*start)
@@ -296,11 +301,47 @@ def with_contact(posed: Posed, start: Start, phase: int, event: str) -> Start | 
     a, b, _ = np.polyfit(times[i - 1 : i + 2] - times[i], h[i - 1 : i + 2], 2)
     at = float(times[i] - b / (2 * a))
     first = part_of(posed, start, phase, segments[phase], mode, event, 0.0, at)
-    if way_out.successor(first.end, setting.p) != mode:
-        return None
     first = first if way_out.reset is None else replace(first, jumped=first.end)
+    name = way_out.successor(first.behind, setting.p)
+    between = [] if name == mode else _born(posed, start, first.behind, name, (mode,))
+    if between is None:
+        return None
     second = part_of(posed, start, phase, segments[phase], mode, segments[phase].event, at, 1.0)
-    return start_of(posed, [*segments[:phase], first, second, *segments[phase + 1 :]], start)
+    return start_of(posed, [*segments[:phase], first, *between, second, *segments[phase + 1 :]], start)
+
+
+def with_successor(posed: Posed, start: Start, phase: int, name: str) -> Start | None:
+    """A phase put in behind another, whose event leads to its mode, and which is left for what follows at once.
+
+    posed, start, phase, name: the problem, a cycle at which `to` is about to change, number of the phase whose event
+    that is, and the mode to which it leads beyond.
+    Returns starting point; None where that mode is not left at once for the one that follows.
+    """
+    segments = segments_of(*start)
+    between = _born(posed, start, segments[phase].behind, name, start[0].cycle.phases[phase].follows)
+    if between is None:
+        return None
+    return start_of(posed, [*segments[: phase + 1], *between, *segments[phase + 1 :]], start)
+
+
+def _born(posed: Posed, start: Start, x: Array, name: str, follows: Container[str]) -> list[Segment] | None:
+    """A phase of a mode that all but stands at x: an event of it that leads on is met there; None where none is."""
+    t, u, setting = start
+    mode, p, scale = posed.form.modes[name], setting.p, setting.scale
+    met: list[tuple[float, engine.Exit]] = []
+    for way_out in posed.form.exits[name]:
+        jumped = behind(way_out, x, p)
+        if way_out.successor(x if jumped is None else jumped, p) in follows:
+            met.append((abs(float(way_out.event.function(x, 0.0, p))), way_out))
+    off, way_out = min(met, key=lambda pair: pair[0], default=(np.inf, None))
+    if way_out is None or off > LEFT_AT_ONCE:
+        return None
+    duration = BORN_WITH * float(np.sum(t.durations_of(u)))
+    rate = scale * field_at(mode.field, x / scale, mode.sign, p, scale)
+    times = np.zeros(1) if mode.flow is not None else duration * t.scheme.points
+    end = x + duration * rate
+    w = (x + times[:, None] * rate).ravel()[None]
+    return [Segment(name, way_out.event.name, duration, np.array([0.0, 1.0]), w, end, behind(way_out, end, p))]
 
 
 def nearest_touch(posed: Posed, start: Start) -> tuple[float, str, str]:

@@ -323,6 +323,22 @@ def test_an_event_is_met_from_its_own_side(direction):
     assert check_admissible(t, u, setting).admissible is admissible_many(t, u[None], many)[0].item() is (direction <= 0)
 
 
+@pytest.mark.parametrize(("beyond", "leads"), [(-1e-3, True), (0.5e-6, True), (4e-6, False), (1e-3, False)])
+def test_an_event_leads_to_the_mode_that_follows(beyond, leads):
+    """Within 1e-6 of the scale (2.0) of where it says another name it may say either."""
+    end = VectorEvent("floor", lambda x, T, p: x[0] - 1)
+    way_out = Exit(end, 0, lambda x, p: "other" if x[0] > 1.0 - beyond else "free")
+    cycle = cycle_of(FREE)
+    phase = replace(cycle.phases[0], end=end, exits=(way_out,), follows=("free",))
+    states = [lambda tau: np.stack([one(tau), zero(tau)], axis=1) / SCALE]
+    t, u, fractions = laid_out(replace(cycle, phases=(phase,)), [FOUR], states, [1.0], degree=4)
+    setting = Setting(fractions, np.zeros(1), SCALE, np.zeros(1))
+    verdict = check_admissible(t, u, setting)
+    assert verdict.violated == ("" if leads else "phase 1 (free): 'floor' leads to 'other', not to what follows")
+    many = settings_of(setting, np.zeros((1, 1)), np.zeros((1, 1)))
+    assert admissible_many(t, u[None], many).item() is leads
+
+
 # Events that are all but met ---------------------------------------------------------------------------------------
 
 
