@@ -333,9 +333,9 @@ def _born(posed: Posed, start: Start, x: Array, name: str, follows: Container[st
         jumped = behind(way_out, x, p)
         if way_out.successor(x if jumped is None else jumped, p) in follows:
             met.append((abs(float(way_out.event.function(x, 0.0, p))), way_out))
-    off, way_out = min(met, key=lambda pair: pair[0], default=(np.inf, None))
-    if way_out is None or off > LEFT_AT_ONCE:
+    if not met or min(off for off, _ in met) > LEFT_AT_ONCE:
         return None
+    way_out = min(met, key=lambda pair: pair[0])[1]
     duration = BORN_WITH * float(np.sum(t.durations_of(u)))
     rate = scale * field_at(mode.field, x / scale, mode.sign, p, scale)
     times = np.zeros(1) if mode.flow is not None else duration * t.scheme.points
