@@ -168,6 +168,19 @@ def quoted(value: Any) -> str:
     return shortened(text)
 
 
+def typed(key: str, text: Any) -> float:
+    """The number of a text as a person types it: of the digits 0 to 9, and nothing between them but a point.
+
+    key: what the user calls it. Raises InputError: it is none.
+    """
+    try:
+        if "_" in str(text) or not str(text).isascii():  # Python's own, which would be other numbers elsewhere
+            raise ValueError
+        return float(text)
+    except ValueError:
+        raise InputError(f"{key} = {quoted(text)}: must be a finite number{with_point(text)}") from None
+
+
 def with_point(text: Any) -> str:
     """What a refused number should read, as the end of a message; "" where a comma is not what is wrong with it."""
     comma = re.fullmatch(r"\s*([-+]?\d+),(\d+)\s*", str(text))

@@ -147,6 +147,8 @@ class Drive:
 
 
 DRIVE_KEYS = tuple(field.name for field in dataclasses.fields(Drive))
+DRIVE_WORDS = ("derivative", "integration")
+"""Those whose values are words."""
 
 
 def with_remedy(drive: Drive, key: str, size: float) -> Drive:

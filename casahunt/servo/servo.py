@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible, with_point
+from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible, typed
 from ..errors import InputError
 from ..files import bounded
 from ..results import html_table
@@ -347,8 +347,5 @@ def assigned(assignments: Iterable[str], what: str, allowed: Iterable[str], form
         if not sign:
             raise InputError(f"--set {text!r}: must have the form {form}")
         choice_of(what, key, allowed)
-        try:
-            changes[key] = float(value)
-        except ValueError:
-            raise InputError(f"{key} = {value!r}: must be a finite number{with_point(value)}") from None
+        changes[key] = typed(key, value)
     return changes

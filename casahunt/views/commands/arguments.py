@@ -12,10 +12,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from ...checks import choice_of, quoted, sensible, shortened, with_point
+from ...checks import choice_of, quoted, sensible, shortened, typed
 from ...errors import InputError
 from ...orbits import Options
-from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive, drive_of_table
+from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_overrides
 from .output import LINE_WIDTH, meanings, wrapped
@@ -35,8 +35,6 @@ OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
 TORQUE_OPTIONS = ("torque_column", "current_column", "torque_constant")
 """How the torque of the motor is read from a record, by the commands that fit it."""
-DRIVE_WORDS = ("derivative", "integration")
-"""Keys of the drive whose values are words."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
@@ -333,10 +331,7 @@ def finite(key: str, text: Any) -> float:
 
     key, text: what the user calls it, and what was given. Raises InputError: it is none.
     """
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{key} = {quoted(text)}: must be a finite number{with_point(text)}") from None
+    value = typed(key, text)
     if not math.isfinite(value):
         raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
     return value
@@ -348,8 +343,9 @@ def count_of(key: str, text: Any, least: int, most: float = math.inf) -> int:
     key, text: what the user calls it, and what was given. Raises InputError: it is none, or beyond them.
     """
     value = None
-    with suppress(ValueError, OverflowError):
-        value = int(text) if str(text).isdecimal() else int(float(text)) if float(text) == int(float(text)) else None
+    with suppress(InputError, ValueError, OverflowError):
+        x = typed(key, text)
+        value = int(text) if str(text).isdecimal() else int(x) if x == int(x) else None
     if value is None or not least <= value <= most:
         limits = f" from {least} to {most:g}" if math.isfinite(most) else f", at least {least}"
         raise InputError(f"{key} = {quoted(text)}: must be a whole number{limits}")

@@ -8,10 +8,12 @@ from __future__ import annotations
 import argparse
 import json
 import webbrowser
+from dataclasses import replace
 from typing import Any
 
+from ...servo.drive import Drive
 from ..explore.state import State, state_of_loop, state_of_servo
-from .arguments import add_command, count_of, loop_of, model_of, positive, servo_of
+from .arguments import add_command, count_of, drive_of, loop_of, model_of, positive, servo_of
 from .progress import progress, say
 
 LAST_PORT = 65535
@@ -55,4 +57,6 @@ def _first(options: argparse.Namespace) -> State:
         state = state_of_loop(options.tables["loop"]["parts"], loop)
     else:
         state = state_of_servo(servo_of(options)).choose("model", model_of(options))
-    return State({**state.values, **gain}, state.model, state.remedy, tuple(state.parts))
+    drive = drive_of(options) if loop is None else None
+    built = {} if drive is None else {k: v for k, v in vars(drive).items() if v != getattr(Drive, k, None)}
+    return replace(state, values={**state.values, **gain}, drive=built)

@@ -36,6 +36,8 @@ class Conversation:
         """A message of the page."""
         try:
             message = json.loads(text)
+            # Half of a pair of surrogates, which no address and no pipe can carry, becomes a question mark.
+            message = json.loads(json.dumps(message, ensure_ascii=False).encode("utf-8", "replace"))
         except (ValueError, RecursionError):
             message = None
         if not isinstance(message, dict) or not isinstance(message.get("n"), int):
@@ -67,14 +69,18 @@ class Conversation:
         self.said.append(message)
         self.tell(message)
 
+    def _asked(self, message: Mapping[str, Any]) -> State:
+        """The state of the address of a message.  Raises InputError."""
+        query = str(message.get("ask", ""))
+        return state_of_address(query) if query else self.first
+
     def _state(self, message: Mapping[str, Any]) -> State:
         """The state that is asked for.  Raises InputError."""
         if "preset" in message:
             return presets()[choice_of("preset", str(message["preset"]), presets())]
         if "file" in message:
-            return state_of_file(str(message["file"]), gain=self.first.values["gain"])
-        query = str(message.get("ask", ""))
-        state = state_of_address(query) if query else self.first
+            return state_of_file(str(message["file"]), beside=self._asked(message))
+        state = self._asked(message)
         choose = message.get("choose")
         if isinstance(choose, list) and len(choose) == 2:
             state = state.choose(str(choose[0]), str(choose[1]))

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from ...servo.drive import DRIVE_TABLE
 from ...servo.parts import Loop
 from ...servo.servo import Servo, flatten
 from ...servo.units import unit_of
@@ -18,16 +19,21 @@ FILE_NAME = "servo.toml"
 def servo_file(state: State) -> str:
     """The text of the servo file, or where the state is a loop of parts, of its file."""
     problem = state.problem
+    line = f"# explore: {state.left_out()}\n"
+    drive = [f"{key} = {_toml(value)}" for key, value in state.drive.items()]
     if problem.loop is not None:
-        return _loop_file(problem.loop, state.parts or tuple(part.name for part in problem.loop.parts))
+        said = [f"# [{DRIVE_TABLE}], for which a loop of parts has no place: {', '.join(drive)}"] if drive else []
+        parts = state.parts or tuple(part.name for part in problem.loop.parts)
+        return "\n".join([*said, _loop_file(problem.loop, parts)]) + line
     assert problem.servo is not None
     tables: dict[str, list[str]] = {"servo": [], "controller": [], "friction": []}
     for key, value in flatten(problem.servo).items():
         table, _, name = key.partition(".")
         unit = unit_of(key)
         tables[table].append(f"{name} = {value!r}" + (f"  # [{unit}]" if unit else ""))
-    said = [f"# at the gain {problem.gain!r} V/rad, with the {problem.model} model: a file holds neither"]
-    return "\n".join(said + [line for name, lines in tables.items() for line in ("", f"[{name}]", *lines)]) + "\n"
+    tables |= {DRIVE_TABLE: drive} if drive else {}
+    text = "\n".join(row for name, rows in tables.items() for row in (f"[{name}]", *rows, ""))
+    return f"# a servo file has no gain and no model of friction: casahunt explore reads its last line\n{text}{line}"
 
 
 def command_line(state: State) -> str:
@@ -40,6 +46,8 @@ def command_line(state: State) -> str:
     words += ["--model", problem.model, "--gain", repr(problem.gain)]
     for key, value in _changes(problem.servo).items():
         words += ["--set", f"{key}={value!r}"]
+    for key, value in state.drive.items():
+        words += ["--set", f"{DRIVE_TABLE}.{key}={value}"]
     return shlex.join(words)
 
 

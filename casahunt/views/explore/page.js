@@ -131,13 +131,17 @@
     if (message.kind === "refused") {
       pardon();
       byId("busy").hidden = true;
-      refuse(message.key, message.sentence);
+      if (!controls.length) byId("sentence").textContent = "The address of this page is refused, and nothing is computed.";
+      refuse(message.key, controls.length ? message.sentence : `${message.sentence}. Begin with one of the servos at the left, ` +
+        "or mend the address.");
       timed("refused");
     } else if (message.kind === "state") {
       pardon();
       address = message.address;
       wanted.clear();
       copies = message.copies;
+      byId("note").textContent = message.note;
+      byId("note").hidden = !message.note;
       shown = {};
       if (!frozen) history.replaceState(null, "", `${location.pathname}?${address}`);
       const same = controls.length === message.controls.length && controls.every((c, i) => c.key === message.controls[i].key);
@@ -355,11 +359,16 @@
     event.target.value = "";
   });
   byId("file").addEventListener("change", async (event) => {
-    const [file] = event.target.files;
+    const [file] = event.target.files, largest = Number(event.target.dataset.largest);
     if (!file) return;
-    remember("file");
-    wanted.clear();
-    ask({file: await file.text()});
+    if (file.size > largest) {
+      alarm(`${file.name} has ${Math.ceil(file.size / 1000)} kB and was not opened: a servo file, or a file with a ` +
+        `loop of parts, has at most ${largest / 1000} kB.`);
+    } else {
+      remember("file");
+      wanted.clear();
+      ask({file: await file.text()});
+    }
     event.target.value = "";
   });
   byId("controls").addEventListener("submit", (event) => event.preventDefault());

@@ -10,6 +10,7 @@ from string import Template
 from typing import Any
 
 from ...export import plain
+from ...servo.servo import LARGEST_TOML
 from .controls import choices_of, controls_of
 from .copies import copies_of
 from .figures import PANELS, figure_items, library
@@ -49,7 +50,7 @@ def state_message(state: State) -> dict[str, Any]:
     controls = [plain(control._asdict()) for control in controls_of(state)]
     return {
         "kind": "state", "address": state.address(), "controls": controls, "choices": choices,
-        "copies": copies_of(state),
+        "copies": copies_of(state), "note": state.note(),
     }  # fmt: skip
 
 
@@ -62,7 +63,8 @@ def _filled(style: str, scripts: str, frozen: str) -> str:
     )
     options = "".join(f'<option value="{escape(name)}">{escape(name)}</option>' for name in presets())
     return Template((FOLDER / "page.html").read_text(encoding="utf-8")).substitute(
-        style=style, presets=options, figures=figures, items=figure_items(), frozen=frozen, scripts=scripts
+        style=style, presets=options, figures=figures, items=figure_items(), frozen=frozen, scripts=scripts,
+        largest=int(LARGEST_TOML),
     )
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 from ...errors import InputError
-from .state import State, state_of_file
+from .state import GAIN, State, state_of_file
 
 FOLDERS = (Path(__file__).with_name("servos"), Path(__file__).parents[3] / "problems")
 """Of an installed package, and of a checkout."""
@@ -24,6 +25,6 @@ def presets() -> dict[str, State]:
             state = state_of_file(path.read_text(encoding="utf-8"), name)
         except InputError:  # an uncertainty, or another file that is no servo
             continue
-        found[name] = State({**state.values, "gain": PRESET_GAINS.get(name, state.values["gain"])}, state.model, "",
-                            state.parts)  # fmt: skip
+        gain = PRESET_GAINS.get(name, state.values[GAIN])
+        found[name] = replace(state, values={**state.values, GAIN: gain})
     return found

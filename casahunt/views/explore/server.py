@@ -44,8 +44,8 @@ FIRST_PORT, PORTS_TRIED = 8765, 20
 """Where no port is asked for: the first free one of these."""
 MOST_PAGES = 6
 """Pages at once: each has a process of its own."""
-LONGEST_MESSAGE = int(2 * LARGEST_TOML)
-"""Bytes of a message: a servo file, in JSON."""
+LONGEST_MESSAGE = int(7 * LARGEST_TOML)
+"""Bytes of a message: a servo file in JSON, where a character has six, and an address."""
 SPARE, SPARE_AFTER = 1, 3.0
 """Workers that wait for a page, since a process takes a second to begin.  The next one begins when a page has been
 answered, so that it does not compete with the first answer; or so many seconds after a page came that asks nothing."""
@@ -298,6 +298,7 @@ def _answers(server: Server) -> Any:
 
         def _tell(self, message: dict[str, Any]) -> None:
             with suppress(websocket.WebSocketClosedError):
-                self.write_message(json.dumps(message, allow_nan=False))
+                sent = self.write_message(json.dumps(message, allow_nan=False))
+                sent.add_done_callback(lambda end: end.exception())  # of a page that closes meanwhile
 
     return Answers

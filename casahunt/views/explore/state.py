@@ -4,22 +4,29 @@
               part=one inertia&part=Switch friction&...&gain=0.1&dead_band=0.01            of a loop of parts
 
 The address is the state: it says everything, and reading it back gives the same numbers to the last bit.  A servo with
-a load or a remedy is computed as a loop of parts (`Problem.loop`), one without as the servo that it is.
+a load or a remedy is computed as a loop of parts (`Problem.loop`), one without as the servo that it is.  What a file
+has no place for stands in a line of it that other readers pass over:
+
+    # explore: model=lugre&gain=0.2&step=1.0
+
+The table [drive] of a file goes along (`drive.sample_time=0.001&...`), and nothing that is computed depends on it.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode
 
-from ...checks import choice_of, number, quoted, sensible
+from ...checks import choice_of, number, quoted, sensible, typed
 from ...design.remedies.border import Scales, with_remedy
 from ...errors import InputError
+from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, drive_of_table
 from ...servo.hunting import MODELS, Model
 from ...servo.parts import LOADS, Loop, Remedy, loop_of
 from ...servo.parts.file import loop_of_tables
@@ -36,6 +43,8 @@ GUESSED_AMPLITUDE, GUESSED_PERIOD = 0.1, 30.0
 """Of a cycle that is not computed yet, in units of Fs/kp and of the reset time: a remedy's first size."""
 FORMS = ("times", "gains")
 """Of the controller."""
+PAGE_LINE = re.compile(r"^# explore: (\S+)$", re.MULTILINE)
+"""What the page has written into a file."""
 
 
 class Problem(NamedTuple):
@@ -54,13 +63,15 @@ class Problem(NamedTuple):
 class State:
     """Everything that the page shows follows from this.
 
-    values : by the key of their control; model, remedy: of a servo, "" without a remedy; parts: entries of a loop file.
+    values : by the key of their control; model, remedy: of a servo, "" without a remedy; parts: entries of a loop file;
+    drive: the table [drive] of a servo file.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
     model: str = MODELS[0]
     remedy: str = ""
     parts: tuple[Any, ...] = ()
+    drive: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_loop(self) -> bool:
@@ -99,7 +110,23 @@ class State:
         said += [] if self.is_loop else [("model", self.model)]
         said += [(key, repr(value)) for key, value in self.values.items()]
         said += [("remedy", self.remedy)] if self.remedy else []
+        said += [(f"{DRIVE_TABLE}.{key}", str(value)) for key, value in self.drive.items()]
         return urlencode(said)
+
+    def left_out(self) -> str:
+        """What a file has no place for, as the query of an address."""
+        said = {} if self.is_loop else {"model": self.model}
+        values = {key: value for key, value in self.values.items() if key in (GAIN, SET_POINT)}
+        return urlencode(said | {key: repr(value) for key, value in values.items()})
+
+    def note(self) -> str:
+        """What the page does not show of what it has been given; "" where it shows all."""
+        if not self.drive:
+            return ""
+        return (
+            f"[{DRIVE_TABLE}] of the file ({', '.join(self.drive)}) is kept in the copies, and nothing here depends on "
+            "it: the page shows the continuous loop; save the file, and casahunt simulate shows the one as built."
+        )
 
     def choose(self, what: str, choice: str) -> State:
         """The state with another choice: of the model, of the form of the controller ("times", "gains"), of a remedy.
@@ -183,16 +210,29 @@ def state_of_loop(entries: tuple[Any, ...], loop: Loop) -> State:
     return State({GAIN: numbers.pop(GAIN), SET_POINT: FIRST_STEP_RAD, **numbers}, "", "", entries)
 
 
-def state_of_file(text: str, what: str = "the file", gain: float = FIRST_GAIN) -> State:
+def state_of_file(text: str, what: str = "the file", beside: State | None = None) -> State:
     """The state of a servo file or loop file.
 
-    what: the beginning of a refusal; gain: of a servo, whose file has none. Raises InputError: it is none of both.
+    what: the beginning of a refusal; beside: the state whose gain, model and step it has where the file, which has no
+    place for them, does not say them in its line `PAGE_LINE`.  Raises InputError: it is none of both.
     """
-    tables = toml_tables(text.encode(), what)
+    tables = toml_tables(text.encode("utf-8", "replace"), what)
+    if not tables:
+        tables_of_both = "a servo file has [servo], [controller] and [friction], a loop file [loop] and [values]"
+        raise InputError(f"{what}: holds nothing; {tables_of_both}")
+    line = PAGE_LINE.search(text)
+    said = dict(parse_qsl(line[1])) if line else {}
     if "loop" in tables:
-        loop = loop_of_tables(tables, what)
-        return state_of_loop(tuple(tables["loop"]["parts"]), loop)
-    return state_of_servo(servo_of_tables(tables, what), gain=gain)
+        state = state_of_loop(tuple(tables["loop"]["parts"]), loop_of_tables(tables, what))
+        kept = {SET_POINT: beside.values[SET_POINT]} if beside else {}
+    else:
+        state = state_of_servo(servo_of_tables(tables, what))
+        state = replace(state, drive=tables.get(DRIVE_TABLE, {}))
+        kept = {key: beside.values[key] for key in (GAIN, SET_POINT)} if beside else {}
+        state = state.choose("model", said.get("model") or (beside and beside.model) or MODELS[0])
+    places = (SET_POINT,) if state.is_loop else (GAIN, SET_POINT)  # a loop file says its gain
+    own = {key: typed(key, said[key]) for key in places if key in said}
+    return replace(state, values={**state.values, **kept, **own})
 
 
 def state_of_address(query: str) -> State:
@@ -213,17 +253,25 @@ def state_of_address(query: str) -> State:
         if any(f"controller.{name}" in said for name in ("kp", "ki", "kd")):
             known = known.choose("controller", "gains")
         known = known.choose("remedy", said.get("remedy", ""))
-    given = {key: text for key, text in said.items() if key not in ("part", "model", "remedy")}
+    drive = _drive(said)
+    others = ("part", "model", "remedy", *(f"{DRIVE_TABLE}.{key}" for key in drive))
+    given = {key: text for key, text in said.items() if key not in others}
     values = {choice_of("key", key, known.values): _number(key, text) for key, text in given.items()}
-    return replace(known, values={**known.values, **values})
+    return replace(known, values={**known.values, **values}, drive=drive)
+
+
+def _drive(said: Mapping[str, str]) -> dict[str, Any]:
+    """The table [drive] of an address.  Raises InputError: it describes none."""
+    texts = {key: said[f"{DRIVE_TABLE}.{key}"] for key in DRIVE_KEYS if f"{DRIVE_TABLE}.{key}" in said}
+    drive = {key: text if key in DRIVE_WORDS else _number(f"{DRIVE_TABLE}.{key}", text) for key, text in texts.items()}
+    if drive:
+        drive_of_table(drive)
+    return drive
 
 
 def _number(key: str, text: str) -> float:
     """A number of an address: not yet in any range.  Raises InputError: it is none."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{key} = {quoted(text)}: must be a finite number") from None
+    value = typed(key, text)
     if math.isnan(value):
         raise InputError(f"{key} = nan: must be a finite number")
     return value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import http.client
 import json
 import re
@@ -14,6 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from casahunt import InputError, Servo
+from casahunt.servo.servo import LARGEST_TOML
 from casahunt.views.explore.conversation import Conversation
 from casahunt.views.explore.presets import presets
 from casahunt.views.explore.state import state_of_address, state_of_servo
@@ -102,6 +104,20 @@ def test_what_else_changes_the_state(talk):
 def test_what_is_no_message_is_let_go(talk, text):
     talk.hear(text)
     assert not talk.told and not talk.worker.questions
+
+
+def test_half_a_character_is_refused_as_any_other_text(talk):
+    talk.hear('{"n": 1, "ask": "gain=0.2\\ud800", "moved": "gain"}')
+    assert talk.told[0]["kind"] == "refused" and "must be a finite number" in talk.told[0]["sentence"]
+    talk.hear('{"n": 2, "ask": "", "file": "# \\udc00\\n[friction]\\nstatic = 0.5"}')
+    assert talk.told[1]["kind"] == "state" and "friction.static=0.5" in talk.worker.questions[0][1]
+
+
+def test_a_file_leaves_the_gain_of_the_page(talk):
+    (told,) = hear(talk, ask="gain=0.3&model=lugre", file="[friction]\nstatic = 0.5\n[drive]\nsample_time = 0.001")
+    state = state_of_address(told["address"])
+    assert (state.model, state.values["gain"], state.drive) == ("lugre", 0.3, {"sample_time": 0.001})
+    assert "continuous loop" in told["note"]
 
 
 def test_answers_to_an_older_question_are_not_told(talk):
@@ -300,6 +316,30 @@ def test_a_message_that_is_too_long_ends_the_page(served):
             return await asyncio.wait_for(socket.read_message(), LONG)
 
     assert asyncio.run(flood()) is None
+
+
+def test_the_largest_file_passes_and_a_page_that_closes_leaves_no_traceback(served, caplog):
+    """Of control characters, each six in JSON; closed while it is being answered."""
+    text = "# " + "\x7f\t" * int((LARGEST_TOML - 30) / 2) + "\n[friction]\nstatic = 0.5"
+
+    async def hasty():
+        socket = await websocket_connect(HTTPRequest(
+            f"ws://127.0.0.1:{served.port}/answers", headers={"Origin": f"http://127.0.0.1:{served.port}"}
+        ))  # fmt: skip
+        await socket.write_message(json.dumps({"n": 1, "ask": "", "file": text}))
+        told = json.loads(await asyncio.wait_for(socket.read_message(), LONG))
+        await socket.write_message(json.dumps({"n": 2, "ask": "gain=0.21"}))
+        socket.protocol.stream.close()
+        socket.close()
+        return told
+
+    told = asyncio.run(hasty())
+    assert told["kind"] in ("state", "refused") and told["n"] == 1
+    began = time.monotonic()
+    while served._pages and time.monotonic() - began < LONG:
+        time.sleep(0.05)
+    gc.collect()
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 def test_from_python():

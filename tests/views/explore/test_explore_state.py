@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from urllib.parse import urlencode
+
 import pytest
 from explore_support import STATES, TABLE1, turned
 
 from casahunt import InputError
 from casahunt.views.explore.controls import HIDDEN, LUGRE_ALONE, choices_of, controls_of
-from casahunt.views.explore.copies import servo_file
+from casahunt.views.explore.copies import command_line, servo_file
 from casahunt.views.explore.state import state_of_address, state_of_file
 
 
@@ -20,12 +22,52 @@ def test_an_address_reproduces_its_state(name):
 def test_a_file_brings_the_same_problem_back(name):
     """To the last bit: a servo its numbers, a loop its parts and theirs."""
     problem = STATES[name].problem
-    again = state_of_file(servo_file(STATES[name]), gain=problem.gain).problem
+    again = state_of_file(servo_file(STATES[name])).problem
     if problem.loop is None:
-        assert again.servo == problem.servo and again.gain == problem.gain
+        assert (again.servo, again.gain, again.model) == (problem.servo, problem.gain, problem.model)
     else:
         assert again.loop.present == problem.loop.present or name.startswith("table")
         assert again.loop.parameters == problem.loop.parameters
+
+
+BUILT = "[drive]\nsample_time = 0.001\nencoder = 2000\nderivative = 'filtered'\n"
+
+
+def test_a_drive_goes_along_and_is_said():
+    """In the address, in the file that the page writes, in the command; of a loop of parts as a remark."""
+    state = state_of_file("[friction]\nstatic = 0.5\n" + BUILT)
+    assert state.drive == {"sample_time": 0.001, "encoder": 2000, "derivative": "filtered"}
+    assert state_of_address(state.address()) == state and "simulate" in state.note() and not TABLE1.note()
+    again = state_of_file(servo_file(state))
+    assert again == state and "--set drive.encoder=2000" in command_line(state)
+    remedied = state.choose("remedy", "leak")
+    assert "sample_time = 0.001" in servo_file(remedied) and state_of_file(servo_file(remedied)).is_loop
+    with pytest.raises(InputError, match="drive.sample_time: must be given"):
+        state_of_address("drive.encoder=2000")
+
+
+def test_a_saved_file_brings_gain_step_and_model_and_another_one_leaves_them():
+    state = turned(TABLE1.choose("model", "lugre"), gain=0.2, step=0.5)
+    assert state_of_file(servo_file(state), beside=TABLE1) == state
+    other = state_of_file("[friction]\nstatic = 0.5", beside=state)
+    assert other == turned(state, friction__static=0.5)
+    assert state_of_file(servo_file(STATES["loop"]), beside=state).values["gain"] == 0.04
+    text = servo_file(state).replace("gain=0.2", "gain=-1")
+    with pytest.raises(InputError, match="gain = -1: must be greater than 0"):
+        assert state_of_file(text).problem
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n"])
+def test_an_empty_file_is_no_servo(text):
+    with pytest.raises(InputError, match=r"holds nothing; a servo file has \[servo\]"):
+        state_of_file(text)
+
+
+@pytest.mark.parametrize("text", ["1_0", "\uff11", "\u0661", "0,2", "1e", ""])
+def test_what_is_no_number(text):
+    point = "; decimals take a point, 0.2" if text == "0,2" else ""
+    with pytest.raises(InputError, match=f"must be a finite number{point}$"):
+        state_of_address(urlencode({"gain": text}))
 
 
 @pytest.mark.parametrize("name", STATES)
