@@ -139,11 +139,3 @@ def test_all_truths_of_servos(model):
     assert len(numbers) > 3
     asked = [*questions.of_table1(model), *(q for n in numbers[:most] for q in questions.of_random(model, n))]
     assert not missed(asked)
-
-
-@pytest.mark.slow
-def test_truths_of_loops():
-    """A loop of every kind, by scipy."""
-    some = [name for name in servos.known() if name.startswith("loop ") and servos.known()[name]]
-    asked = [q for name, group in questions.groups(0, 0, 1) if name in [one[5:] for one in some] for q in group()]
-    assert asked and not missed(asked)
