@@ -12,7 +12,8 @@ grazing_contact.py  cycles that contact an event
 locating.py         the orbit between two at which a monitor vanishes, or where a branch turns
 vanishing.py        where a phase shrinks to nothing, and where between two orbits the phases change
 bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
-crossings.py        what a branch passes from orbit to orbit, and what hides inside a step
+stations.py         which steps of a branch must be looked at inside, and their orbits there
+crossings.py        what a branch passes from orbit to orbit
 reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
 beyond_grazing.py   behind a grazing: the cycle that a branch goes on with

@@ -1,25 +1,30 @@
 """Where the multipliers of a cycle meet the unit circle, as monitors (special_points.py).
 
-    fold               d lambda/d s = 0             a multiplier passes +1
-    branch point       prod (mu_i - 1) = 0          a multiplier +1 where the parameter goes on: branches cross
-    flip               prod (mu_i + 1) = 0          a multiplier -1: a cycle of twice the period branches off
+    fold               d lambda/d s = 0        a multiplier passes +1
+    branch point       x_k = 1, x = Re mu      a multiplier +1 where the parameter goes on: branches cross
+    flip               x_k = 1, x = -Re mu     a multiplier -1: a cycle of twice the period branches off
     symmetry breaking  the same of half multipliers of a symmetric cycle: a pair of lopsided cycles branches off
-    Neimark-Sacker     prod (mu_i mu_j - 1) = 0     a complex pair on the circle: a torus branches off
+    Neimark-Sacker     x_k = 1, x = |mu|       a complex pair on the circle: a torus branches off
 
-The products run over the nontrivial multipliers, i < j; their factors are divided by their sizes, so that multipliers
-of 1e10 do not drown the one that counts.  A real pair whose product is 1 is no bifurcation; what is located is looked
-at again.
+x_k is the k-th largest x of the nontrivial multipliers.  Sorted, they are continuous along a branch whatever the
+multipliers do, and where r more of them are beyond 1 than before, r of the x_k have passed it: two that do so at once
+are seen as one is, and of |mu| none leaves the circle unseen.  The value is (x - 1)/(1 + |x|), which does not drown
+in multipliers of 1e10.  Re mu of a complex pair passes 1 where nothing happens, |mu| of a real one where another
+monitor does: what is located is looked at again.  Along a curve in two parameters nobody need count, and a smooth
+function serves: prod (mu_i + 1), or mu_i mu_j - 1 of the nearest pair, which goes on where the two become real.
 
-The sign of a product is sure where each factor is larger than the error of its multipliers (in units of 1, or of their
-size), that of d lambda/d s where it is larger than the error of lambda: next to an orbit that takes for ever, and along
-a canard, lambda has come to rest, and its slope is rounding.
+The sign of a value is sure where it is larger than the error of its multiplier (in units of 1, or of its size), that of
+d lambda/d s where it is larger than the error of lambda: next to an orbit that takes for ever, and along a canard,
+lambda has come to rest, and its slope is rounding.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,42 +51,57 @@ def _errors(orbit: Orbit) -> Array:
     return np.maximum(known.error * np.maximum(1.0, np.abs(_nontrivial(orbit))), known.floor[1:])
 
 
-def _product(factors: Array, sizes: Array) -> float:
-    return float(np.prod(factors / (1 + sizes)).real) if np.isfinite(sizes).all() else math.nan
+class Ranked(NamedTuple):
+    """The nontrivial multipliers mu (m,) by decreasing x (m,), and their errors (m,)."""
+
+    x: Array
+    errors: Array
+    mu: Array
+
+    def values(self) -> Array:
+        """(m,) what vanishes where x passes 1."""
+        return np.asarray((self.x - 1) / (1 + np.abs(self.x)))
 
 
-def _passes(at: float, kind: str, meaning: str) -> Monitor:
-    """The monitor of a multiplier that passes `at`."""
+def _ranked(orbit: Orbit, x: Callable[[Array], Array]) -> Ranked:
+    mu, errors = _nontrivial(orbit), _errors(orbit)
+    order = np.argsort(-x(mu), kind="stable")
+    return Ranked(x(mu)[order], errors[order], mu[order])
 
-    def value(orbit: Orbit, point: CurvePoint) -> float:
-        mu = _nontrivial(orbit)
-        return _product(mu - at, np.abs(mu))
 
-    def sure(orbit: Orbit, point: CurvePoint) -> bool:
-        return bool(np.all(np.abs(_nontrivial(orbit) - at) > _errors(orbit)))
+def _passes(
+    kind: str, meaning: str, x: Callable[[Array], Array], *, turns: bool = False, at: float = math.nan
+) -> Monitor:
+    """The monitor of the multipliers whose x passes 1: real ones, which are `at` that place then, or pairs that turn.
 
-    sentence = f"{kind} at {{name}} = {{value:.10g}}: {meaning}"
-    return Monitor(kind, value, sentence, sure=sure, by_multipliers=True, multiplier=at)
+    Its own value is that of the one that is nearest.
+    """
+
+    def of_rank(k: int | None) -> Monitor:
+        def ranked(orbit: Orbit) -> tuple[float, float, float]:
+            """The value, its error, and the imaginary part of the multiplier."""
+            found = _ranked(orbit, x)
+            if not found.x.size:
+                return 1.0, 0.0, 0.0
+            values = found.values()
+            one = int(np.argmin(np.where(np.isnan(values), np.inf, np.abs(values)))) if k is None else k
+            error = 2 * found.errors[one] / (1 + abs(found.x[one])) ** 2
+            return float(values[one]), float(error), float(found.mu[one].imag)
+
+        return Monitor(
+            kind, lambda orbit, point: ranked(orbit)[0], f"{kind} at {{name}} = {{value:.10g}}: {meaning}",
+            noise=lambda orbit: ranked(orbit)[1], confirmed=lambda orbit: turns == (abs(ranked(orbit)[2]) > COMPLEX),
+            by_multipliers=True, multiplier=at, each=each if k is None else lambda orbit: (),
+        )  # fmt: skip
+
+    def each(orbit: Orbit) -> tuple[Monitor, ...]:
+        return tuple(of_rank(k) for k in range(orbit.scale.size - 1))
+
+    return of_rank(None)
 
 
 def _pairs(orbit: Orbit) -> list[tuple[complex, complex]]:
     return list(combinations(_nontrivial(orbit), 2))
-
-
-def _products(orbit: Orbit) -> Array:
-    return np.array([a * b for a, b in _pairs(orbit)], complex)
-
-
-def _pair_on_the_circle(orbit: Orbit, point: CurvePoint) -> float:
-    products = _products(orbit)
-    return _product(products - 1, np.abs(products))
-
-
-def _off_the_circle(orbit: Orbit, point: CurvePoint) -> bool:
-    sizes = np.maximum(1.0, np.abs(_nontrivial(orbit)))
-    errors = np.array([a * e + b * d for (a, b), (d, e) in zip(
-        combinations(sizes, 2), combinations(_errors(orbit), 2), strict=True)])  # fmt: skip
-    return bool(np.all(np.abs(_products(orbit) - 1) > errors))
 
 
 def _slope_is_sure(orbit: Orbit, point: CurvePoint) -> bool:
@@ -93,20 +113,34 @@ def pair_of(orbit: Orbit) -> tuple[complex, complex]:
     return min(_pairs(orbit), key=lambda pair: abs(pair[0] * pair[1] - 1), default=(0j, 0j))
 
 
+def _product(orbit: Orbit, point: CurvePoint) -> float:
+    mu = _nontrivial(orbit)
+    return float(np.prod((mu + 1) / (1 + np.abs(mu))).real)
+
+
+def _of_a_pair(orbit: Orbit, point: CurvePoint) -> float:
+    a, b = pair_of(orbit)
+    return float(((a * b - 1) / (1 + abs(a * b))).real)
+
+
 def _is_complex(orbit: Orbit) -> bool:
     return abs(pair_of(orbit)[0].imag) > COMPLEX
 
 
 TURN = replace(FOLD, sure=_slope_is_sure)
 BRANCH_POINT = _passes(
-    1.0, "branch point", "a multiplier passes +1 while {name} goes on, and another branch of cycles crosses this one"
-)
-FLIP = _passes(-1.0, "flip", "a cycle of twice the period branches off")
-SYMMETRY_LOST = _passes(-1.0, "symmetry breaking", "a pair of lopsided cycles branches off")
-NEIMARK_SACKER = Monitor(
-    "Neimark-Sacker", _pair_on_the_circle, "Neimark-Sacker at {name} = {value:.10g}: a torus branches off",
-    sure=_off_the_circle, confirmed=_is_complex, by_multipliers=True,
+    "branch point", "a multiplier passes +1 while {name} goes on, and another branch of cycles crosses this one",
+    np.real, at=1.0,
 )  # fmt: skip
+FLIP = replace(
+    _passes("flip", "a cycle of twice the period branches off", lambda mu: -mu.real, at=-1.0), value=_product
+)
+SYMMETRY_LOST = replace(
+    _passes("symmetry breaking", "a pair of lopsided cycles branches off", lambda mu: -mu.real, at=-1.0), value=_product
+)
+NEIMARK_SACKER = replace(
+    _passes("Neimark-Sacker", "a torus branches off", np.abs, turns=True), value=_of_a_pair, confirmed=_is_complex
+)
 
 
 def monitors_of(orbit: Orbit) -> tuple[Monitor, ...]:

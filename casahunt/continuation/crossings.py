@@ -1,12 +1,11 @@
-"""What a branch passes from orbit to orbit, and what hides inside a step.
+"""What a branch passes from orbit to orbit.
 
     f_k = f(orbit_k)    a monitor along the branch, at the arclengths s_k
     f_k f_k+1 < 0       a special point lies between them: located (locating.py), or missed and said so
-    Q, R                parabolas through three successive values each, both over [s_k, s_k+1]
-    min |Q| <= 4 max |Q - R|  two zeros may hide there: the branch is looked at in the middle, and again
 
-A sign counts where the value is larger than its error (Monitor.sure); an orbit of which it is not known is passed over,
-and the sign before it stands against that behind it.  A step is looked at when the one behind it is known, too.
+What hides inside a step is looked for there (stations.py).  A sign counts where the value is larger than its error; an
+orbit of which it is not known is passed over, and the sign before it stands against that behind it.  A step is looked
+at when the one behind it is known, too.
 
 Where the parameter turns round, one multiplier passes +1, and the other way round but for branch points:
 
@@ -15,12 +14,19 @@ Where the parameter turns round, one multiplier passes +1, and the other way rou
     it is rounding while a multiplier passes +1    whichever it turns out to be when the parameter moves again
 
 The last is a canard's: its parameter moves by less than rounding while the whole cycle changes.
+
+Of several multipliers each has a monitor (bifurcations.py), and those that pass at one place are one point:
+
+    n = multipliers outside the unit circle,    n_k+1 - n_k = the sum of those that the points between them explain
+
+or the step is looked at in halves, as where two points hide each other, and what is left is missed, and said so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Generic, NamedTuple
 
@@ -30,32 +36,23 @@ from .. import effort
 from ..orbits.adapt import Options
 from ..orbits.batched_multipliers import ORBITS_AHEAD, know_multipliers
 from ..orbits.orbit import AnyOrbit
-from ..roots import hides_a_pair
-from .bifurcations import BRANCH_POINT
-from .curve import (
-    CurvePoint,
-    arrived,
-    bend,
-    curve_point,
-    ends,
-    in_units_of,
-    parameter_value,
-    secant_direction,
-    seen_from,
-)
-from .locating import length_to, locate_special_point
+from .bifurcations import BRANCH_POINT, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
+from .curve import arrived, ends, parameter_value, secant_direction
+from .locating import Located, locate_special_point
 from .poincare_section import apart_by_kinks
-from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint, in_order, special_point
+from .special_points import ACCEPTED_TOLERANCES, FOLD, GRAZING, Missed, Monitor, SpecialPoint, in_order, special_point
+from .stations import LOOKED_INSIDE, Change, Inside, Signs, Station
 from .vanishing import change_of_phases
-from .walk import step_along
 
 Array = np.ndarray
 
-LOOKED_INSIDE = 5
-"""A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
 KINK_PASSED = "kink"
 KINK_LEFT_OUT = "phases come or go that are parts of one mode: the field has but a kink there, which was not sought"
 """What is said of a change of phases by which the motion hardly changes."""
+COUNTED = {FOLD.kind, BRANCH_POINT.kind, NEIMARK_SACKER.kind}
+"""What must be looked for, besides -1, for all multipliers that leave the unit circle to be explained."""
+AS_NEAR = 10.0
+"""At a fold of several multipliers they are 1 to so many times what the nearest one is off by."""
 LOOSELY = 1e3
 """A fold at which the parameter stands still is where a multiplier is 1 to so many tolerances of that: its parameter
 is second order in them."""
@@ -67,28 +64,9 @@ class Passed(NamedTuple, Generic[AnyOrbit]):
     special: tuple[SpecialPoint[AnyOrbit], ...] = ()
     missed: tuple[Missed, ...] = ()
 
-
-class _Station(NamedTuple, Generic[AnyOrbit]):
-    """An orbit of the branch, the curve there oriented along the walk, and how far it has come.
-
-    `opens` where the values before are those of other coordinates: nothing is interpolated across.
-    """
-
-    orbit: AnyOrbit
-    point: CurvePoint
-    at: float
-    opens: bool = False
-
-
-@dataclass
-class _Signs(Generic[AnyOrbit]):
-    """What is known so far: by kind of monitor the last station whose sign is sure, and its value.
-
-    And the steps in which a multiplier has passed +1 while the parameter stood still.
-    """
-
-    last: dict[str, tuple[_Station[AnyOrbit], float]] = field(default_factory=dict)
-    pending: list[tuple[_Station[AnyOrbit], _Station[AnyOrbit]]] = field(default_factory=list)
+    def and_(self, other: Passed[AnyOrbit]) -> Passed[AnyOrbit]:
+        """Both."""
+        return Passed(self.special + other.special, self.missed + other.missed)
 
 
 class Crossings(Generic[AnyOrbit]):
@@ -102,13 +80,17 @@ class Crossings(Generic[AnyOrbit]):
         self, start: AnyOrbit, *, vary: str, monitors: Sequence[Monitor], options: Options, inside: bool = True,
         at_kinks: bool = True,
     ) -> None:  # fmt: skip
-        self._vary, self._monitors, self._options, self._inside = vary, tuple(monitors), options, inside
+        self._vary, self._monitors, self._options = vary, tuple(monitors), options
+        self._each = {m.kind: m.each(start) or (m,) for m in monitors if m is not GRAZING}
+        self._steps: Inside[AnyOrbit] = Inside(vary, options, self._each)
+        self._halvings = LOOKED_INSIDE if inside else 0
+        self._counts = COUNTED <= self._each.keys() and not {FLIP.kind, SYMMETRY_LOST.kind}.isdisjoint(self._each)
         self._start: AnyOrbit = start
         self.at_kinks = at_kinks
-        self._line: list[_Station[AnyOrbit]] = []
+        self._line: list[Station[AnyOrbit]] = []
         self._looked, self._found = 0, list[Passed[AnyOrbit]]()  # the last station before which all is known; what is
         self._ahead = ORBITS_AHEAD if any(monitor.by_multipliers for monitor in monitors) else 1
-        self._signs: _Signs[AnyOrbit] = _Signs()
+        self._signs: Signs[AnyOrbit] = Signs()
 
     def past(self, after: AnyOrbit) -> Passed[AnyOrbit]:
         """What lies in the steps before the one that leads to `after`; it is looked for in several steps at once."""
@@ -124,7 +106,7 @@ class Crossings(Generic[AnyOrbit]):
         if self._ahead > 1:
             know_multipliers([station.orbit for station in self._line])
         for k in range(self._looked + 1, last + 1):
-            signs = _Signs(dict(self._signs.last), list(self._signs.pending))
+            signs = self._signs.copy()
             try:
                 self._found.append(self._step(k))
             except effort.OutOfTime:
@@ -134,7 +116,7 @@ class Crossings(Generic[AnyOrbit]):
 
     def in_haste(self, last: AnyOrbit) -> Passed[AnyOrbit]:
         """What lies in all steps up to the last orbit, none of which is looked at inside any more; as `rest`."""
-        self._inside = False
+        self._halvings = 0
         if last is not (self._line[-1].orbit if self._line else self._start):
             self._arrive(last)
         return self.rest()
@@ -155,12 +137,12 @@ class Crossings(Generic[AnyOrbit]):
         """The next station."""
         if not self._line:
             here, there = ends(self._start, after, self._vary)
-            self._line.append(_Station(self._start, here, 0.0, True))
+            self._line.append(Station(self._start, here, 0.0, True))
         else:
             last = self._line[-1]
             there = arrived(last.orbit, after, self._vary)
         length = float(np.linalg.norm(secant_direction(self._line[-1].orbit, after, self._vary)))
-        self._line.append(_Station(after, there, self._line[-1].at + length))
+        self._line.append(Station(after, there, self._line[-1].at + length))
 
     @property
     def sense(self) -> float:
@@ -179,21 +161,23 @@ class Crossings(Generic[AnyOrbit]):
         orbit, same: the last one again, in other coordinates (`same`), or the one behind a gap.
         """
         last = self._signs.last
-        for kind, (station, value) in tuple(last.items()):
+        for key, (station, value) in tuple(last.items()):
             if not same:  # multipliers may jump there, and the parameter turns round without a fold
-                del last[kind]
+                del last[key]
             elif station.orbit is self._start:
-                last[kind] = station._replace(orbit=orbit), value
+                last[key] = station._replace(orbit=orbit), value
+        if not same:
+            self._signs.owed = self._signs.folds = 0
         self._start, self._line = orbit, []
 
     def unresolved(self) -> tuple[Missed, ...]:
         """What the branch has passed of which its end leaves open what it is; after `rest`."""
         return tuple(
             self._not_located(
-                BRANCH_POINT.kind, x, y, "a multiplier passes +1 there while the parameter stands still to rounding: "
-                "whether it turns round was not seen",
+                BRANCH_POINT.kind, change.before, change.after, "a multiplier passes +1 there while the parameter "
+                "stands still to rounding: whether it turns round was not seen",
             )
-            for x, y in self._signs.pending
+            for change in self._signs.pending
         )  # fmt: skip
 
     def _step(self, k: int) -> Passed[AnyOrbit]:
@@ -209,167 +193,164 @@ class Crossings(Generic[AnyOrbit]):
                 special.append(special_point(GRAZING, grazing, self._vary))
         earlier = self._line[k - 2] if k > 1 and not before.opens else None
         later = self._line[k + 1] if k + 1 < len(self._line) else None
-        stations = [before, *self._looked_inside(before, after, earlier, later, LOOKED_INSIDE), after]
+        stations = [before, *self._steps.stations(before, after, earlier, later, self._halvings), after]
         for x, y in pairwise(stations):
-            for monitor in self._monitors:
-                one = self._turned if monitor.kind == FOLD.kind else self._changed
-                if monitor is GRAZING or monitor.kind == BRANCH_POINT.kind:
-                    continue
-                found = one(monitor, x, y)
-                special += found.special
-                missed += found.missed
+            found = self._passed(x, y, self._halvings)
+            special += found.special
+            missed += found.missed
         special = in_order(special, before.orbit, after.orbit, self._vary, self._monitors, self._options.tol)
         return Passed(tuple(special), tuple(missed))
 
-    def _looked_inside(
-        self, x: _Station[AnyOrbit], y: _Station[AnyOrbit], earlier: _Station[AnyOrbit] | None,
-        later: _Station[AnyOrbit] | None, halvings: int,
-    ) -> Iterator[_Station[AnyOrbit]]:  # fmt: skip
-        """Stations inside a step, where zeros may hide there."""
-        if not self._inside or not halvings or x.orbit.signature != y.orbit.signature:
-            return
-        around = [s for s in (earlier, x, y, later) if s is not None]
-        alike = [s for s in around if s.orbit.signature == x.orbit.signature or apart_by_kinks(s.orbit, x.orbit)]
-        if not any(self._may_hide(monitor, alike, x, y) for monitor in self._monitors if monitor is not GRAZING):
-            return
-        middle = self._middle(x, y)
-        if middle is None:
-            return
-        yield from self._looked_inside(x, middle, earlier, y, halvings - 1)
-        yield middle
-        yield from self._looked_inside(middle, y, x, later, halvings - 1)
+    def _passed(self, x: Station[AnyOrbit], y: Station[AnyOrbit], halvings: int) -> Passed[AnyOrbit]:
+        """What lies between two stations; in halves, where that does not explain how multipliers have moved."""
+        signs, found = self._signs.copy(), Passed[AnyOrbit]()
+        for kind, monitors in self._each.items():
+            if kind == FOLD.kind:
+                found = found.and_(self._turned(monitors[0], x, y))
+            elif kind != BRANCH_POINT.kind:
+                found = found.and_(self._changed(monitors, x, y))
+        if not self._counts or self._signs.pending or not (self._signs.owed or self._hidden_fold(y)):
+            return found
+        if x.orbit.signature != y.orbit.signature and not apart_by_kinks(x.orbit, y.orbit):
+            self._signs.owed = self._signs.folds = 0  # multipliers may jump there
+            return found
+        if (middle := self._steps.middle(x, y) if halvings else None) is not None:
+            self._signs = signs
+            return self._passed(x, middle, halvings - 1).and_(self._passed(middle, y, halvings - 1))
+        why = "as many multipliers as lie outside the unit circle there or here do not add up with what was located"
+        one = self._not_located("change of stability", x, y, f"{why}; smaller steps may show it")
+        self._signs.owed = self._signs.folds = 0
+        return found.and_(Passed((), (one,)))
 
-    def _may_hide(
-        self, monitor: Monitor, alike: list[_Station[AnyOrbit]], x: _Station[AnyOrbit], y: _Station[AnyOrbit]
-    ) -> bool:
-        """Whether a monitor may vanish twice in a step, as far as the stations around it show.
+    def _hidden_fold(self, y: Station[AnyOrbit]) -> bool:
+        """Whether the parameter has turned without a multiplier having passed +1, all of which are known at y."""
+        ranks = self._each.get(BRANCH_POINT.kind, ())
+        return bool(self._signs.folds) and all(np.isfinite(self._steps.value(rank, y)) for rank in ranks)
 
-        One that a multiplier shows to be next to zero may do so on both sides of that station.  Multipliers go on where
-        the field has a kink and no more; the components of a tangent do not where the first phase is another one.
-        """
-        if not monitor.by_multipliers:
-            alike = [s for s in alike if s.orbit.signature == x.orbit.signature]
-        places = [(s.at, v) for s in alike if np.isfinite(v := self._value(monitor, s, zero=True))]
-        if x.at not in (at for at, _ in places) or y.at not in (at for at, _ in places):
-            return False
-        at, values = np.array(places).T
-        if monitor.kind != FOLD.kind:  # multipliers span many decades: in units of 1, or of themselves
-            return hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
-        # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
-        # No component comes out larger than 1: squares are summed, and the root taken, without falling below its own.
-        return hides_a_pair(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
+    def _changes(
+        self, monitors: Sequence[Monitor], x: Station[AnyOrbit], y: Station[AnyOrbit]
+    ) -> list[Change[AnyOrbit]]:
+        """Where monitors of one kind have another sign at y than at the last station where it was sure."""
+        last, found = self._signs.last, []
+        for k, monitor in enumerate(monitors):
+            key = monitor.kind, k
+            if key not in last and np.isfinite(first := self._steps.value(monitor, x)):
+                last[key] = x, first
+            value = self._steps.value(monitor, y)
+            if np.isnan(value):
+                continue
+            before, was = last.get(key, (y, value))
+            last[key] = y, value
+            if was * value < 0:
+                found.append(Change(monitor, before, y, 1 if value > 0 else -1))
+        return found
 
-    def _mean_slope(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> float:
-        """The mean of d lambda/d s over a step, which its ends know."""
-        way = in_units_of(secant_direction(x.orbit, y.orbit, self._vary), x.orbit.scale, x.point.setting.scale)
-        return float(way[-1] / np.linalg.norm(way))
+    def _changed(self, monitors: Sequence[Monitor], x: Station[AnyOrbit], y: Station[AnyOrbit]) -> Passed[AnyOrbit]:
+        """The points at which monitors of one kind change their sign up to y."""
+        changes = self._changes(monitors, x, y)
+        if monitors[0].kind == NEIMARK_SACKER.kind:  # of all that leave the circle
+            self._signs.owed += sum(change.sign for change in changes)
+        return self._located_of(
+            [one for one in changes if one.monitor.confirmed(one.before.orbit) or one.monitor.confirmed(y.orbit)]
+        )
 
-    def _middle(self, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> _Station[AnyOrbit] | None:
-        """The orbit halfway; None where the step there does not converge to one with the same phases."""
-        vary, problem = self._vary, x.orbit.problem
-        length = length_to(y.orbit, x.orbit, x.point, vary)
-        seen = seen_from(x.point, x.orbit, vary, parameter_value(y.orbit, vary))
-        start = replace(x.point, bend=bend(y.point, x.point, seen, side=1.0))
-        outcome = step_along(start, x.orbit, vary, length / 2, *problem.range_of(vary), self._options)
-        if isinstance(outcome, str) or outcome[0].signature != x.orbit.signature:
-            return None
-        return _Station(outcome[0], arrived(x.orbit, outcome[0], vary), (x.at + y.at) / 2)
+    def _located_of(self, changes: Sequence[Change[AnyOrbit]]) -> Passed[AnyOrbit]:
+        """The points of some changes of one kind, of which those are one that vanish at one orbit."""
+        passed, left = Passed[AnyOrbit](), list(changes)
+        while left:
+            first = left[0]
+            located = self._locate(first.monitor, first.before, first.after)
+            if located is None:
+                self._signs.owed -= first.sign if first.monitor.by_multipliers else 0
+                passed, left = passed.and_(self._lost(first.monitor, first.before, first.after)), left[1:]
+                continue
+            if not first.monitor.confirmed(located.orbit):
+                left = left[1:]
+                continue
+            together = self._together(first, located.orbit)
+            left = [one for one in left[1:] if one.monitor not in together]
+            at_once = sum(one.confirmed(located.orbit) for one in together)
+            self._signs.owed -= first.sign * at_once if first.monitor.by_multipliers else 0
+            many = at_once // (2 if first.monitor.kind == NEIMARK_SACKER.kind else 1)
+            passed = passed.and_(Passed((self._special(first.monitor, located, many),)))
+        return passed
 
-    def _value(self, monitor: Monitor, station: _Station[AnyOrbit], *, zero: bool = False) -> float:
-        """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is.
+    def _together(self, change: Change[AnyOrbit], orbit: AnyOrbit) -> list[Monitor]:
+        """The monitors of the same kind that vanish where the one of a change does."""
+        ranks, point = self._each[change.monitor.kind], change.after.point
+        if len(ranks) == 1:
+            return [change.monitor]
+        f = change.monitor.value(orbit, point)
+        near = ACCEPTED_TOLERANCES * change.monitor.tolerance + 2 * change.monitor.noise(orbit)
+        return [one for one in ranks if abs(one.value(orbit, point) - f) <= near]
 
-        They do not where the orbit could be none of what is looked for: of a torus no real pair of multipliers says
-        anything, one large and one too small to be known, and no shorter step would make its product better known.
-        """
-        value = monitor.value(station.orbit, station.point)
-        if value != 0 and np.isfinite(value) and monitor.sure(station.orbit, station.point):
-            return float(value)
-        near = zero and monitor.by_multipliers and station.orbit.multipliers.trusted
-        return 0.0 if near and monitor.confirmed(station.orbit) else float("nan")
+    def _locate(
+        self, monitor: Monitor, before: Station[AnyOrbit], after: Station[AnyOrbit]
+    ) -> Located[AnyOrbit] | None:
+        return locate_special_point(before.orbit, after.orbit, monitor, vary=self._vary, options=self._options)
 
-    def _sign_change(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> _Station[AnyOrbit] | None:
-        """The last station with the other sign than at y; None where there is none, or the sign at y is not sure."""
-        last = self._signs.last
-        if monitor.kind not in last and np.isfinite(first := self._value(monitor, x)):
-            last[monitor.kind] = x, first
-        value = self._value(monitor, y)
-        if np.isnan(value):
-            return None
-        known = last.get(monitor.kind)
-        last[monitor.kind] = y, value
-        return known[0] if known is not None and known[1] * value < 0 else None
+    def _special(self, monitor: Monitor, located: Located[AnyOrbit], many: int) -> SpecialPoint[AnyOrbit]:
+        error = max(located.error, located.orbit.parameter_error) if located.error else 0.0
+        return special_point(monitor, located.orbit, self._vary, error, at=located.at, multiplicity=max(many, 1))
 
-    def _changed(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
-        """The point at which a monitor changes its sign up to y."""
-        before = self._sign_change(monitor, x, y)
-        if before is None or not (monitor.confirmed(before.orbit) or monitor.confirmed(y.orbit)):
-            return Passed()
-        return self._located(monitor, before, y)
-
-    def _located(self, monitor: Monitor, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
-        orbit = locate_special_point(before.orbit, after.orbit, monitor, vary=self._vary, options=self._options)
-        if orbit is not None:
-            error = self._error(monitor, orbit, before, after)
-            special = (special_point(monitor, orbit, self._vary, error),) if monitor.confirmed(orbit) else ()
-            return Passed(special)
+    def _lost(self, monitor: Monitor, before: Station[AnyOrbit], after: Station[AnyOrbit]) -> Passed[AnyOrbit]:
         jumps = not apart_by_kinks(before.orbit, after.orbit) and before.orbit.signature != after.orbit.signature
         if jumps and GRAZING in self._monitors:
             return Passed()  # multipliers may jump where the phases change, and that is located
         return Passed((), (self._not_located(monitor.kind, before, after),))
 
-    def _error(self, monitor: Monitor, orbit: AnyOrbit, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> float:
-        """How far off a point may be, in lambda, by what is left of a product of multipliers and by their errors.
-
-        0 of other monitors.
-        """
-        if not monitor.by_multipliers:
-            return 0.0
-        a, b = (monitor.value(station.orbit, station.point) for station in (before, after))
-        way = abs(before.orbit.problem.distance(self._vary, parameter_value(after.orbit, self._vary)))
-        left = abs(monitor.value(orbit, curve_point(orbit, self._vary)))
-        off = (left + orbit.multipliers.leading_error) / abs(b - a)
-        return max(orbit.error_estimate, way * float(min(off, 1.0)))  # it lies between the two, however little is known
-
-    def _turned(self, monitor: Monitor, x: _Station[AnyOrbit], y: _Station[AnyOrbit]) -> Passed[AnyOrbit]:
+    def _turned(self, monitor: Monitor, x: Station[AnyOrbit], y: Station[AnyOrbit]) -> Passed[AnyOrbit]:
         """The fold, or the branch points, up to y."""
-        watched = next((m for m in self._monitors if m.kind == BRANCH_POINT.kind), None)
-        one = None if watched is None else self._sign_change(watched, x, y)
-        if one is not None:
-            self._signs.pending.append((one, y))
-        before = self._sign_change(monitor, x, y)
-        steps, still = self._signs.pending, np.isnan(self._value(monitor, y))
-        if still:
+        for one in self._changes(self._each.get(BRANCH_POINT.kind, ()), x, y):
+            if self._signs.folds:  # it is that of a fold before, next to which it was not known
+                self._signs.folds -= 1
+                self._signs.owed -= one.sign
+            elif one.monitor.confirmed(one.before.orbit) or one.monitor.confirmed(y.orbit):
+                self._signs.pending.append(one)
+        turned = self._changes((monitor,), x, y)
+        if np.isnan(self._steps.value(monitor, y)):
             return Passed()
-        self._signs.pending = []
-        if before is None:
-            found = [self._located(watched, *step) for step in steps] if watched is not None else []
-            return Passed(tuple(s for f in found for s in f.special), tuple(m for f in found for m in f.missed))
-        return self._fold(monitor, watched, before, y, steps)
+        steps, self._signs.pending = self._signs.pending, []
+        return self._fold(monitor, turned[0].before, y, steps) if turned else self._located_of(steps)
 
     def _fold(
-        self, monitor: Monitor, watched: Monitor | None, before: _Station[AnyOrbit], after: _Station[AnyOrbit],
-        steps: list[tuple[_Station[AnyOrbit], _Station[AnyOrbit]]],
-    ) -> Passed[AnyOrbit]:  # fmt: skip
-        """The fold between two stations, the multiplier having passed +1 in some steps between them."""
-        orbit, vary, options = None, self._vary, self._options
-        if watched is not None and len(steps) == 1 and steps[0] != (before, after):
-            loosely = replace(watched, tolerance=LOOSELY * watched.tolerance)
-            orbit = locate_special_point(steps[0][0].orbit, steps[0][1].orbit, loosely, vary=vary, options=options)
-        orbit = orbit or locate_special_point(before.orbit, after.orbit, monitor, vary=vary, options=options)
+        self, monitor: Monitor, before: Station[AnyOrbit], after: Station[AnyOrbit], steps: list[Change[AnyOrbit]]
+    ) -> Passed[AnyOrbit]:
+        """The fold between two stations, multipliers having passed +1 in some steps between them."""
+        located, vary = None, self._vary
+        if len(steps) == 1 and (steps[0].before, steps[0].after) != (before, after):
+            one = steps[0].monitor
+            loosely = replace(one, tolerance=LOOSELY * one.tolerance, multiplier=math.nan)
+            located = self._locate(loosely, steps[0].before, steps[0].after)
+        located = located or self._locate(monitor, before, after)
+        orbit = None if located is None else located.orbit
         width = abs(before.orbit.problem.distance(vary, parameter_value(after.orbit, vary)))
-        if orbit is None and width <= options.tol:
+        if orbit is None and width <= self._options.tol:
             # Too sharp to be resolved in arclength, but the two sides of it agree in the parameter.
             sense = before.point.row[-1]
             orbit = max(before.orbit, after.orbit, key=lambda o: sense * parameter_value(o, vary))
-        special = () if orbit is None else (special_point(monitor, orbit, vary),)
+        own, others = self._of_the_fold(orbit, steps)
+        self._signs.folds += not own and BRANCH_POINT.kind in self._each
+        self._signs.owed -= sum(one.sign for one in own)
+        special = () if orbit is None else (special_point(monitor, orbit, vary, multiplicity=max(len(own), 1)),)
         missed = () if special else (self._not_located(monitor.kind, before, after),)
-        return Passed(special, missed)
+        return Passed(special, missed).and_(self._located_of(others))
 
-    def _not_located(self, kind: str, before: _Station[AnyOrbit], after: _Station[AnyOrbit], why: str = "") -> Missed:
+    def _of_the_fold(
+        self, orbit: AnyOrbit | None, steps: list[Change[AnyOrbit]]
+    ) -> tuple[list[Change[AnyOrbit]], list[Change[AnyOrbit]]]:
+        """The multipliers that are 1 at a fold, of those that have passed it, and the others."""
+        if orbit is None or len(steps) < 2:
+            return steps, []
+        values = np.abs([one.monitor.value(orbit, one.after.point) for one in steps])
+        own = values <= AS_NEAR * np.min(values) + ACCEPTED_TOLERANCES * steps[0].monitor.tolerance
+        return [s for s, o in zip(steps, own, strict=True) if o], [s for s, o in zip(steps, own, strict=True) if not o]
+
+    def _not_located(self, kind: str, before: Station[AnyOrbit], after: Station[AnyOrbit], why: str = "") -> Missed:
         why = why or "the steps towards it did not converge; another tolerance may lead there"
         return Missed(kind, f"a {kind} {self._between(before, after)} was not located: {why}")
 
-    def _between(self, before: _Station[AnyOrbit], after: _Station[AnyOrbit]) -> str:
+    def _between(self, before: Station[AnyOrbit], after: Station[AnyOrbit]) -> str:
         low, high = (parameter_value(station.orbit, self._vary) for station in (before, after))
         return f"between {self._vary} = {low:.8g} and {high:.8g}"
 

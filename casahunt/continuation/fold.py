@@ -187,7 +187,7 @@ def located(
     """
     found = locate_special_point(before, after, FOLD, vary=vary, options=options)
     beside = max(before, after, key=lambda orbit: sense * parameter_value(orbit, vary))
-    return special_point(FOLD, found or optimal_beside(beside, vary, options, sense), vary)
+    return special_point(FOLD, found.orbit if found else optimal_beside(beside, vary, options, sense), vary)
 
 
 def fold_between(

@@ -4,6 +4,12 @@
     fold        the turning point of the cubic between the orbits -> the extremum next to it
     (collocation/fold_system.py), on
                 meshes adapted to the tolerance (orbits/adapt.py)
+    branch point    lambda(f) at f = 0 of the polynomial through orbits on both sides, |f| being 2e-3 to 6e-3
+
+Where two branches cross the equations are singular whatever row is added to them, and an orbit at a distance d is known
+to rounding / d: the orbits on both sides are not, and a multiplier goes on smoothly through the point.
+
+    error       (|f| + error of f) / |df/dlambda|, or what the polynomial differs by without one of its orbits
 
 The parameter value of a fold is second order in the place on the curve: it comes out to rounding.  No orbit on the way
 to one is adapted or estimated; where Newton's method does not lead there, steps along the branch do.
@@ -11,10 +17,11 @@ to one is adapted or estimated; where Newton's method does not lead there, steps
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 
@@ -51,6 +58,14 @@ LOCATE_ROUNDS = 40
 """Four, as a rule; so many halvings leave 1e-12 of the way at a jump."""
 MAX_FAILURES = 8
 """Places in a row that fail, each 2 % of the bracket farther from where the root is expected: 16 % to either side."""
+NEAR_CROSSING, FROM_CROSSING = 1e-2, (2e-3, 4e-4)
+"""A branch point is seen from this value of its monitor on, and located by orbits at one to three times these: at less
+rounding tells, at more the polynomial through them is off."""
+NODES, LEAST_NODES = (-3, -2, -1, 1, 2, 3), 5
+NEXT_TO_CROSSING = 1e-5
+"""The orbit that is shown lies so far from it."""
+SLOPE_BY = 10.0
+"""Values tell the slope of a monitor that differ by so many times what is not known of them."""
 FIRST_PART, STEPS_NEARER = 0.25, 30
 """First step of a walk from one orbit to the other, as a part of the way; how many it makes."""
 
@@ -128,9 +143,17 @@ def _value(point: CurvePoint, orbit: Orbit, vary: str) -> float:
     return float(point.setting.p[orbit.problem.names.index(vary)])
 
 
+class Located(NamedTuple, Generic[AnyOrbit]):
+    """A special point: an orbit there or, where `at` is given, one next to it; the parameter, and its error."""
+
+    orbit: AnyOrbit
+    error: float
+    at: float | None = None
+
+
 def locate_special_point(
     before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
-) -> AnyOrbit | None:
+) -> Located[AnyOrbit] | None:
     """The orbit between two at which a monitor vanishes.
 
     Steps start at the orbit where it is smaller, which is as a rule the closer one, along its tangent; where they fail,
@@ -140,18 +163,18 @@ def locate_special_point(
     """
     found = turned_between(before, after, vary, options) if monitor.kind == FOLD.kind else None
     if found is not None:
-        return found
+        return Located(found, 0.0)
     start, end = ends(before, after, vary)
     if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
         before, after = after, before
-    orbit = _located_from(before, after, monitor, vary=vary, options=options)
-    orbit = orbit or _located_from(after, before, monitor, vary=vary, options=options)
-    return orbit or _located_nearer(before, after, monitor, vary=vary, options=options)
+    located = _located_from(before, after, monitor, vary=vary, options=options)
+    located = located or _located_from(after, before, monitor, vary=vary, options=options)
+    return located or _located_nearer(before, after, monitor, vary=vary, options=options)
 
 
 def _located_nearer(
     before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
-) -> AnyOrbit | None:
+) -> Located[AnyOrbit] | None:
     """`locate_special_point` where no step from either leads there: a walk with shorter ones does, as the curve
     bends."""
     last, value = before, monitor.value(before, ends(before, after, vary)[0])
@@ -182,9 +205,63 @@ def _accurate(orbit: AnyOrbit, options: Options) -> AnyOrbit:
     return orbit
 
 
+@dataclass
+class _Line(Generic[AnyOrbit]):
+    """Orbits at lengths along the tangent of the first of two, and a monitor there.
+
+    Attributes
+    ----------
+    start : the curve at `before`, its predictor passing through what was found last.
+    seen : (length, value of the monitor, orbit) of those that were found.
+    """
+
+    before: AnyOrbit
+    after: AnyOrbit
+    start: CurvePoint
+    monitor: Monitor
+    vary: str
+    options: Options
+    seen: list[tuple[float, float, AnyOrbit]]
+
+    def value(self, ds: float) -> float:
+        """The monitor at a length; NaN where no step leads there."""
+        bounds = self.before.problem.range_of(self.vary)
+        outcome = step_along(self.start, self.before, self.vary, ds, *bounds, self.options)
+        if isinstance(outcome, str):
+            return math.nan
+        orbit = outcome[0]
+        self.start = bent_through(self.start, ds, outcome[1], self.lam(orbit))
+        f = self.monitor.value(orbit, curve_point(orbit, self.vary, like=self.start.row))
+        if np.isfinite(f):
+            self.seen.append((ds, f, orbit))
+        return f
+
+    def lam(self, orbit: AnyOrbit) -> float:
+        """How far the parameter of an orbit is from that of the first, in its unit."""
+        return self.before.problem.distance(self.vary, parameter_value(orbit, self.vary))
+
+    @property
+    def nearest(self) -> tuple[float, float, AnyOrbit]:
+        """What was seen with the smallest value."""
+        return min(self.seen, key=lambda one: abs(one[1]))
+
+    def located(self) -> Located[AnyOrbit] | None:
+        """The orbit that is nearest to the point; None where the monitor does not vanish there."""
+        if not self.seen or abs(self.nearest[1]) > ACCEPTED_TOLERANCES * self.monitor.tolerance:
+            return None
+        _, f, orbit = self.nearest
+        off = abs(f) + self.monitor.noise(orbit)
+        others = [(g, o) for _, g, o in self.seen if abs(g - f) > SLOPE_BY * off]
+        if not others:
+            others = [(self.monitor.value(o, curve_point(o, self.vary)), o) for o in (self.before, self.after)]
+        g, lam = min(((g, self.lam(o)) for g, o in others), key=lambda one: abs(one[0] - f))
+        part = min(off / abs(g - f), 1.0) if g != f else 1.0  # it lies in the step, however little is known
+        return Located(orbit, part * abs(lam - self.lam(orbit)))
+
+
 def _located_from(
     before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
-) -> AnyOrbit | None:
+) -> Located[AnyOrbit] | None:
     """`locate_special_point` by steps from `before`; their length along its tangent is the unknown."""
     before = _accurate(before, options)
     start, end = ends(before, after, vary)
@@ -197,29 +274,54 @@ def _located_from(
         f_near = -np.copysign(np.inf, f_far)
     search = Search.within(Bracket(0.0, f_near, length, f_far))
     far = seen_from(start, before, vary, parameter_value(after, vary))
-    start = replace(start, bend=bend(end, start, far, side=1.0))
-    best: tuple[float, AnyOrbit] | None = None
+    line = _Line(before, after, replace(start, bend=bend(end, start, far, side=1.0)), monitor, vary, options, [])
     accepted = ACCEPTED_TOLERANCES * monitor.tolerance
     for _ in range(LOCATE_ROUNDS):
         if search.failures > MAX_FAILURES:
             break
         ds = search.ask()
-        outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
-        if isinstance(outcome, str):
-            search = search.failed()
-            continue
-        orbit = outcome[0]
-        start = bent_through(start, ds, outcome[1], before.problem.distance(vary, parameter_value(orbit, vary)))
-        f = monitor.value(orbit, curve_point(orbit, vary, like=start.row))
-        if np.isfinite(f) and (best is None or abs(f) < abs(best[0])):
-            best = (f, orbit)
+        f = line.value(ds)
+        if abs(f) <= NEAR_CROSSING and monitor.by_multipliers and monitor.multiplier == 1 and search.seen:
+            s, g = min(search.seen, key=lambda one: abs(one[1]))
+            return _beside(line, ds - f * (s - ds) / (g - f), (g - f) / (s - ds))
         if abs(f) <= monitor.tolerance or search.bracket.width <= CLOSED * search.bracket.b:
             break
         last = min((abs(value) for _, value in search.seen), default=np.inf)
         search = search.told(ds, f)
         if abs(f) > last and max(abs(search.bracket.f_a), abs(search.bracket.f_b)) <= accepted:
             break  # a jump over zero, by the error of the orbits: their meshes change from one step to the next
-    return best[1] if best and abs(best[0]) <= accepted else None
+    return line.located()
+
+
+def _beside(line: _Line[AnyOrbit], place: float, slope: float) -> Located[AnyOrbit] | None:
+    """The branch point on a line, by orbits on both sides of it.
+
+    place, slope: length at which it lies, about, and derivative of the monitor there.
+    """
+    accepted, problem = ACCEPTED_TOLERANCES * line.monitor.tolerance, line.before.problem
+    for beside in FROM_CROSSING:
+        line.seen = []
+        for k in NODES:
+            line.value(place + k * beside / slope)
+        if len(line.seen) < LEAST_NODES:
+            continue
+        s, f = np.array([one[:2] for one in line.seen]).T
+        lam, every = np.array([line.lam(orbit) for *_, orbit in line.seen]), np.arange(f.size)
+        at = _at_zero(f, lam)
+        noise = max(line.monitor.noise(orbit) for *_, orbit in line.seen) * float(np.ptp(lam) / np.ptp(f))
+        error = noise + max(abs(_at_zero(f[every != k], lam[every != k]) - at) for k in every)
+        place, slope = _at_zero(f, s), np.ptp(f) / np.ptp(s) * np.sign(slope)
+        if error * np.ptp(f) <= accepted * np.ptp(lam) and f.min() < 0 < f.max():
+            line.value(place + NEXT_TO_CROSSING / slope)
+            near = [one for one in line.seen if abs(one[1]) > NEXT_TO_CROSSING / 2]  # else it has gone to the other
+            return Located(min(near, key=lambda one: abs(one[1]))[2], error, problem.moved(line.vary, at))
+    return None
+
+
+def _at_zero(f: Array, x: Array) -> float:
+    """x at f = 0 of the polynomial x(f) through points (m,)."""
+    weights = [np.prod(np.delete(f, k) / (np.delete(f, k) - f[k])) for k in range(f.size)]
+    return float(np.dot(weights, x))
 
 
 def length_to(after: Orbit, before: Orbit, start: CurvePoint, vary: str) -> float:

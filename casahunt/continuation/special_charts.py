@@ -227,9 +227,7 @@ def _special_orbit(
 
 def _noise(monitor: Monitor, orbit: Orbit) -> float:
     """Estimated error of a monitor."""
-    if monitor.kind in (FLIP.kind, SYMMETRY_LOST.kind, NEIMARK_SACKER.kind):
-        return orbit.multipliers.error
-    return monitor.tolerance
+    return monitor.noise(orbit) if monitor.by_multipliers else monitor.tolerance
 
 
 def not_what_it_is_called(monitor: Monitor, orbit: Orbit) -> str:

@@ -42,6 +42,8 @@ class SpecialPoint(Result, Generic[AnyOrbit]):
     meaning : one sentence for the user.
     at : value of the parameter, where `orbit` is the last one next to the point and not the point itself.
     vary : name of the parameter of the branch; "" for the one that the problem follows of itself.
+    error : estimated absolute error of the value; NaN where none is known.
+    multiplicity : how many multipliers, or complex pairs of them, pass the unit circle there.
 
     Examples
     --------
@@ -55,13 +57,15 @@ class SpecialPoint(Result, Generic[AnyOrbit]):
     """
 
     _quantities = ("kind", "meaning")
-    _details = ("value", "vary", "orbit")
+    _details = ("value", "vary", "error", "multiplicity", "orbit")
 
     kind: str
     orbit: AnyOrbit
     meaning: str
     at: float | None = None
     vary: str = ""
+    error: float = math.nan
+    multiplicity: int = 1
 
     @property
     def value(self) -> float:
@@ -102,9 +106,11 @@ class Monitor:
     meaning : sentence with {name} and {value} for the parameter and its value, and {beyond} (Problem.beyond_a_fold).
     tolerance : |value| at which the point counts as located.
     confirmed : (orbit) -> whether a located point is what it is called, and an orbit next to one may be.
-    sure : (orbit, point) -> whether the value there is larger than its error, so that its sign counts.
+    sure : (orbit, point) -> whether the sign of the value there counts.
+    noise : (orbit) -> error of the value; its sign counts where it is larger than that.
     by_multipliers : whether the value is one of the orbit's multipliers.
     multiplier : the value that a real multiplier passes there; NaN where it is none, or any.
+    each : (orbit) -> the monitors of single multipliers, in order, where each one of several may pass; else none.
 
     Examples
     --------
@@ -119,8 +125,10 @@ class Monitor:
     tolerance: float = 1e-9
     confirmed: Callable[[Orbit], bool] = field(default_factory=lambda: _always)
     sure: Callable[[Orbit, CurvePoint], bool] = field(default_factory=lambda: _always)
+    noise: Callable[[Orbit], float] = field(default_factory=lambda: _exact)
     by_multipliers: bool = False
     multiplier: float = math.nan
+    each: Callable[[Orbit], tuple[Monitor, ...]] = field(default_factory=lambda: _single)
 
     def __repr__(self) -> str:
         return f"<Monitor: {self.kind}>"
@@ -128,6 +136,14 @@ class Monitor:
 
 def _always(*_: Any) -> bool:
     return True
+
+
+def _exact(orbit: Orbit) -> float:
+    return 0.0
+
+
+def _single(orbit: Orbit) -> tuple[Monitor, ...]:
+    return ()
 
 
 def _fold_value(orbit: Orbit, point: CurvePoint) -> float:
@@ -155,15 +171,21 @@ GRAZING = Monitor(
 )  # fmt: skip
 
 
-def special_point(monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0) -> SpecialPoint[AnyOrbit]:
+def special_point(
+    monitor: Monitor, orbit: AnyOrbit, vary: str, error: float = 0.0, *, at: float | None = None, multiplicity: int = 1
+) -> SpecialPoint[AnyOrbit]:
     """An orbit with its meaning in words, its parameter in as many digits as are known.
 
-    error: relative error of the parameter, where the orbit does not tell it; 0: it does.
+    error: relative error of the parameter, where the orbit does not tell it; 0: it does; at, multiplicity: as of a
+    `SpecialPoint`.
     """
-    value, absolute = parameter_value(orbit, vary), absolute_error(orbit, vary, error)
+    value, absolute = parameter_value(orbit, vary) if at is None else at, absolute_error(orbit, vary, error)
     digits = to_error(value, absolute / abs(value)) if abs(value) > absolute else "0"
     meaning = monitor.meaning.format(name=vary, value=float(digits), beyond=orbit.problem.beyond_a_fold)
-    return SpecialPoint(monitor.kind, orbit, meaning, vary=vary)
+    if multiplicity > 1:
+        what = "pairs of multipliers" if math.isnan(monitor.multiplier) else "multipliers"
+        meaning += f" ({multiplicity} {what} at once)"
+    return SpecialPoint(monitor.kind, orbit, meaning, at, vary, absolute, multiplicity)
 
 
 def absolute_error(orbit: Orbit, vary: str, relative: float = 0.0) -> float:

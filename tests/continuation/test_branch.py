@@ -362,8 +362,10 @@ def test_multipliers_that_are_not_trusted_have_no_sign():
         class multipliers:
             error, half, floor = math.inf, np.array([1.0, 2.0, -3.0]), np.zeros(3)
 
+        scale = np.ones(3)
+
     for monitor in (bifurcations.BRANCH_POINT, bifurcations.FLIP, bifurcations.NEIMARK_SACKER):
-        assert not monitor.sure(Unknown(), None)
+        assert all(one.noise(Unknown()) == math.inf for one in monitor.each(Unknown()))
     assert not bifurcations.NEIMARK_SACKER.confirmed(Unknown())
 
 

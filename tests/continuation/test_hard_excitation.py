@@ -191,8 +191,8 @@ def test_the_fold_between_two_cycles(low, high, swap):
     before, after = cycle(low), cycle(high, -1)
     if swap:
         before, after = after, before
-    orbit = locate_special_point(before, after, FOLD, vary="c", options=Options(tol=TOL))
-    assert orbit is not None and c_of(orbit) == pytest.approx(LARGEST, rel=TOL)
+    orbit = locate_special_point(before, after, FOLD, vary="c", options=Options(tol=TOL)).orbit
+    assert c_of(orbit) == pytest.approx(LARGEST, rel=TOL)
     assert orbit.amplitude**2 == pytest.approx(B / (2 * LARGEST), rel=1e-7)  # c is of second order in it
     assert turns_back(before, after, "c")
     found, missed = special_points_between(before, after, vary="c", monitors=(FOLD,), options=Options(tol=TOL))

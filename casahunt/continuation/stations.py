@@ -1,0 +1,151 @@
+"""Orbits along a branch as stations, what is known at them, and which steps must be looked at inside.
+
+    f_k = f(orbit_k)    a monitor along the branch, at the arclengths s_k
+    Q, R                parabolas through three successive values each, both over [s_k, s_k+1]
+    min |Q| <= 4 max |Q - R|  two zeros may hide there: the branch is looked at in the middle, and again
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic, NamedTuple
+
+import numpy as np
+
+from ..orbits.adapt import Options
+from ..orbits.orbit import AnyOrbit
+from ..roots import hides_a_pair
+from .curve import CurvePoint, arrived, bend, in_units_of, parameter_value, secant_direction, seen_from
+from .locating import length_to
+from .poincare_section import apart_by_kinks
+from .special_points import FOLD, Monitor
+from .walk import step_along
+
+LOOKED_INSIDE = 5
+"""A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
+
+
+class Station(NamedTuple, Generic[AnyOrbit]):
+    """An orbit of the branch, the curve there oriented along the walk, and how far it has come.
+
+    `opens` where the values before are those of other coordinates: nothing is interpolated across.
+    """
+
+    orbit: AnyOrbit
+    point: CurvePoint
+    at: float
+    opens: bool = False
+
+
+class Change(NamedTuple, Generic[AnyOrbit]):
+    """A monitor has changed its sign between two stations, to +1 or -1."""
+
+    monitor: Monitor
+    before: Station[AnyOrbit]
+    after: Station[AnyOrbit]
+    sign: int
+
+
+@dataclass
+class Signs(Generic[AnyOrbit]):
+    """What is known so far.
+
+    Attributes
+    ----------
+    last : by kind and number of monitor the last station whose sign is sure, and its value.
+    pending : where multipliers have passed +1 while the parameter stood still.
+    owed : how many multipliers have left the unit circle that no point has explained.
+    folds : how many folds have been passed whose multiplier has not.
+    """
+
+    last: dict[tuple[str, int], tuple[Station[AnyOrbit], float]] = field(default_factory=dict)
+    pending: list[Change[AnyOrbit]] = field(default_factory=list)
+    owed: int = 0
+    folds: int = 0
+
+    def copy(self) -> Signs[AnyOrbit]:
+        """As they are now."""
+        return replace(self, last=dict(self.last), pending=list(self.pending))
+
+
+@dataclass(frozen=True)
+class Inside(Generic[AnyOrbit]):
+    """Steps of a branch as they are looked at inside.
+
+    Attributes
+    ----------
+    vary, options : name of its parameter; tolerance and method.
+    monitors : by kind, those of single multipliers apart.
+    """
+
+    vary: str
+    options: Options
+    monitors: Mapping[str, Sequence[Monitor]]
+
+    def stations(
+        self, x: Station[AnyOrbit], y: Station[AnyOrbit], earlier: Station[AnyOrbit] | None,
+        later: Station[AnyOrbit] | None, halvings: int,
+    ) -> Iterator[Station[AnyOrbit]]:  # fmt: skip
+        """Stations inside a step, where zeros may hide there."""
+        if not halvings or x.orbit.signature != y.orbit.signature:
+            return
+        around = [s for s in (earlier, x, y, later) if s is not None]
+        alike = [s for s in around if s.orbit.signature == x.orbit.signature or apart_by_kinks(s.orbit, x.orbit)]
+        if not any(self._may_hide(monitor, alike, x, y) for each in self.monitors.values() for monitor in each):
+            return
+        middle = self.middle(x, y)
+        if middle is None:
+            return
+        yield from self.stations(x, middle, earlier, y, halvings - 1)
+        yield middle
+        yield from self.stations(middle, y, x, later, halvings - 1)
+
+    def _may_hide(
+        self, monitor: Monitor, alike: list[Station[AnyOrbit]], x: Station[AnyOrbit], y: Station[AnyOrbit]
+    ) -> bool:
+        """Whether a monitor may vanish twice in a step, as far as the stations around it show.
+
+        One that a multiplier shows to be next to zero may do so on both sides of that station.  Multipliers go on where
+        the field has a kink and no more; the components of a tangent do not where the first phase is another one.
+        """
+        if not monitor.by_multipliers:
+            alike = [s for s in alike if s.orbit.signature == x.orbit.signature]
+        places = [(s.at, v) for s in alike if np.isfinite(v := self.value(monitor, s, zero=True))]
+        if x.at not in (at for at, _ in places) or y.at not in (at for at, _ in places):
+            return False
+        at, values = np.array(places).T
+        if monitor.kind != FOLD.kind:  # multipliers span many decades: in units of 1, or of themselves
+            return hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
+        # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
+        # No component comes out larger than 1: squares are summed, and the root taken, without falling below its own.
+        return hides_a_pair(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
+
+    def _mean_slope(self, x: Station[AnyOrbit], y: Station[AnyOrbit]) -> float:
+        """The mean of d lambda/d s over a step, which its ends know."""
+        way = in_units_of(secant_direction(x.orbit, y.orbit, self.vary), x.orbit.scale, x.point.setting.scale)
+        return float(way[-1] / np.linalg.norm(way))
+
+    def middle(self, x: Station[AnyOrbit], y: Station[AnyOrbit]) -> Station[AnyOrbit] | None:
+        """The orbit halfway; None where the step there does not converge to one with the same phases."""
+        vary, problem = self.vary, x.orbit.problem
+        length = length_to(y.orbit, x.orbit, x.point, vary)
+        seen = seen_from(x.point, x.orbit, vary, parameter_value(y.orbit, vary))
+        start = replace(x.point, bend=bend(y.point, x.point, seen, side=1.0))
+        outcome = step_along(start, x.orbit, vary, length / 2, *problem.range_of(vary), self.options)
+        if isinstance(outcome, str) or outcome[0].signature != x.orbit.signature:
+            return None
+        return Station(outcome[0], arrived(x.orbit, outcome[0], vary), (x.at + y.at) / 2)
+
+    def value(self, monitor: Monitor, station: Station[AnyOrbit], *, zero: bool = False) -> float:
+        """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is.
+
+        They do not where the orbit could be none of what is looked for: of a torus no real pair of multipliers says
+        anything, one large and one too small to be known, and no shorter step would make its product better known.
+        """
+        value = monitor.value(station.orbit, station.point)
+        if value != 0 and np.isfinite(value) and monitor.sure(station.orbit, station.point):
+            if abs(value) > monitor.noise(station.orbit):
+                return float(value)
+        near = zero and monitor.by_multipliers and station.orbit.multipliers.trusted
+        return 0.0 if near and monitor.confirmed(station.orbit) else float("nan")

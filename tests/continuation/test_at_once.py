@@ -1,0 +1,95 @@
+"""Multipliers that pass the unit circle together: equal units, coupled or not, whose cycle in phase is that of one.
+
+n oscillators u' = u - w v - r (u - c2 v) + K (mean u - u - c1 (mean v - v)), ...: across the cycle in phase the linear
+equation has the characteristic polynomial s^2 + 2 (1 + K) s + K ((1 + c1^2) K + 2 (1 + c1 c2)), n - 1 times; s = 0 at
+K = -2 (1 + c1 c2)/(1 + c1^2).  Beside x^2 + y^2 = 1 linear parts with rates of their own pass at the zeros of those.
+"""
+
+import casadi
+import numpy as np
+import pytest
+
+from casahunt.continuation import follow
+from casahunt.hybrid import Mode, System
+from casahunt.orbits import find_cycle
+
+C1, C2 = 2.0, -2.0
+
+
+def coupled(many):
+    def field(x, p):
+        u = [getattr(x, f"u{k}") for k in range(many)]
+        v = [getattr(x, f"v{k}") for k in range(many)]
+        out = {}
+        for k in range(many):
+            r, du, dv = u[k] ** 2 + v[k] ** 2, sum(u) / many - u[k], sum(v) / many - v[k]
+            out[f"u{k}"] = u[k] - p.w * v[k] - r * (u[k] - C2 * v[k]) + p.K * (du - C1 * dv)
+            out[f"v{k}"] = v[k] + p.w * u[k] - r * (v[k] + C2 * u[k]) + p.K * (dv + C1 * du)
+        return out
+
+    names = tuple(f"{a}{k}" for k in range(many) for a in "uv")
+    return System(f"{many} oscillators", names, {"w": 3.0, "K": 2.0}, (Mode("m", field),))
+
+
+@pytest.mark.parametrize("many", [2, 3, 5])
+def test_equal_units_leave_their_common_motion_together(many):
+    start = {f"{a}{k}": float(a == "u") for k in range(many) for a in "uv"}
+    branch = follow(find_cycle(coupled(many), start=start, tol=1e-9), "K", to=0.3)
+    (special,) = branch.special
+    assert special.kind == "branch point" and special.multiplicity == many - 1 and not branch.missed
+    assert abs(special.value - 1.2) <= 3 * special.error < 1e-8
+    assert (f"({many - 1} multipliers at once)" in special.meaning) is (many > 2)
+
+
+@pytest.mark.parametrize("many", [1, 2])
+def test_equal_forced_units_flip_together(many):
+    """Of one of them the flip is at 0.2655817861."""
+
+    def field(x, p):
+        out = {}
+        for k in range(many):
+            u, v = getattr(x, f"u{k}"), getattr(x, f"v{k}")
+            out |= {f"u{k}": v, f"v{k}": -0.3 * v + u - u**3 + p.F * casadi.cos(1.2 * x.t)}
+        return out
+
+    names = tuple(f"{a}{k}" for k in range(many) for a in "uv")
+    system = System("forced", names, {"F": 0.2}, (Mode("m", field),), forcing_period=lambda p: 2 * np.pi / 1.2)
+    start = {f"{a}{k}": float(a == "u") for k in range(many) for a in "uv"} | {"t": 0.0}
+    branch = follow(find_cycle(system, start=start, tol=1e-9), "F", to=0.3)
+    (special,) = branch.special
+    assert special.kind == "flip" and special.multiplicity == many and not branch.missed
+    assert abs(special.value - 0.2655817861) <= 3 * special.error + 5e-11
+
+
+def beside_a_circle(rates, pairs):
+    """x^2 + y^2 = 1, and linear states: real ones that grow as `rates` of p say, and pairs of them."""
+
+    def field(x, p):
+        r = 1 - x.x**2 - x.y**2
+        out = {"x": x.x * r - x.y, "y": x.y * r + x.x}
+        out |= {f"u{k}": rate(p.s) * getattr(x, f"u{k}") for k, rate in enumerate(rates)}
+        for k, rate in enumerate(pairs):
+            a, b = getattr(x, f"a{k}"), getattr(x, f"b{k}")
+            out |= {f"a{k}": rate(p.s) * a - 0.3 * b, f"b{k}": rate(p.s) * b + 0.3 * a}
+        return out
+
+    each = (*(f"u{k}" for k in range(len(rates))), *(f"{c}{k}" for k in range(len(pairs)) for c in "ab"))
+    return System("beside", ("x", "y", *each), {"s": -0.15}, (Mode("m", field),))
+
+
+@pytest.mark.parametrize(
+    ("rates", "pairs", "met"),
+    [
+        ([], [lambda s: s] * 2, [("Neimark-Sacker", 0.0, 2)]),
+        ([lambda s: s], [lambda s: 0.01 - s], [("branch point", 0.0, 1), ("Neimark-Sacker", 0.01, 1)]),  # one comes in
+        ([lambda s: s, lambda s: s - 0.001], [], [("branch point", 0.0, 1), ("branch point", 0.001, 1)]),
+    ],
+)
+def test_what_leaves_and_enters_in_one_step_is_told_apart(rates, pairs, met):
+    system = beside_a_circle(rates, pairs)
+    start = dict.fromkeys(system.names.states, 0.0) | {"x": 1.0}
+    branch = follow(find_cycle(system, start=start, settled=True), "s", to=0.15)
+    assert not branch.missed and len(branch.special) == len(met)
+    for special, (kind, value, many) in zip(branch.special, met, strict=True):
+        assert (special.kind, special.multiplicity) == (kind, many)
+        assert abs(special.value - value) <= 3 * special.error < 1e-7
