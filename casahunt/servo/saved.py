@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -107,7 +108,11 @@ def _content(branch: Branch) -> dict[str, Any]:
     return {
         "ended": branch.ended,
         "special": [
-            {"kind": s.kind, "meaning": s.meaning, "at": s.at, "vary": s.vary, "orbit": s.orbit} for s in branch.special
+            {
+                "kind": s.kind, "meaning": s.meaning, "at": s.at, "vary": s.vary, "orbit": s.orbit,
+                "error": s.error if math.isfinite(s.error) else None, "multiplicity": s.multiplicity,
+            }
+            for s in branch.special  # fmt: skip
         ],
         "orbits": branch.orbits,
         "missed": [{"kind": m.kind, "meaning": m.meaning} for m in branch.missed],
@@ -193,6 +198,8 @@ def _own(archive: Archive, content: Mapping[str, Any]) -> Branch:
                 meaning=str(s["meaning"]),
                 at=None if s.get("at") is None else float(s["at"]),  # version 0.2 wrote neither this nor the next
                 vary=str(s.get("vary", "")),
+                error=math.nan if s.get("error") is None else float(s["error"]),  # older files have neither
+                multiplicity=int(s.get("multiplicity", 1)),
             )
             for s in content["special"]
         ),

@@ -5,12 +5,15 @@ equation has the characteristic polynomial s^2 + 2 (1 + K) s + K ((1 + c1^2) K +
 K = -2 (1 + c1 c2)/(1 + c1^2).  Beside x^2 + y^2 = 1 linear parts with rates of their own pass at the zeros of those.
 """
 
+from dataclasses import replace
+
 import casadi
 import numpy as np
 import pytest
 
-from casahunt.continuation import follow
+from casahunt.continuation import bifurcations, follow
 from casahunt.hybrid import Mode, System
+from casahunt.hybrid.examples import ball
 from casahunt.orbits import find_cycle
 
 C1, C2 = 2.0, -2.0
@@ -93,3 +96,13 @@ def test_what_leaves_and_enters_in_one_step_is_told_apart(rates, pairs, met):
     for special, (kind, value, many) in zip(branch.special, met, strict=True):
         assert (special.kind, special.multiplicity) == (kind, many)
         assert abs(special.value - value) <= 3 * special.error < 1e-7
+
+
+def test_a_change_of_stability_that_no_point_explains_is_missed():
+    """The bouncing ball flips at a = 0.02626, and what looks for flips is made blind."""
+    blind = replace(bifurcations.FLIP, value=lambda orbit, point: 1.0, each=lambda orbit: ())
+    orbit = find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True)
+    monitors = (bifurcations.TURN, bifurcations.BRANCH_POINT, blind, bifurcations.NEIMARK_SACKER)
+    branch = follow(orbit, "a", to=0.03, monitors=monitors)
+    (missed,) = branch.missed
+    assert not branch.special and missed.kind == "change of stability" and branch.stable[0] and not branch.stable[-1]
