@@ -64,6 +64,8 @@ rounding tells, at more the polynomial through them is off."""
 NODES, LEAST_NODES = (-3, -2, -1, 1, 2, 3), 5
 NEXT_TO_CROSSING = 1e-5
 """The orbit that is shown lies so far from it."""
+IN_PLACE = 1e-12
+"""A multiplier is brought to its place to this, or to its error where that is larger."""
 SLOPE_BY = 10.0
 """Values tell the slope of a monitor that differ by so many times what is not known of them."""
 FIRST_PART, STEPS_NEARER = 0.25, 30
@@ -284,7 +286,8 @@ def _located_from(
         if abs(f) <= NEAR_CROSSING and monitor.by_multipliers and monitor.multiplier == 1 and search.seen:
             s, g = min(search.seen, key=lambda one: abs(one[1]))
             return _beside(line, ds - f * (s - ds) / (g - f), (g - f) / (s - ds))
-        if abs(f) <= monitor.tolerance or search.bracket.width <= CLOSED * search.bracket.b:
+        enough = max(IN_PLACE, monitor.noise(line.nearest[2])) if monitor.by_multipliers and line.seen else np.inf
+        if abs(f) <= min(monitor.tolerance, enough) or search.bracket.width <= CLOSED * search.bracket.b:
             break
         last = min((abs(value) for _, value in search.seen), default=np.inf)
         search = search.told(ds, f)
