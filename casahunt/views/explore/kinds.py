@@ -18,7 +18,8 @@ from ... import effort
 from ...checks import to_error
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
-from ...design.remedies.border import BORDERS, Border, Scales, border, on_the_cycle
+from ...design.remedies.border import BORDERS, Border, Scales, border
+from ...design.remedies.fate import on_the_cycle
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
