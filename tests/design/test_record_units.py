@@ -38,6 +38,7 @@ def file(tmp_path, header: str, rows=ROWS, separator=","):
         ("seconds,turns", 1, 2 * math.pi),
         ("Time [sec.],Angle [arcmin]", 1, DEG / 60),
         ("time_s,position_rad", 1, 1),
+        ("timestamps [s],angle [rad]", 1, 1),
         ("# time_ms,pos_deg", 1e-3, DEG),
         ("time,pos\nms,deg", 1e-3, DEG),
         ("Time,Position\n[ms],[deg]", 1e-3, DEG),

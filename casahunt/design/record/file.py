@@ -23,6 +23,7 @@ from ...files import bounded
 from ...results import Result
 from .layout import Layout, column_of, layout_of, text_of
 from .reading import Column, Reading, column_read, torque_read, torque_wanted
+from .samples import samples_of
 from .units import Quantity, Unit, parsed_unit, quantity_of, split_header
 
 Array = np.ndarray
@@ -34,7 +35,7 @@ LARGEST_RECORD = 2e8
 shortest lines that can be samples are fifty million and take 2.3 GB."""
 QUANTITIES: tuple[Quantity, ...] = ("time", "angle")
 """Of the first two columns that are read."""
-_TIME = frozenset(("time", "t", "timestamp", "zeit"))
+_TIME = frozenset(("time", "t", "timestamp", "timestamps", "zeit"))
 _POSITION = frozenset(
     ("position", "pos", "theta", "θ", "angle", "phi", "φ", "istposition", "lage", "istlage", "winkel", "istwinkel")
 )
@@ -53,9 +54,11 @@ _COUNTS: dict[Quantity, frozenset[str]] = {
 class Record(Result):
     """A position measured at increasing times.
 
+    Columns may be what other packages hand out, such as a column of pandas or a channel of a file: samples.py.
+
     Attributes
     ----------
-    times : (m,) [s].
+    times : (m,) [s]; dates and durations are converted, dates count from the first.
     position : (m,) [rad].
     name : where it comes from.
     reading : columns and units of the file; None for what was not read from one.
@@ -80,11 +83,18 @@ class Record(Result):
     torque: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        t, y = self.times, self.position
+        t = samples_of(self.name, "times", self.times, of_time=True)
+        y = samples_of(self.name, "positions", self.position)
+        object.__setattr__(self, "times", t)
+        object.__setattr__(self, "position", y)
+        if self.torque is not None:
+            object.__setattr__(self, "torque", samples_of(self.name, "torques", self.torque))
         if t.ndim != 1 or t.shape != y.shape:
-            raise InputError(f"{self.name}: times and positions must be equally many, not {t.shape} and {y.shape}")
+            rows = f"rows, equally many, not {t.shape} and {y.shape}"
+            raise InputError(f"{self.name}: times and positions must be {rows}")
         if not (np.isfinite(t).all() and np.isfinite(y).all()):
-            raise InputError(f"{self.name}: times and positions must be finite numbers, not NaN or infinity")
+            finite = "finite numbers, not NaN, infinity or masked; leave out the samples that lack one"
+            raise InputError(f"{self.name}: times and positions must be {finite}")
         for what, values in (("times", t), ("positions", y)):
             size = float(np.max(np.abs(values), initial=0.0))
             if size > LARGEST_SIZE or 0 < size < SMALLEST_SIZE:

@@ -74,21 +74,23 @@ def from_object(controller: Any) -> Part:
 
     Examples
     --------
-    >>> from types import SimpleNamespace
+    >>> from scipy.signal import TransferFunction
     >>> from casahunt.servo.parts import from_object
-    >>> from_object(SimpleNamespace(num=[2.0, 6.28], den=[1.0, 0.0]))  # as scipy.signal.TransferFunction has them
+    >>> from_object(TransferFunction([2.0, 6.28], [1.0, 0.0]))
     <Part: linear controller>
     """
-    if getattr(controller, "dt", None) not in (None, 0):
+    homes = {base.__module__.partition(".")[0] for base in type(controller).__mro__}
+    of_control, matrices = "control" in homes, all(hasattr(controller, name) for name in "ABCD")
+    if not (of_control or "scipy" in homes) or not (matrices or hasattr(controller, "num")):
+        neither = "is no TransferFunction or StateSpace of python-control or scipy.signal; state its numbers, as"
+        verbs = "transfer_function(num, den) or state_space(A, B, C, D)"
+        raise InputError(f"controller: {type(controller).__name__} {neither} {verbs}")
+    if controller.dt not in (None, 0):
         raise InputError("controller: is sampled; a continuous one is needed here")
-    ways = [getattr(controller, name, 1) for name in ("ninputs", "noutputs", "inputs", "outputs")]
-    if any(isinstance(number, int) and number != 1 for number in ways):
+    ways = ("ninputs", "noutputs") if of_control else ("inputs", "outputs")
+    if any(getattr(controller, way) != 1 for way in ways):
         raise InputError("controller: has several inputs or outputs; one of each is needed here, error and torque")
-    if all(hasattr(controller, name) for name in "ABCD"):
+    if matrices:
         return state_space(controller.A, controller.B, controller.C, controller.D)
-    if hasattr(controller, "num") and hasattr(controller, "den"):
-        num, den = (getattr(controller, name) for name in ("num", "den"))
-        if np.ndim(num[0]):  # python-control: a list of lists, one for each output and input
-            num, den = num[0][0], den[0][0]
-        return transfer_function(num, den)
-    raise InputError(f"controller: {type(controller).__name__} has neither num and den nor A, B, C and D")
+    num, den = controller.num, controller.den
+    return transfer_function(num[0][0], den[0][0]) if of_control else transfer_function(num, den)

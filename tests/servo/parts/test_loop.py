@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from peer_support import needs
+from scipy import signal
 from stick_map_support import border
 
 from casahunt import InputError, Options, Servo, find_fold, find_orbit
@@ -136,7 +137,6 @@ def test_a_transfer_function_is_its_controller(plain):
     by_gains = cycle_of(Loop((*PLAIN, DERIVATIVE_FILTER), {"derivative_filter": Tf}))
     num, den = [kd + kp * Tf, kp + ki * Tf, ki], [Tf, 1.0, 0.0]
     assert same(cycle_of(Loop((INERTIA, SWITCH, transfer_function(num, den)))), by_gains)
-    signal = pytest.importorskip("scipy.signal")
     given = signal.TransferFunction(num, den)
     for controller in (given, given.to_ss()):
         assert same(cycle_of(Loop((INERTIA, SWITCH, from_object(controller)))), by_gains, 1e-8)
@@ -161,6 +161,9 @@ def test_a_controller_of_python_control():
     control = needs("control")
     num, den = [0.16, 2.0, 6.3], [1e-3, 1.0, 0.0]
     assert from_object(control.TransferFunction(num, den)) is transfer_function(num, den)
+    for sampled in (True, 0.01):
+        with pytest.raises(InputError, match="is sampled"):
+            from_object(control.TransferFunction(num, [1.0, 1.0, 0.0], sampled))
     with pytest.raises(InputError, match="several inputs or outputs"):
         from_object(control.StateSpace(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))))
 
@@ -273,13 +276,18 @@ def test_a_motion_begins_in_the_mode_of_its_state():
     (lambda: transfer_function([0], [1]), "must each have a coefficient"),
     (lambda: state_space(np.eye(2), [1], [1], [0]), "state space"),
     (lambda: state_space(np.eye(9), np.ones(9), np.ones(9), [0]), "at most 8"),
-    (lambda: from_object(3.0), "neither num and den"),
+    (lambda: from_object(3.0), "float is no TransferFunction.*transfer_function"),
     (lambda: series("notch", "lowpass"), "unknown filter 'lowpass'.*low-pass"),
     (lambda: series("notch", "lead", "notch"), "'notch' twice"),
     (lambda: series(), "must have a filter: lead, notch"),
     (lambda: transfer_function([1.0, math.nan], [1.0, 0.0]), "finite number"),
-    (lambda: from_object(SimpleNamespace(num=[1.0], den=[1.0, 1.0], dt=0.01)), "is sampled"),
-    (lambda: from_object(SimpleNamespace(num=[[[1.0], [2.0]]], den=[[[1.0], [1.0]]], ninputs=2)), "several"),
+    (lambda: from_object(SimpleNamespace(num=[[2.0, 6.28]], den=[[1.0, 0.0]])), "SimpleNamespace is no Transfer"),
+    (lambda: from_object(SimpleNamespace(A=0, B=1, C=1, D=2, dt=0.01)), "SimpleNamespace is no Transfer"),
+    (lambda: from_object(signal.TransferFunction([1.0], [1.0, 1.0], dt=0.01)), "is sampled"),
+    (lambda: from_object(signal.StateSpace([[0.5]], [[1.0]], [[1.0]], [[0.0]], dt=True)), "is sampled"),
+    (lambda: from_object(signal.TransferFunction([[2.0, 6.28], [1.0, 0.0]], [1.0, 0.0])), "several"),
+    (lambda: from_object(signal.StateSpace(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))), "several"),
+    (lambda: from_object(signal.ZerosPolesGain([-1.0], [0.0], 2.0)), "is no TransferFunction or StateSpace"),
 ])  # fmt: skip
 def test_controllers_that_are_none(make, sentence):
     with pytest.raises(InputError, match=sentence):
