@@ -87,6 +87,8 @@ def ctrl_c():
     signal.signal(signal.SIGINT, before)
 
 
+# From Python 3.13 on the interpreter says which of its own questions swallowed one.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_an_interrupt_that_casadi_swallows_arrives(ctrl_c, orbit):
     """In the conversion of an argument, which CasADi takes for one that does not fit; and nothing half done stays."""
     t, _, setting = unknowns_of(orbit("switch", 0.3))

@@ -107,8 +107,8 @@ def _call(solver: ca.Function, **inputs: Any) -> tuple[dict[str, ca.DM], dict[st
     """
     try:
         found = solver(**inputs)
-    except RuntimeError as error:
-        if "KeyboardInterrupt" in str(error):
+    except (RuntimeError, SystemError) as error:  # the second: "a result with an exception set", which is its cause
+        if "KeyboardInterrupt" in str(error) or isinstance(error.__cause__, KeyboardInterrupt):
             raise KeyboardInterrupt from None
         raise
     stats = solver.stats()
