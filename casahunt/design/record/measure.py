@@ -231,9 +231,10 @@ def measured(record: Record) -> Measurement:
         raise InputError(f"{record.name}: must hold at least {4 * FEWEST_PERIODS} samples, not {t.size}")
     origin = float(np.mean(y))
     grid = gridded(t, y - origin)
-    if np.ptp(off_line(grid)) <= NO_OSCILLATION * float(np.max(np.abs(y))):
+    rounding = NO_OSCILLATION * float(np.max(np.abs(y)))
+    if np.ptp(off_line(grid)) <= rounding:
         return _nothing(record, still=True)
-    period, _ = find_period(grid)
+    period, _ = find_period(grid, rounding)
     if not math.isfinite(period):
         return _nothing(record, still=not _moves(grid))
     times, values = _thinned(t, y - origin, period)

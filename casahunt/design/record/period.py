@@ -100,12 +100,15 @@ def gridded(times: Array, values: Array) -> Grid:
 # The period -------------------------------------------------------------------------------------------------
 
 
-def find_period(grid: Grid) -> tuple[float, float]:
-    """The period [s] and U there; (nan, inf) where nothing repeats."""
-    best = _best(grid)
+def find_period(grid: Grid, least: float) -> tuple[float, float]:
+    """The period [s] and U there; (nan, inf) where nothing repeats.
+
+    least: range [rad] up to which values are rounding; what rests may repeat itself in its last digits.
+    """
+    best = _best(grid, least)
     for part in PARTS:
         i = int(part * grid.times.size)
-        found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:]))
+        found = _best(Grid(grid.times[i:], grid.values[i:], grid.covered[i:]), least)
         times = best[0] / found[0]
         # Pairs at a larger lag may leave out the transient, because of a gap, and so repeat better.
         fraction = times > 1.5 and abs(times - round(times)) < 0.02 * times and found[1] < 1.1 * best[1] + FLOOR
@@ -118,11 +121,13 @@ def _clearer(best: tuple[float, float], found: tuple[float, float]) -> tuple[flo
     return found if found[1] + FLOOR < CLEARER * (best[1] + FLOOR) else best
 
 
-def _best(grid: Grid) -> tuple[float, float]:
+def _best(grid: Grid, least: float) -> tuple[float, float]:
     best = (float("nan"), float("inf"))
     for values, covered, step in _differences(grid):
         if best[1] <= FLOOR:
             break
+        if np.ptp(values) <= least:
+            continue
         best = _clearer(best, _smallest_lag(unlikeness(values, covered), step))
     return best
 
