@@ -139,3 +139,12 @@ def test_all_truths_of_servos(model):
     assert len(numbers) > 3
     asked = [*questions.of_table1(model), *(q for n in numbers[:most] for q in questions.of_random(model, n))]
     assert not missed(asked)
+
+
+@pytest.mark.slow
+def test_truths_of_loops():
+    """The cycle of a loop of every kind, by scipy."""
+    kept = {name for name, truth in servos.known().items() if name.startswith("loop ") and truth}
+    groups = [group for name, group in questions.groups(0, 0, 1) if f"loop {name}" in kept]
+    asked = [q for group in groups for q in group() if q.kind == "loop cycle"]
+    assert len(asked) > 2 and not missed(asked)
