@@ -82,8 +82,8 @@ def lags_taken(
     if lags.left_out > MOST_LEFT_OUT:
         raise InputError(
             f"drive: its lag of {lags.velocity:.3g} s is too long for a fit, which leaves out {lags.left_out:.2g} of "
-            f"the amplitude then, more than {MOST_LEFT_OUT:g}: record with a shorter sample time, delay or filter, or at a "
-            "lower gain"
+            f"the amplitude then, more than {MOST_LEFT_OUT:g}: record with a shorter sample time, delay or filter, or "
+            "at a lower gain"
         )
     return lags
 
