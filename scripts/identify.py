@@ -1,7 +1,7 @@
 """Friction from records of random servos, made by an integrator of another kind: are the true values in the intervals?
 
     python scripts/identify.py [--count N] [--seed S] [--model switch|lugre] [--only I ...] [--counts LOW HIGH]
-                               [--out FILE.jsonl]
+                               [--as-built] [--no-drive] [--out FILE.jsonl]
 
 Each servo is drawn as in scripts/random_servos.py and records so many periods at a part of its fold's gain, with noise
 of 1 % of its amplitude, on an encoder of 2000 to 20000 counts a revolution (scripts/peers/hunting_record.py; where that
@@ -14,6 +14,11 @@ up or down by chance, and once more from others.
     settled    both fits say that they have converged; the intervals of the first one do not count where it says not
     explained  the model is said to explain its own record
     time       of one record [s of the processor]
+
+As built, records are those of a drive that moves by a step before it hunts (scripts/peers/drive_record.py): counts of
+the encoder, so many of the amplitude, stand in its loop and in the record, which holds one of some samples; controllers
+are PID or P-PI, their derivative a difference or filtered.  The fit is told of the drive, and starts once.  Answers are
+those that say that the model holds; all others are refused, with the reason.
 
 Prints a line per servo and the sums.  The file holds one line of JSON per servo; a run adds those that it does not
 hold yet, and sums over all of them.
@@ -35,9 +40,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from casahunt import InputError, NoOrbit, Record, find_fold, find_orbit, identify  # noqa: E402
+from casahunt import Drive, InputError, NoOrbit, Record, find_fold, find_orbit, identify  # noqa: E402
 from casahunt.design.identify.identify import FREE, Identification  # noqa: E402
+from casahunt.servo.problem import HuntingOrbit  # noqa: E402
 from casahunt.servo.servo import flatten, unflatten  # noqa: E402
+from scripts.peers.drive_record import DriveServo  # noqa: E402
 from scripts.peers.hunting_record import measured, positions  # noqa: E402
 from scripts.random_servos import draw  # noqa: E402
 
@@ -53,10 +60,22 @@ ALIKE = 0.5
 """Difference of the deviances of two answers that are one."""
 SAME = 0.1
 """Part of an interval by which two answers may differ."""
+COUNTS, EVERY = (20.0, 200.0), (1, 20)
+"""As built: counts of the amplitude, and samples of the drive from one that is logged to the next."""
+SAMPLE_TIMES, MOST_SAMPLES = (0.005, 0.1), 30_000
+"""Sample times in units of 1/omega, omega^2 = kp/J; samples of the drive in a period, at most."""
+MOST_LOGGED = 6000
+"""Samples of a record, about, where one of some is logged."""
+FILTERS = (1.0, 10.0)
+"""Of the derivative, in sample times."""
+STEPS, HUNTED = (3.0, 20.0), (7.0, 14.0)
+"""The step of the set point at the start, in amplitudes; and periods of a record."""
 
 
 class Made:
     """A servo, its record, and two wrong starts."""
+
+    drive: Drive | None = None
 
     def __init__(self, number: int, seed: int, model: str, counts: tuple[float, float]) -> None:
         rng = np.random.default_rng([seed, number])
@@ -67,17 +86,8 @@ class Made:
         orbit = find_orbit(self.servo, model, self.gain)
         if not orbit.stable:
             raise NoOrbit(f"its cycle at gain {self.gain:g} is not stable")
-        a, T = orbit.amplitude, orbit.period
-        whole, each = rng.uniform(*PERIODS), rng.uniform(*SAMPLES)
-        times = np.arange(0.0, (whole + 2) * T, T / each)
-        state = orbit.arcs[0].states[0, 0] if model == "lugre" else None
-        x = positions(self.servo, model, self.gain, a, times, state)
         self.counts = 0.0
-        if counts[1] > 0:
-            self.counts = max(math.exp(rng.uniform(*np.log(counts))), FEWEST * 2 * math.pi / a)
-        later = times >= 1.5 * T
-        y = measured(x[later], NOISE * a, self.counts, rng.uniform(-1, 1), rng)
-        self.record = Record(times[later], y, f"servo {number}")
+        self.record = self.recorded(orbit, counts, rng)
         self.starts = []
         for _ in range(2):
             values = flatten(self.servo)
@@ -85,6 +95,47 @@ class Made:
             low, high = sorted((changes["friction.coulomb"], changes["friction.static"]))
             changes |= {"friction.coulomb": low, "friction.static": max(high, 1.02 * low)}
             self.starts.append(self.servo.replace(**changes))
+
+    def recorded(self, orbit: HuntingOrbit, counts: tuple[float, float], rng: np.random.Generator) -> Record:
+        """Of the continuous loop, on its cycle."""
+        a, T = orbit.amplitude, orbit.period
+        whole, each = rng.uniform(*PERIODS), rng.uniform(*SAMPLES)
+        times = np.arange(0.0, (whole + 2) * T, T / each)
+        state = orbit.arcs[0].states[0, 0] if orbit.model == "lugre" else None
+        x = positions(self.servo, orbit.model, self.gain, a, times, state)
+        if counts[1] > 0:
+            self.counts = max(math.exp(rng.uniform(*np.log(counts))), FEWEST * 2 * math.pi / a)
+        later = times >= 1.5 * T
+        y = measured(x[later], NOISE * a, self.counts, rng.uniform(-1, 1), rng)
+        return Record(times[later], y, "bench")
+
+
+class AsBuilt(Made):
+    """The same of a drive, from a step on."""
+
+    def recorded(self, orbit: HuntingOrbit, counts: tuple[float, float], rng: np.random.Generator) -> Record:
+        """Counts of the encoder, every so many samples."""
+        servo, (kp, kd, ki) = self.servo, self.servo.torque_gains(self.gain)
+        f, a = servo.friction, orbit.amplitude
+        T = math.exp(rng.uniform(*np.log(SAMPLE_TIMES))) * math.sqrt(servo.inertia / kp)
+        if orbit.period > MOST_SAMPLES * T:
+            raise NoOrbit(f"its period has more than {MOST_SAMPLES} samples")
+        count = a / math.exp(rng.uniform(*np.log(COUNTS)))
+        self.counts = 2 * math.pi / count
+        filter_time = T * math.exp(rng.uniform(*np.log(FILTERS))) if rng.integers(2) else 0.0
+        zeros = np.roots([1.0, -kp / kd, ki / kd])
+        cascade = bool(rng.integers(2)) and bool(np.isreal(zeros).all())
+        how = {"derivative": "filtered", "filter_time": filter_time} if filter_time else {}
+        self.drive = Drive(sample_time=T, encoder=self.counts, **how)
+        built = DriveServo(
+            servo.inertia, f.static, f.coulomb, f.stribeck_velocity, f.viscous, kp, ki, kd, T, encoder=self.counts,
+            filter_time=filter_time, proportional=float(zeros.real.max()) if cascade else 0.0,
+        )
+        every = max(int(round(math.exp(rng.uniform(*np.log(EVERY))))), 1)
+        samples = round(rng.uniform(*HUNTED) * orbit.period / T)
+        self.every = every = min(max(every, samples // MOST_LOGGED), EVERY[1])
+        self.cascade, self.filter_time = cascade, filter_time
+        return Record(*built.record(a * rng.uniform(*STEPS), samples, every), "drive")
 
 
 def same(a: Identification, b: Identification) -> bool:
@@ -99,18 +150,21 @@ def same(a: Identification, b: Identification) -> bool:
     return True
 
 
-def examined(number: int, seed: int, model: str, counts: tuple[float, float]) -> dict[str, Any]:
+def examined(
+    number: int, seed: int, model: str, counts: tuple[float, float], as_built: bool, told: bool
+) -> dict[str, Any]:
     """The row of one servo."""
-    row: dict[str, Any] = {"seed": seed, "number": number, "model": model, "counts": list(counts), "refused": []}
+    row: dict[str, Any] = {"seed": seed, "number": number, "model": model, "counts": list(counts), "refused": [],
+                           "as_built": as_built, "told": told}  # fmt: skip
     try:
-        made = Made(number, seed, model, counts)
+        made = (AsBuilt if as_built else Made)(number, seed, model, counts)
     except NoOrbit as error:
         return row | {"record": False, "refused": [str(error)]}
     answers, seconds = [], []
-    for start in made.starts:
-        began = time.process_time()
+    for start in made.starts[: 1 if as_built else 2]:
+        began, asked = time.process_time(), {"drive": made.drive if told else None, "advise": not seconds}
         try:
-            answers.append(identify([made.record], start, made.gain, model, advise=not seconds))  # type: ignore[arg-type]
+            answers.append(identify([made.record], start, made.gain, model, **asked))  # type: ignore[arg-type]
         except (InputError, NoOrbit) as error:
             row["refused"].append(f"{type(error).__name__}: {error}")
         seconds.append(time.process_time() - began)
@@ -140,7 +194,8 @@ def line(row: dict[str, Any]) -> str:
         said.append(f"{math.log(max(p['value'] / p['true'], 1e-3)):+.3f}{mark}")
     return (
         f"{row['number']:4d} {row['samples']:6d} samples, {row['counts_of_amplitude']:6.1f} counts: {' '.join(said)} "
-        f"misfit {row['misfit']:.2f} {'same' if row['same'] else 'OTHER'} "
+        f"misfit {row['misfit']:.2f} {'same' if row['same'] else '' if row['as_built'] else 'OTHER'} "
+        f"{'' if row['explained'] else 'NOT explained '}"
         f"{' '.join(f'{each:.1f}' for each in row['seconds'])} s"
     )
 
@@ -159,7 +214,7 @@ def sums(rows: list[dict[str, Any]]) -> str:
     """Over all servos that hunt."""
     rows = [row for row in rows if row["record"]]
     fitted = [row for row in rows if "parameters" in row]
-    told = [row for row in fitted if row["settled"][0]]
+    told = [row for row in fitted if row["settled"][0] and (row["explained"] or not row["as_built"])]
     names = list(dict.fromkeys(name for row in told for name in row["parameters"]))
     inside = {
         name: sum(row["parameters"][name]["low"] <= row["parameters"][name]["true"] <= row["parameters"][name]["high"]
@@ -168,10 +223,12 @@ def sums(rows: list[dict[str, Any]]) -> str:
     }  # fmt: skip
     lines = [f"inside {share(sum(inside.values()), len(told) * len(names))}"]
     lines += [f"  {name} {share(count, len(told))}" for name, count in inside.items()]
-    for name in ("same", "explained"):
+    for name in ("explained",) if any(row["as_built"] for row in rows) else ("same", "explained"):
         lines.append(f"{name} {share(sum(row[name] for row in fitted), len(fitted))}")
     lines.append(f"settled {share(sum(all(row['settled']) for row in fitted), len(fitted))}")
     lines.append(f"refused {share(sum(bool(row['refused']) for row in rows), len(rows))}")
+    if any(row["as_built"] for row in rows):
+        lines.append(f"answered {share(len(told), len(rows))}; others are refused or not explained, and say why")
     times = [each for row in rows for each in row["seconds"]] or [math.nan]
     late = np.quantile(times, 0.95)
     lines.append(f"time: median {np.median(times):.2f} s, 95 % {late:.2f} s, longest {max(times):.2f} s")
@@ -185,17 +242,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--model", default="switch")
     parser.add_argument("--only", type=int, nargs="+")
+    parser.add_argument("--as-built", action="store_true", help="records of drives, from a step on")
+    parser.add_argument("--no-drive", action="store_true", help="whose drive the fit is not told of")
     parser.add_argument("--counts", type=float, nargs=2, default=(2000.0, 20000.0))
     parser.add_argument("--out", type=Path)
     options = parser.parse_args(arguments)
-    asked = {"seed": options.seed, "model": options.model, "counts": list(options.counts)}
+    asked = {"seed": options.seed, "model": options.model, "counts": list(options.counts),
+             "as_built": options.as_built, "told": not options.no_drive}  # fmt: skip
     rows = {}
     if options.out and options.out.exists():
         kept = [json.loads(text) for text in options.out.read_text().splitlines()]
         rows = {row["number"]: row for row in kept if asked.items() <= row.items()}
     for number in options.only or range(options.count):
         if number not in rows:
-            rows[number] = examined(number, options.seed, options.model, tuple(options.counts))
+            rows[number] = examined(number, options.seed, options.model, tuple(options.counts), options.as_built,
+                                    not options.no_drive)
             print(line(rows[number]), flush=True)
             if options.out:
                 with options.out.open("a") as file:

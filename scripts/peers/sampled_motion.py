@@ -15,6 +15,10 @@ Remedies change what is above:
     w_{k-1} times a factor where e_k has the other sign than the last e that was not 0; where a_k = a_{k-1} != a_{k-2}
     u_k     more by a torque with the sign of a_k - a_{k-1}, before it is rounded
 
+and a cascade P-PI, Kv = kd, Kp + 1/Tn = kp/kd, Kp/Tn = ki/kd, sums the velocity that it sees:
+
+    w_k     more by T d_k/Kp,    u_k = -(kd Kp e_k + ki w_k + kd d_k)
+
 with a_{-1} = a_{-2} = a_0.  Between changes of m the servo slips, J v' = m - sgn(v) g(v) - b v, by DOP853 with its
 event v = 0, or is stuck.
 Sample by sample, stuck or not: nothing is carried ahead.
@@ -71,6 +75,8 @@ class SampledServo:
     error_filter: float = 0.0
     friction: float = 0.0
     """Torque of the feedforward."""
+    proportional: float = 0.0
+    """Kp of a cascade P-PI [1/s]; 0: a PID."""
 
     def motion(self, x: float, v: float, w: float, samples: int) -> tuple[Array, Array]:
         """(states (3, samples + 1) x1, x2, w at the samples, times of stops inside them [s])."""
@@ -112,8 +118,10 @@ class SampledServo:
             w -= self.leak * self.T * w
             w += self.T * (z + (z if z_before is None else z_before)) / 2 if self.trapezoid else self.T * z
             d += self.T / (self.T + self.filter_time) * (rate - d)
+            w += self.T * d / self.proportional if self.proportional else 0.0
             e_before, z_before = e, z
-            u = -(self.kp * e + self.ki * w + self.kd * d) + self.friction * float(np.sign(a - readings[1]))
+            kp = self.kd * self.proportional or self.kp
+            u = -(kp * e + self.ki * w + self.kd * d) + self.friction * float(np.sign(a - readings[1]))
             if self.torque_step:
                 u = self.torque_step * math.floor(u / self.torque_step + 0.5)
             torques.append(u)

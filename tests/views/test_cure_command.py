@@ -150,7 +150,7 @@ def test_a_fit_that_did_not_settle_is_no_servo(capsys, record, monkeypatch):
 
 @pytest.mark.parametrize(("explained", "best"), [(True, "dead band"), (False, "dead band"), (False, ""), (True, "")])
 def test_what_speaks_against_the_answer(capsys, explained, best):
-    judgement = SimpleNamespace(explained=explained, systematic=0.3, misfit=9.0)
+    judgement = SimpleNamespace(explained=explained, repeats=True, systematic=0.3, misfit=9.0)
     data, left = SimpleNamespace(quantum=0.0, name="mine.csv"), np.repeat([3.0, 1.0 if best else 3.0], 50)
     found = SimpleNamespace(judgement=judgement, model="switch", records=(data,), residuals=(left,))
     cures = SimpleNamespace(best=best, remedies=())

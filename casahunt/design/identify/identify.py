@@ -275,8 +275,8 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         best = climb(replace(question, exact=True), best, noises)
         judgement = judged(question, best, noises)
         left = [np.std(d.position - x) / d.amplitude for d, x in zip(question.records, best.positions, strict=True)]
-        far = max(left) > MOST_LEFT or not judgement.explained and judgement.systematic > GROSS
-        if (far or not judgement.explained) and not asked:
+        far = max(left) > MOST_LEFT or not judgement.fits and judgement.systematic > GROSS
+        if (far or not judgement.fits) and not asked:
             if (cut := cut_off(question, best)) is not None:
                 raise _cut_off(*cut)
             asked, found = True, _elsewhere(stated)
@@ -303,7 +303,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         covariance=np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))) * judgement.factor,
         judgement=judgement,
         untold=untold(question, J, judgement.factor),
-        further=further_gain(question, best, noises, ends) if advise and ends and judgement.holds else None,
+        further=further_gain(question, best, noises, ends) if advise and ends and judgement.explained else None,
         noises=tuple(noises),
         torque_noises=tuple(map(_torque_noise, question.records, best.torques)),
         orbits=best.orbits,

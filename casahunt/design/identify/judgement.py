@@ -67,7 +67,7 @@ class Judgement:
     ----------
     misfit : of the model, 1 where the residual is noise.
     scatter : of stretches of time.
-    explained : the misfit may be chance, or is negligible.
+    fits : the misfit may be chance, or is negligible.
     systematic : what is left over a period, relative to the amplitude (root mean square, noise taken off).
     factor : by which the rise of the deviance at the ends of intervals is multiplied.
     unsteady : by how much periods differ from one another, relative to the amplitude.
@@ -75,20 +75,20 @@ class Judgement:
 
     misfit: float
     scatter: float
-    explained: bool
+    fits: bool
     systematic: float
     factor: float
     unsteady: float
 
     @property
-    def holds(self) -> bool:
-        """Whether the values are those of a model that the records bear out."""
-        return self.explained and self.repeats
-
-    @property
     def repeats(self) -> bool:
         """Whether the periods are alike but for noise."""
         return self.unsteady <= UNSTEADY
+
+    @property
+    def explained(self) -> bool:
+        """Whether the records bear the model out: it fits, and not because what does not repeat is taken for noise."""
+        return self.fits and self.repeats
 
 
 def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgement:
@@ -121,8 +121,8 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
     factor += doubt / NORMAL_95**2
     systematic = math.sqrt(left / size)
-    explained = chance >= IMPROBABLE or systematic < NEGLIGIBLE
-    return Judgement(misfit, scatter, explained, systematic, factor, math.sqrt(differ / size))
+    fits = chance >= IMPROBABLE or systematic < NEGLIGIBLE
+    return Judgement(misfit, scatter, fits, systematic, factor, math.sqrt(differ / size))
 
 
 def _means(by: Array, values: Array) -> tuple[Array, Array]:

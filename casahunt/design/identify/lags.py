@@ -13,8 +13,7 @@ and x1(t - d) = x1 - d x2 + O(d2), x2(t - d_v) = x2 - d_v x2' + O(d2), x3(t - d_
 
 What is left is of second order: of Table 1 and seven other servos amplitude and period are off by
 0.3 to 0.85 (omega d_v)^2, omega^2 = kp/J, with delays or filters from 0.05 to 0.2/omega.  Half of that square counts as
-an error that no record is free of (judgement.py), and where it is more than `MOST_LEFT_OUT` nothing is taken into
-account.
+an error that no record is free of (judgement.py), and where it is more than `MOST_LEFT_OUT` the record is refused.
 
 What quantisation does is not in it: the derivative makes of each count a step of the torque, which shakes a servo loose
 that sticks, so that what is found is the friction of the shaken one.
@@ -24,7 +23,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
 from ...errors import InputError
@@ -71,15 +69,23 @@ def as_continuous(servo: Servo, gain: float, lags: Lags) -> Servo:
 def lags_taken(
     records: Sequence[Record], servo: Servo, gains: Sequence[float], free: Sequence[str], drive: Drive | None
 ) -> Lags | None:
-    """Those that are taken into account: where friction alone is sought, from positions alone, and they are short."""
+    """Those that are taken into account: where friction alone is sought, from positions alone.
+
+    Raises InputError: they are too long for that.
+    """
     of_friction = all(name.startswith(FRICTION) for name in free)
     if drive is None or not of_friction or any(record.torque is not None for record in records):
         return None
     lags = lags_of(drive, servo, max(gains))
-    with suppress(InputError):
-        _ = [as_continuous(servo, gain, lags) for gain in gains]
-        return lags if lags.left_out <= MOST_LEFT_OUT else None
-    return None
+    for gain in gains:
+        as_continuous(servo, gain, lags)
+    if lags.left_out > MOST_LEFT_OUT:
+        raise InputError(
+            f"drive: its lag of {lags.velocity:.3g} s is too long for a fit, which leaves out {lags.left_out:.2g} of "
+            f"the amplitude then, more than {MOST_LEFT_OUT:g}: record with a shorter sample time, delay or filter, or "
+            "at a lower gain"
+        )
+    return lags
 
 
 def shaken_by(servo: Servo, gain: float, drive: Drive) -> float:

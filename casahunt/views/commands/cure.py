@@ -137,7 +137,7 @@ def _judged(
 
 def _doubt(found: Identification) -> str:
     """What speaks against the servo for which remedies are sought; "" where nothing does."""
-    if found.judgement.holds:
+    if found.judgement.explained:
         return ""
     return "of a servo that is in doubt, since the model does not explain all of the records: see below"
 

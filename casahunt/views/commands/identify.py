@@ -21,7 +21,7 @@ import numpy as np
 
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
-from ...design.identify.judgement import NEGLIGIBLE, Judgement
+from ...design.identify.judgement import NEGLIGIBLE
 from ...design.identify.lags import SHAKEN, lags_taken, shaken_by
 from ...design.identify.suspect import suspicion
 from ...design.identify.transient import MORE_AT_FIRST, more_at_first
@@ -63,7 +63,7 @@ OF_TABLE_1 = "without --servo inertia, motor and controller are those of Table 1
 WITH_LAGS = "sampling and delay of [drive] are taken into account, to first order"
 AS_CONTINUOUS = (
     "the loop is taken as a continuous one: of [drive] sampling and delay are taken into account where friction alone "
-    "is sought, from positions alone, and they are short in this loop"
+    "is sought, from positions alone"
 )
 NOT_OF_THE_DRIVE = (
     "Or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
@@ -141,7 +141,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
-    if options.out is not None and found.status.ok:
+    if options.out is not None and found.status.ok and found.judgement.explained:
         with folder(options.out, FILES) as out:
             options.outputs.write(write_results, out, FILES, texts_of(found, drive_of(options)))
     suspect = suspected(options, found)
@@ -151,14 +151,11 @@ def run(options: argparse.Namespace) -> int:
         Answer(identified_lines(found, suspect, read), identified_details(found)),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
-    if not found.status.ok:
-        kept = "; --out is not written" if options.out is not None else ""
-        complain("casahunt identify", f"{found.status.advice}{kept}")
-        return 1
-    if not found.judgement.explained:
-        complain("casahunt identify", not_explained(found))
-        return 1
-    return 0
+    if found.status.ok and found.judgement.explained:
+        return 0
+    kept = "; --out is not written" if options.out is not None else ""
+    complain("casahunt identify", f"{not_explained(found) if found.status.ok else found.status.advice}{kept}")
+    return 1
 
 
 def suspected(options: argparse.Namespace, found: Identification) -> str:
@@ -196,11 +193,24 @@ def texts_of(found: Identification, drive: Drive | None) -> dict[str, str]:
 
 def not_explained(found: Identification) -> str:
     """What is said of a model that leaves more than noise."""
+    judgement = found.judgement
+    many = "s" * (len(found.records) > 1)
+    left, likely = (
+        f"what is left is {judgement.systematic:.2g} of the amplitude and no noise",
+        "try another --model, more --free parameters, or the filter and sampling of the record",
+    )
+    if not judgement.repeats:
+        left = (
+            f"its periods differ from one another by {judgement.unsteady:.2g} of the amplitude, which is no noise of "
+            "the samples, and not in the model"
+        )
+        likely = (
+            "suspect the encoder's counts in the derivative of the controller (filter it, or record more counts of "
+            "amplitude, at a lower gain), a transient (--from), or a disturbance"
+        )
     return (
-        f"the {found.model} model does not explain the record{'s' * (len(found.records) > 1)}: what is left is "
-        f"{found.judgement.systematic:.2g} of the amplitude and no noise; the values are its nearest, and less certain "
-        "than they look; draw it with --plot, and try another --model, more --free parameters, or the filter and "
-        "sampling of the record"
+        f"the {found.model} model does not explain the record{many}: {left}; the values are its nearest, and less "
+        f"certain than they look; draw it with --plot, and {likely}"
         + _transient(found)
         + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
@@ -211,8 +221,7 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     data, judgement = found.records, found.judgement
     many = f"{len(data)} records" if len(data) > 1 else data[0].name
     does = "explains" if judgement.explained else "does NOT explain"
-    mean = ", in the mean of its periods" if judgement.explained and not judgement.repeats else ""
-    said = f"the model {does} what was recorded{mean}"
+    said = f"the model {does} what was recorded"
     said = said if found.status.ok else "the search for its numbers stopped short"
     yield f"{found.model} servo from {many}: {said}"
     yield from read
@@ -222,13 +231,11 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     yield from _rows(found, PLAIN_DIGITS)
     if not found.status.ok:
         yield "  the values are NOT settled: they are those where the search stopped, and nobody knows how far off"
-    elif judgement.holds:
+    elif judgement.explained:
         yield "  from, to: the true value lies there in 95 of 100 cases, if the servo is as the model has it"
     else:
         yield "  from, to: of the nearest servo that the model has; the true values may lie outside"
     yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude; {NEGLIGIBLE:g} is next to nothing"
-    if not judgement.repeats:
-        yield f"  {_unsteady(judgement)}"
     for powers in found.untold if found.status.ok else ():
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:
@@ -243,15 +250,6 @@ def _transient(found: Identification) -> str:
     if not more_at_first(found.residuals) > MORE_AT_FIRST:
         return ""
     return f"; {more_at_first(found.residuals):.2g} times as much is left of its first half: leave more out by --from"
-
-
-def _unsteady(judgement: Judgement) -> str:
-    """What is said of records whose periods differ."""
-    return (
-        f"periods differ from one another by {judgement.unsteady:.2g} of the amplitude: that is no noise of the "
-        "samples, and not in the model, so the true values may lie outside; suspect the encoder's counts in the "
-        "derivative of the controller, or a disturbance"
-    )
 
 
 def _rows(found: Identification, most: int) -> Iterator[str]:

@@ -180,19 +180,21 @@ def test_periods_that_differ_are_seen_whatever_the_noise(tmp_path, capsys):
     x = record.position + off[(record.times // PERIOD).astype(int)]
     found = identify([Record(record.times, x, "uneven")], Servo(), GAIN, free=["friction.static"], advise=False)
     assert found.judgement.unsteady == pytest.approx(0.2 / math.sqrt(3), rel=0.2) and not found.judgement.repeats
+    assert found.judgement.fits and not found.judgement.explained
     drive = Drive(sample_time=2e-3, derivative="filtered")
     late = identify([Record(record.times, x)], Servo(), GAIN, free=["friction.static"], drive=drive, advise=False)
     path, servo = tmp_path / "uneven.csv", tmp_path / "servo.toml"
     np.savetxt(path, np.column_stack([record.times, x]), delimiter=",", header="time_s,position_rad", comments="")
     servo.write_text('[servo]\n[drive]\nsample_time = 0.002\nderivative = "filtered"\n')
     words = [str(path), "--servo", str(servo), "--gain", str(GAIN), "--free", "friction.static", "--quiet"]
-    cli.main(["identify", *words, "--out", str(tmp_path / "out")])
-    said = " ".join(capsys.readouterr().out.split())
+    assert cli.main(["identify", *words, "--out", str(tmp_path / "out")]) == 1
+    said = " ".join(capsys.readouterr().err.split())
     assert "periods differ from one another by 0." in said and "suspect the encoder's counts" in said
-    written = load(tmp_path / "out" / "servo.toml"), (tmp_path / "out" / "servo.toml").read_text()
+    assert said.endswith("--out is not written") and not (tmp_path / "out").exists()
+    assert cli.main(["cure", *words, "--only", "dead band", "--out", str(tmp_path / "page")]) == 1
+    written = load(tmp_path / "page" / "servo.toml"), (tmp_path / "page" / "servo.toml").read_text()
     assert written[0].friction.static == pytest.approx(late.values["friction.static"])
     assert written[1].endswith('[drive]\nsample_time = 0.002\nderivative = "filtered"\n')
-    cli.main(["cure", *words, "--only", "dead band", "--out", str(tmp_path / "page")])
     for said in (capsys.readouterr().out, (tmp_path / "page" / "cure.html").read_text()):
         assert "of a servo that is in doubt, since the model does not explain all" in " ".join(said.split())
 

@@ -243,14 +243,14 @@ def test_a_record_that_is_refused_and_still_on_its_way_says_so():
 
 
 def test_no_further_record_is_asked_for_where_the_model_does_not_explain_this_one(monkeypatch):
-    monkeypatch.setattr(judgement.Judgement, "holds", False)
+    monkeypatch.setattr(judgement.Judgement, "explained", False)
     assert identify([made(each=250)], Servo(), GAIN, free=["friction.static"]).further is None
 
 
 @pytest.mark.parametrize("more", [1.0, 3.0])
 def test_nothing_is_suspected_of_what_a_transient_leaves(found, more):
     left = np.repeat([more * 1e-4, 1e-4], 300)
-    other = replace(found, judgement=replace(found.judgement, explained=False), residuals=(left,))
+    other = replace(found, judgement=replace(found.judgement, fits=False), residuals=(left,))
     assert ("  suspect a filter" in list(identified_lines(other, "suspect a filter"))) is (more == 1.0)
 
 
