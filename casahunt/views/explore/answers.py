@@ -24,8 +24,9 @@ from .numbers import refused
 from .state import SET_POINT, State
 
 STAGES = ("hunts", "linear", "border", "step", "diagram")
-MOST_WORK_OF_A_STAGE, LONGEST_STAGE = 2e5, 10.0
-"""Work (effort.py) of a stage, five seconds of a processor for a servo; and its seconds, of which a loop needs more."""
+MOST_WORK_OF_A_STAGE = 2e5
+"""Work (effort.py): five seconds of a processor for a servo, up to forty for a loop with a bristle and a remedy; what a
+stage shows does not hang on the seconds."""
 GOES_ON = "the command line goes on longer"
 MOST_KEPT = 16
 """Servos, at whatever gain or whatever size of a remedy, of which borders and diagrams are kept."""
@@ -60,7 +61,7 @@ class Answers:
         self._kept = Latest(MOST_KEPT)
 
     def of(self, state: State, dropped: Callable[[], bool] | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
-        """(stage, what it shows) of a state, in order.
+        """(stage, what it shows) of a state, in order; "hunts" again where the border has led to a cycle.
 
         dropped: says whether nobody waits any more. Raises effort.Dropped: so it is.
         """
@@ -70,21 +71,20 @@ class Answers:
             if dropped is not None and dropped():
                 raise effort.Dropped
             try:
-                limited = effort.counting_work(None, limit=MOST_WORK_OF_A_STAGE, dropped=dropped)
-                with limited, effort.until(LONGEST_STAGE):
+                with effort.counting_work(None, limit=MOST_WORK_OF_A_STAGE, dropped=dropped):
                     found = getattr(kind, stage)()
             except (NoOrbit, InputError) as why:
                 found = refused(why)
             except effort.GivenUp as why:
                 found = {"why": f"given up, because it takes too long here; {GOES_ON}", "evidence": str(why)}
-            except effort.OutOfTime:
-                found = {"why": f"given up after {LONGEST_STAGE:g} s; {GOES_ON}"}
             except ArithmeticError as why:  # an extreme servo, beyond what was thought of
                 found = {"why": f"could not be computed: {why}"}
             if stage == "diagram" and "why" in found and "stable" not in found:
                 found = kind.so_far() | found
             if stage == "hunts" and "sentence" not in found:
                 found |= {"verdict": "unknown", "sentence": "Whether it hunts is not known."}
+            if stage == "border" and kind.later:
+                yield "hunts", kind.later
             yield stage, found
 
     def _memory(self, state: State, *free: str) -> dict[Any, Any]:

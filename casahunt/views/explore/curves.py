@@ -1,4 +1,4 @@
-"""The curves of the page that belong to no motion: branches of cycles, and friction.
+"""The curves of the page that no motion hands out: branches of cycles, friction, the torque along a loop's cycle.
 
     friction      F(v) = g(v) sgn v + sigma2 v, where it is Stribeck's
 """
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...servo.parts import Loop
 from .numbers import brief, curve
 from .state import GAIN
 
@@ -50,3 +51,16 @@ def friction_curve(numbers: Any) -> dict[str, Any]:
     v = np.linspace(0, DRAWN_SPEEDS * vs, SPEED_POINTS)
     F = Fc + (Fs - Fc) * np.exp(-((v / vs) ** 2)) + numbers["viscous"] * v
     return curve(velocity=[*-v[::-1], *v], torque=[*-F[::-1], *F])
+
+
+def loop_torque(loop: Loop, orbit: Any, times: Any, states: Any) -> Any:
+    """Torque of the motor along a cycle of a loop, which may be closed by its mirror image (orbit.repeats = 2)."""
+    ends = np.cumsum([arc.duration for arc in orbit.arcs])
+    half = times.size if orbit.repeats == 1 else (times.size - 1) // 2
+    of = np.searchsorted(ends, times[:half], side="right").clip(max=len(ends) - 1)
+    torque = np.empty(half)
+    for i, arc in enumerate(orbit.arcs):
+        at = of == i
+        if at.any():
+            torque[at] = loop.signal("torque", arc.mode, states[:, :half][:, at])
+    return torque if orbit.repeats == 1 else np.concatenate([torque, -torque, torque[:1]])

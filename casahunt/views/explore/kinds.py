@@ -15,23 +15,39 @@ from typing import Any
 import numpy as np
 
 from ... import effort
-from ...checks import to_error
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
 from ...design.remedies.border import BORDERS, Border, Scales, border, on_the_cycle
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
-from ...servo.delayed_loop import Margins, margins
+from ...servo.delayed_loop import margins
 from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
+from ...servo.other_end import other_end
 from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
 from ...servo.parts.linear import linear_margins
 from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
+from ...servo.simulation.trajectory import Trajectory
+from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT
-from .curves import branches_shown, friction_curve, left_open
-from .numbers import brief, curve, ends_at, hunts, ratio_shown, refused, seen_number, sentence_of, shown_number
+from ..answers.simulate import HEADS
+from .curves import branches_shown, friction_curve, left_open, loop_torque
+from .numbers import (
+    HUNTING,
+    curve,
+    ends_at,
+    hunts,
+    hunts_from,
+    margins_shown,
+    no_size,
+    ratio_shown,
+    refused,
+    seen_number,
+    sentence_of,
+    shown_number,
+)  # fmt: skip
 from .state import GAIN, Problem
 
 PERIODS_OF_A_STEP, RESETS_OF_A_STEP = 3.0, 100.0
@@ -60,7 +76,9 @@ class ServoAnswers:
         self.problem, self.remembered = problem, memory
         self.memory = memory(GAIN)
         self.orbit: Orbit | None = None
-        self.said, self.verdict = "", "unknown"
+        self.said, self.more, self.verdict = "", "", "unknown"
+        self.rests = False
+        self.later: dict[str, Any] = {}
         self.drawn: list[Any] = []
 
     def hunts(self) -> dict[str, Any]:
@@ -78,14 +96,14 @@ class ServoAnswers:
         self.verdict = "rests" if proved else "unknown"
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
         if isinstance(why, ComesToRest):
-            self.verdict = "unknown"
+            self.verdict, self.rests = "unknown", True
             self.said = "No hunting was found: from every start that was tried it comes to rest."
             return {"verdict": self.verdict, "sentence": self.said, "evidence": str(why)}
         return {"verdict": self.verdict, "sentence": self.said, **refused(why)}
 
-    def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any) -> dict[str, Any]:
+    def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any, *, partly: bool = False) -> dict[str, Any]:
         stable = orbit.stable
-        self.said = hunts(orbit.amplitude, orbit.period, stable)
+        self.said = hunts(orbit.amplitude, orbit.period, stable, partly=partly)
         self.verdict = "hunts" if stable else "uneven" if stable is False else "can"
         return {
             "verdict": self.verdict, "sentence": self.said,
@@ -113,8 +131,20 @@ class ServoAnswers:
         return {
             "motion": curve(time=times, angle=motion.set_point + states[0], torque=torque),
             "peak": seen_number(motion.peak_torque), "voltage": seen_number(motion.peak_voltage),
-            "ends": motion.verdict.kind,
+            **self._end_of(motion),
         }  # fmt: skip
+
+    def _end_of(self, motion: Trajectory) -> dict[str, Any]:
+        """Where a step ends; and where it comes to rest though the servo can hunt, from which start that does."""
+        ends = f"the step ends: {HEADS[motion.verdict.kind]}"
+        if self.verdict not in HUNTING or motion.verdict.kind not in SETTLES:
+            return {"ends": ends}
+        assert self.orbit is not None
+        self.said = hunts(self.orbit.amplitude, self.orbit.period, self.orbit.stable, partly=True)
+        with suppress(effort.GivenUp):
+            other = other_end(motion)
+            ends += f"; {hunts_from(other.start)}" if other is not None and other.hunts else ""
+        return {"ends": ends, "sentence": sentence_of((self.said, self.more))}
 
     def _duration(self) -> float:
         if self.orbit is not None:
@@ -139,10 +169,10 @@ class ServoAnswers:
 
     def _gain_border(self, value: float, error: float) -> dict[str, Any]:
         gain = self.problem.gain
-        more = ends_at("the gain", GAIN_UNIT, value, gain)
+        self.more = ends_at("the gain", GAIN_UNIT, value, gain, error, self.verdict)
         return {
             "gain": shown_number(value, error), "ratio": ratio_shown(value, gain, error, self.verdict),
-            "sentence": sentence_of((self.said, more)),
+            "sentence": sentence_of((self.said, self.more)),
         }  # fmt: skip
 
     def diagram(self) -> dict[str, Any]:
@@ -204,12 +234,16 @@ class LoopAnswers(ServoAnswers):
             orbit = self._settled() if self.problem.servo is not None else loop_cycle(self.loop, options=ROUGH)
         except NoOrbit as why:
             return self._no_cycle(why, proved=False)
+        return self._of_cycle(orbit)
+
+    def _of_cycle(self, orbit: Any, *, partly: bool = False) -> dict[str, Any]:
         self.orbit = orbit
         times, states = orbit.sample(CYCLE_POINTS)
         names = self.loop.system.states
         angle = next((states[names.index(name)] for name in self.loop.angles), states[0])
         velocity = states[names.index("x2")] if "x2" in names else np.gradient(angle, times)
-        return self._cycle(orbit, times, np.array([angle, velocity]), loop_torque(self.loop, orbit, times, states))
+        torque = loop_torque(self.loop, orbit, times, states)
+        return self._cycle(orbit, times, np.array([angle, velocity]), torque, partly=partly)
 
     def _settled(self) -> Any:
         """The cycle on which a motion settles that starts on that of the servo alone.  Raises NoOrbit."""
@@ -273,14 +307,31 @@ class LoopAnswers(ServoAnswers):
         return RESETS_OF_A_STEP * float(reset)
 
     def border(self) -> dict[str, Any]:
-        """The gain at which hunting ends, and the size of the remedy that ends it at this gain."""
-        shown: dict[str, Any] = {}
+        """The gain at which hunting ends, and the size of the remedy that ends it at this gain.
+
+        Where `hunts` has found nothing, and one of them is farther on, a branch may lead to a cycle all the same.
+        """
+        remedy, found = self.problem.remedy, self._size_border()
+        if remedy is not None and found is not None and found.first is not None:
+            self._led_to(found.first, remedy.size, found.size, remedy.sense)
         try:
             fold = self._fold()
-            shown = self._gain_border(fold.value, fold.value_error)
         except NoOrbit as why:
-            shown |= refused(why)
-        return shown | (self._remedy_border() if self.problem.remedy is not None else {})
+            shown = refused(why)
+        else:
+            self._led_to(self._foot(), GAIN, fold.value)
+            shown = self._gain_border(fold.value, fold.value_error)
+        return shown | (self._remedy_border(remedy, found) if remedy is not None else {})
+
+    def _led_to(self, first: Any, name: str, last: float, sense: int = 1) -> None:
+        """Where no cycle was found, that of a branch, from `first` in `name`, which ends at `last` or goes on there."""
+        present = self.loop.value(name)
+        if self.verdict in HUNTING or not sense * (last - present) > 0:
+            return
+        with suppress(NoOrbit, effort.GivenUp):
+            branch = follow(first, name, to=present, options=ROUGH, monitors=())
+            if branch.values[-1] == present:
+                self.later = self._of_cycle(branch.orbits[-1], partly=self.rests)
 
     def _fold(self) -> Fold[Any]:
         """The fold of the branch in the gain, found once for all gains that it is followed for.  Raises NoOrbit."""
@@ -292,25 +343,31 @@ class LoopAnswers(ServoAnswers):
         found: Fold[Any] = self.memory[key][0]
         return found
 
-    def _remedy_border(self) -> dict[str, Any]:
+    def _remedy_border(self, remedy: Remedy, found: Border | None) -> dict[str, Any]:
         """The smallest size of the remedy that ends hunting at this gain."""
-        remedy, without, bare = self.problem.remedy, self.problem.without, self._bare
-        assert remedy is not None and without is not None
-        if bare is None:
+        if found is None:
             return {"remedy_why": "without the remedy no hunting was found either, that it could end"}
-        memory = self.remembered(remedy.size)  # where it ends does not depend on the present size
+        if found.kind not in BORDERS:
+            return no_size(remedy, found)
+        error = found.error / abs(found.size) if found.size else math.nan
+        self.more = ends_at(f"the {remedy.name}", remedy.unit, found.size, self.loop.value(remedy.size), error,
+                            self.verdict, remedy.sense)  # fmt: skip
+        return {
+            "size": shown_number(found.size, error), "size_unit": remedy.unit, "size_name": remedy.name,
+            "sentence": sentence_of((self.said, self.more)),
+        }  # fmt: skip
+
+    def _size_border(self) -> Border | None:
+        """Where the remedy ends hunting at this gain; None without a remedy, or without a cycle that it could end."""
+        remedy, without, bare = self.problem.remedy, self.problem.without, self._bare
+        if remedy is None or without is None or bare is None:
+            return None
+        memory = self.remembered(remedy.size)  # it does not depend on the present size
         if "border" not in memory:
             start, scales = without.state(**on_the_cycle(bare)), Scales(bare.amplitude, bare.period)
             memory["border"] = border(without, remedy, start, scales, ROUGH)
-        found = memory["border"]
-        if found.kind not in BORDERS:
-            return no_size(remedy, found)
-        present = self.loop.value(remedy.size)
-        more = ends_at(f"the {remedy.name}", remedy.unit, found.size, present, remedy.sense)
-        return {
-            "size": shown_number(found.size, found.error / abs(found.size) if found.size else math.nan),
-            "size_unit": remedy.unit, "size_name": remedy.name, "sentence": sentence_of((self.said, more)),
-        }  # fmt: skip
+        found: Border = memory["border"]
+        return found
 
     def diagram(self) -> dict[str, Any]:
         """Amplitude against gain, from a cycle up, round the fold and back."""
@@ -323,23 +380,10 @@ class LoopAnswers(ServoAnswers):
             branch = follow(way[-1], GAIN, to=low * FAR_ABOVE, back=low, options=DRAWN_CYCLES, monitors=(),
                             previous=way[-2] if len(way) > 1 else None, largest_step=DIAGRAM_STEP,
                             max_points=MOST_DIAGRAM_POINTS, progress=self.drawn.append)  # fmt: skip
-            if branch.end.kind == "time":  # the stage's own, which is not to be remembered
-                raise effort.OutOfTime
             self.memory["diagram", low] = branches_shown(
                 [*way[:-1], *branch.orbits], None if fold is None else fold.orbit
             ) | (left_open(branch.orbits) if branch.end.kind in UNFINISHED else {})
         return {**self.memory["diagram", low], "present": self.problem.gain}
-
-
-def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
-    """What is said where no size of a remedy was found that ends hunting."""
-    if math.isnan(found.size):
-        why = f"not found: no hunting cycle with little {remedy.name} was found to begin with"
-        return {"remedy_why": why, "evidence": found.evidence}
-    size = f"{brief(found.size)} {remedy.unit}".rstrip()
-    if found.kind == "none":
-        return {"remedy_why": f"hunting goes on up to {size}"}
-    return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.evidence}
 
 
 def cycle_beside(loop: Loop, bare: Any) -> Any:
@@ -349,27 +393,3 @@ def cycle_beside(loop: Loop, bare: Any) -> Any:
     """
     start = loop.at_rest(-FIRST_OFF) if bare is None else loop.state(**on_the_cycle(bare))
     return loop_cycle(loop, start=start, options=ROUGH)
-
-
-def margins_shown(found: Margins) -> dict[str, Any]:
-    """The margins of the linear loop."""
-    shown: dict[str, Any] = {
-        "stable": found.stable,
-        "phase_margin": {"value": found.phase_margin, "text": to_error(found.phase_margin, 1e-3)},
-        "crossover": {"value": found.frequency, "text": brief(found.frequency)},
-    }  # fmt: skip
-    limits = [f"{brief(x)}" for x in (found.lowest_factor, found.highest_factor) if 0 < x < math.inf]
-    return {**shown, "factors": limits}
-
-
-def loop_torque(loop: Loop, orbit: Any, times: Any, states: Any) -> Any:
-    """Torque of the motor along a cycle of a loop, which may be closed by its mirror image (orbit.repeats = 2)."""
-    ends = np.cumsum([arc.duration for arc in orbit.arcs])
-    half = times.size if orbit.repeats == 1 else (times.size - 1) // 2
-    of = np.searchsorted(ends, times[:half], side="right").clip(max=len(ends) - 1)
-    torque = np.empty(half)
-    for i, arc in enumerate(orbit.arcs):
-        at = of == i
-        if at.any():
-            torque[at] = loop.signal("torque", arc.mode, states[:, :half][:, at])
-    return torque if orbit.repeats == 1 else np.concatenate([torque, -torque, torque[:1]])

@@ -7,15 +7,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ...checks import finite_or_none, to_error
+from ...design.remedies.border import Border
 from ...errors import NoOrbit
+from ...servo.delayed_loop import Margins
+from ...servo.parts import Remedy
 from ..answers.answer import PLAIN_DIGITS
 
+IN_PER_CENT = 0.1
+"""Sizes that are nearer to each other, relatively, are compared in per cent."""
+HUNTING = ("hunts", "uneven", "can")
+"""Verdicts with a cycle."""
 MARGIN_DIGITS = 3
 """Of a ratio, and of numbers in sentences."""
 CURVE_DIGITS = 6
@@ -60,27 +67,56 @@ def _short(x: float) -> float | None:
     return float(f"{x:.{CURVE_DIGITS}g}") if math.isfinite(x) else None
 
 
-def hunts(amplitude: float, period: float, stable: bool | None) -> str:
-    """The sentence of a cycle that was found."""
+def hunts(amplitude: float, period: float, stable: bool | None, *, partly: bool = False) -> str:
+    """The sentence of a cycle that was found; partly: some motion comes to rest."""
     degrees = math.degrees(amplitude)
     swings = f"{brief(amplitude)} rad ({brief(degrees)}°) to either side, once every {brief(period)} s"
     if stable:
-        return f"It hunts: the servo swings by {swings}."
+        return f"It hunts{', but not from every start' if partly else ''}: the servo swings by {swings}."
     if stable is None:
         return f"It can hunt: it can swing by {swings}; whether motions come to this swing is not known."
     return f"It may swing unevenly: there is an even swing of {swings}, which motions leave."
 
 
-def ends_at(what: str, unit: str, border: float, present: float, sense: int = 1) -> str:
-    """The sentence of where hunting ends; sense: -1 where less of it ends hunting."""
+def hunts_from(start: Mapping[str, float]) -> str:
+    """Where a motion was let go at rest that hunts; start: as of `OtherEnd`."""
+    integral = start["integral"]
+    wound = f" with the integral {brief(integral)} rad s" if integral else ""
+    return f"let go at rest at {start['position']:.{CURVE_DIGITS}g} rad{wound} it hunts"
+
+
+def ends_at(
+    what: str, unit: str, border: float, present: float, error: float, verdict: str, sense: int = 1
+) -> str:
+    """The sentence of where hunting ends, which is none against the verdict at the present one.
+
+    error: of the border, relative; sense: -1 where less of it ends hunting.
+    """
     size = f"{brief(border)} {unit}".rstrip()
     if present * border <= 0:
         return f"Hunting ends at {what} {size}."
+    away, side = compared(border, present, error, "the present one", MARGIN_DIGITS), "above" if sense > 0 else "below"
+    inside, hunting = sense * (border - present) > error * abs(border), verdict in HUNTING
+    if hunting and sense * (present - border) > error * abs(border):
+        return f"The cycles that were followed end {side} {what} {size}: {away}; this swing is none of them."
+    if inside and not hunting:
+        return f"Cycles were followed to {what} {size}, {away}: from starts that were not tried it may hunt."
+    return f"Hunting ends {side} {what} {size}: {away}."
+
+
+def compared(border: float, present: float, error: float, one: str, digits: int) -> str:
+    """How many times `one`, the present size, a border is, or by how many per cent they differ.
+
+    error: of the border, relative.
+    """
     ratio = border / present
-    away = f"{brief(ratio)} times the present one"
-    if ratio < 1:
-        away = f"the present one is {brief(1 / ratio)} times that"
-    return f"Hunting ends {'above' if sense > 0 else 'below'} {what} {size}: {away}."
+    more = max(ratio, 1 / ratio)
+    if more - 1 <= error:
+        return f"{one}, as nearly as it is known"
+    away = f"{to_error(more, error, digits)} times"
+    if more < 1 + IN_PER_CENT:
+        away = f"{to_error(100 * (more - 1), error / (more - 1), MARGIN_DIGITS)} % above"
+    return f"{away} {one}" if ratio > 1 else f"{one} is {away} that"
 
 
 SAID_ABOVE = {"rests": ": it does not hunt", "unknown": ": no hunting was found"}
@@ -89,11 +125,31 @@ SAID_ABOVE = {"rests": ": it does not hunt", "unknown": ": no hunting was found"
 
 def ratio_shown(border: float, present: float, relative_error: float, verdict: str) -> dict[str, Any]:
     """The number by which the gain at which hunting ends is above the present one, or that by which it is below."""
-    shown = shown_number(border / present, relative_error)
-    if border >= present:
-        return shown | {"said": f"{shown['text']} times the present gain"}
-    above = to_error(present / border, relative_error, PLAIN_DIGITS)
-    return shown | {"said": f"the present gain is {above} times that{SAID_ABOVE.get(verdict, '')}"}
+    said = compared(border, present, relative_error, "the present gain", PLAIN_DIGITS)
+    above = SAID_ABOVE.get(verdict, "") if present > border * (1 + relative_error) else ""
+    return shown_number(border / present, relative_error) | {"said": said + above}
+
+
+def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
+    """What is said where no size of a remedy was found that ends hunting."""
+    if math.isnan(found.size):
+        why = f"not found: no hunting cycle with little {remedy.name} was found to begin with"
+        return {"remedy_why": why, "evidence": found.evidence}
+    size = f"{brief(found.size)} {remedy.unit}".rstrip()
+    if found.kind == "none":
+        return {"remedy_why": f"hunting goes on up to {size}"}
+    return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.evidence}
+
+
+def margins_shown(found: Margins) -> dict[str, Any]:
+    """The margins of the linear loop."""
+    shown: dict[str, Any] = {
+        "stable": found.stable,
+        "phase_margin": {"value": found.phase_margin, "text": to_error(found.phase_margin, 1e-3)},
+        "crossover": {"value": found.frequency, "text": brief(found.frequency)},
+    }  # fmt: skip
+    limits = [f"{brief(x)}" for x in (found.lowest_factor, found.highest_factor) if 0 < x < math.inf]
+    return {**shown, "factors": limits}
 
 
 def sentence_of(parts: Sequence[str]) -> str:

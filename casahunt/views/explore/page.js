@@ -187,7 +187,7 @@
       if (key === "phase_margin" && what.factors && what.factors.length)
         value.append(element("small", {}, `${what.stable ? "stable" : "unstable"}; changes at ${what.factors.join(" and ")} times the gain`));
       if (key === "phase_margin" && what.stable === false && !(what.factors || []).length) value.append(element("small", {}, "unstable"));
-      if (key === "peak" && what.ends) value.append(element("small", {}, `the step ends ${what.ends}`));
+      if (key === "peak" && what.ends) value.append(element("small", {}, what.ends));
       box.classList.remove("stale");
     }
   };
@@ -196,7 +196,10 @@
   const show = (stage, what) => {
     shown[stage] = what;
     if (what.sentence) byId("sentence").textContent = what.sentence;
-    if (stage === "hunts") byId("why").textContent = what.why || "";
+    if (stage === "hunts") {
+      byId("why").textContent = what.why || "";
+      for (const name of ["sentence", "why"]) byId(name).classList.remove("stale");
+    }
     numbers(stage);
     evidence();
     for (const [key, figures] of CURVES[stage] || []) for (const name of figures) draw(name, key, what[key], inPlace(what));
@@ -244,22 +247,25 @@
     const missing = box.querySelector(".missing");
     missing.textContent = columns ? "" : why || "nothing to draw";
     if (!views[figure]) return;
-    const source = model(figure, key), empty = {};
-    for (const name of Object.keys(source.data)) {
-      const column = columns ? columns[name] : [];
-      empty[name] = column.map((x) => (x === null ? NaN : x));
-    }
-    source.data = empty;
-    if (columns) describe(figure, columns);
+    const source = model(figure, key), drawn = {};
+    for (const name of Object.keys(source.data)) drawn[name] = (columns ? columns[name] : []).map((x) => (x === null ? NaN : x));
+    source.data = drawn;
+    describe(figure, missing.textContent);
   };
-  const describe = (figure, columns) => {
-    const plot = byId(`${figure}-figure`).querySelector(".plot"), said = [];
-    for (const [name, column] of Object.entries(columns)) {
-      const there = column.filter((x) => x !== null);
-      if (there.length) said.push(`${name} from ${Math.min(...there).toPrecision(3)} to ${Math.max(...there).toPrecision(3)}`);
+  // What is drawn now, of each curve, for who does not see it; where there is none, why.
+  const describe = (figure, why) => {
+    const box = byId(`${figure}-figure`), said = [];
+    for (const source of sources(figure)) {
+      const ranges = Object.entries(source.data).map(([name, column]) => {
+        const there = [...column].filter(Number.isFinite);
+        return there.length && `${name} from ${Math.min(...there).toPrecision(3)} to ${Math.max(...there).toPrecision(3)}`;
+      });
+      if (ranges.every(Boolean)) said.push(`${figure === "diagram" ? `${source.name} cycles, ` : ""}${ranges.join(", ")}`);
     }
-    plot.setAttribute("aria-label", `${byId(`${figure}-figure`).querySelector("figcaption").textContent}: ${said.join(", ")}`);
+    box.querySelector(".plot").setAttribute("aria-label", `${box.querySelector("figcaption").textContent}: ${said.join("; ") || why}`);
   };
+  const sources = (figure) => (figure === "diagram" ? ["stable", "unstable"] : ["cycle", "motion", "friction"])
+    .map((name) => model(figure, name)).filter(Boolean);
   const locate = (name, value) => {
     const figure = name === "set point" ? "position" : "diagram";
     const span = model(figure, name);

@@ -4,8 +4,8 @@
                      heard(n, stage, what) <--pipe--
 
 A thread would share the interpreter with the page; CasADi's symbols are not safe in two threads, and what is stuck deep
-in a library can only be ended with its process.  A worker that is silent for `LONGEST_SILENCE` is ended and another one
-started, with the newest question.
+in a library can only be ended with its process.  A worker that says nothing and computes no interval for
+`LONGEST_SILENCE` is ended and another one started; one that computes is not, however slow the machine.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Heard = Callable[[int, str, dict[str, Any]], None]
 """(number of the question, stage, what it shows): stage "done" after the last one."""
 DONE = "done"
 LONGEST_SILENCE = 30.0
-"""Seconds without a word after which a worker that has a question is ended: five times what a stage may take."""
+"""Seconds without a word or an interval after which a worker that has a question is ended: an interval takes 1 ms."""
 TO_END = 1.0
 """Seconds that a worker has to end by itself."""
 MOST_MEGABYTES = 400.0
@@ -46,8 +46,11 @@ IDLE = 0.5
 """Seconds without a question after which a worker compiles for one that may come."""
 
 
-def serve(pipe: Any, newest: Any) -> None:
-    """The worker's whole life: questions from the pipe, answers into it."""
+def serve(pipe: Any, newest: Any, computed: Any) -> None:
+    """The worker's whole life: questions from the pipe, answers into it.
+
+    newest, computed: number of the newest question, and of intervals so far, shared.
+    """
     interrupts.serve()
     asked, ahead = Answers(), _ahead()
     for _ in asked.of(state_of_address(WARM)):
@@ -69,7 +72,7 @@ def serve(pipe: Any, newest: Any) -> None:
             if number != newest.value:
                 continue
             with suppress(effort.Dropped):
-                for stage, shown in asked.of(state_of_address(address), partial(_passed, newest, number)):
+                for stage, shown in asked.of(state_of_address(address), partial(_passed, newest, computed, number)):
                     pipe.send((number, stage, shown))
                 pipe.send((number, DONE, {}))
             _give_back()
@@ -105,8 +108,9 @@ def _megabytes() -> float:
     return float(peak) / (1e6 if sys.platform == "darwin" else 1e3)
 
 
-def _passed(newest: Any, number: int) -> bool:
-    """Whether another question is the newest one."""
+def _passed(newest: Any, computed: Any, number: int) -> bool:
+    """Whether another question is the newest one; asked with every interval, which is counted."""
+    computed.value += 1
     return bool(newest.value != number)
 
 
@@ -119,7 +123,8 @@ class Worker:
     def __init__(self, heard: Heard) -> None:
         self._heard = heard
         self._context = multiprocessing.get_context("spawn")
-        self._newest = self._context.RawValue(ctypes.c_int64, 0)
+        self._newest, self._computed = (self._context.RawValue(ctypes.c_int64, 0) for _ in range(2))
+        self._seen = 0
         self._question: tuple[int, str] | None = None
         self._asked = ""
         self._lock = threading.Lock()
@@ -137,7 +142,9 @@ class Worker:
     def tend(self) -> None:
         """End a worker that is silent for too long: another one goes on.  To be called now and then."""
         with self._lock:
-            if self._question is not None and time.monotonic() - self._spoke > LONGEST_SILENCE:
+            if self._seen != self._computed.value:
+                self._seen, self._spoke = self._computed.value, time.monotonic()
+            elif self._question is not None and time.monotonic() - self._spoke > LONGEST_SILENCE:
                 self._spoke, self._silent = time.monotonic(), True
                 self._process.kill()
 
@@ -178,7 +185,7 @@ class Worker:
     def _start(self) -> None:
         ours, theirs = self._context.Pipe()
         self._pipe, self._spoke = ours, time.monotonic()
-        self._process = self._context.Process(target=serve, args=(theirs, self._newest), daemon=True)
+        self._process = self._context.Process(target=serve, args=(theirs, self._newest, self._computed), daemon=True)
         with interrupts.kept_from_children():
             self._process.start()
         theirs.close()

@@ -20,7 +20,6 @@ playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright
 from casahunt import Servo, find_fold, find_orbit, margins  # noqa: E402
 from casahunt.servo.parts import load_loop  # noqa: E402
 from casahunt.servo.servo import load  # noqa: E402
-from casahunt.views.explore.answers import LONGEST_STAGE, STAGES  # noqa: E402
 from casahunt.views.explore.controls import controls_of  # noqa: E402
 from casahunt.views.explore.server import Server  # noqa: E402
 from casahunt.views.explore.state import state_of_address, state_of_servo  # noqa: E402
@@ -33,8 +32,8 @@ pytestmark = [
 ]  # of Playwright's own event loop
 FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 FIRST = state_of_servo(Servo())
-LONG = 30.0 + len(STAGES) * LONGEST_STAGE
-"""Seconds that a page is waited for: a process that begins, and each stage to where it is given up."""
+LONG = 120.0
+"""Seconds that a page is waited for."""
 
 
 @pytest.fixture(scope="module")

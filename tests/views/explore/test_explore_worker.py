@@ -7,6 +7,7 @@ import os
 import platform
 import queue
 import signal
+import threading
 import time
 from types import SimpleNamespace
 
@@ -91,7 +92,7 @@ def test_an_idle_worker_compiles_for_what_may_be_chosen(monkeypatch):
     monkeypatch.setattr(module.interrupts, "serve", lambda: None)
     monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)
     pipe = a_pipe([(1, "gain=0.2"), None], lambda answer: said.append(answer[1]), lambda: next(waits, True))
-    module.serve(pipe, SimpleNamespace(value=1))
+    module.serve(pipe, SimpleNamespace(value=1), SimpleNamespace(value=0))
     first = list(module._ahead())[0]
     assert made == [("switch", ""), (first.model, first.remedy), ("switch", "")] and said == [*STAGES, DONE]
 
@@ -113,7 +114,7 @@ def test_a_choice_that_cannot_be_made_ahead_ends_no_worker(monkeypatch):
     monkeypatch.setattr(module.interrupts, "serve", lambda: None)
     monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)
     pipe = a_pipe([(1, "gain=0.2"), None], lambda answer: said.append(answer[1]), lambda: next(waits, True))
-    module.serve(pipe, SimpleNamespace(value=1))
+    module.serve(pipe, SimpleNamespace(value=1), SimpleNamespace(value=0))
     assert said == [*STAGES, DONE]
 
 
@@ -127,7 +128,7 @@ def test_no_stage_is_computed_for_nobody(monkeypatch):
 
     monkeypatch.setattr(module.interrupts, "serve", lambda: None)
     monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)  # a process that runs many tests has grown
-    module.serve(a_pipe(questions, send), newest)
+    module.serve(a_pipe(questions, send), newest, SimpleNamespace(value=0))
     assert said == [(1, "hunts"), *((2, stage) for stage in (*STAGES, DONE))]
 
 
@@ -137,7 +138,7 @@ def test_one_that_has_grown_ends_behind_an_answer(monkeypatch):
     monkeypatch.setattr(module, "MOST_MEGABYTES", 1.0)
     if not module._megabytes():
         pytest.skip("this system does not say how much memory a process has")
-    module.serve(a_pipe(questions, lambda answer: said.append(answer[1])), newest)
+    module.serve(a_pipe(questions, lambda answer: said.append(answer[1])), newest, SimpleNamespace(value=0))
     assert said[-1] == DONE and len(questions) == 2
 
 
@@ -147,7 +148,7 @@ def test_what_was_freed_is_given_back_behind_a_dropped_question_too(monkeypatch)
     monkeypatch.setattr(module.interrupts, "serve", lambda: None)
     monkeypatch.setattr(module, "MOST_MEGABYTES", math.inf)
     monkeypatch.setattr(module, "_give_back", lambda: given.append(1))
-    module.serve(a_pipe(questions, lambda _: setattr(newest, "value", 2)), newest)
+    module.serve(a_pipe(questions, lambda _: setattr(newest, "value", 2)), newest, SimpleNamespace(value=0))
     assert given == [1]
 
 
@@ -194,9 +195,26 @@ def test_one_that_is_silent_is_ended(worker, heard, monkeypatch, caplog):
     before = worker.process_id
     worker.tend()  # it has no question: nothing happens
     assert worker.process_id == before
+    os.kill(before, signal.SIGSTOP)  # it hangs, as in a library
     worker.ask(130, "model=lugre&friction.viscous=0.124&remedy=dead+band&dead_band=0.01")
     monkeypatch.setattr(module, "LONGEST_SILENCE", -1.0)
     worker.tend()
     assert "broke off" in until_done(heard, 130)[DONE]["why"]
     assert "a worker was silent" in caplog.text
     assert worker.process_id != before
+
+
+def test_one_that_computes_is_not_ended_however_slowly(monkeypatch):
+    monkeypatch.setattr(module, "LONGEST_SILENCE", -1.0)
+    ended: list[bool] = []
+    shared = SimpleNamespace(value=0)
+    own = SimpleNamespace(
+        _lock=threading.Lock(), _computed=shared, _seen=0, _question=(1, ""), _spoke=0.0, _silent=False,
+        _process=SimpleNamespace(kill=lambda: ended.append(True)),
+    )  # fmt: skip
+    for _ in range(3):
+        assert not module._passed(SimpleNamespace(value=1), shared, 1)
+        Worker.tend(own)
+    assert not ended
+    Worker.tend(own)
+    assert ended == [True]
