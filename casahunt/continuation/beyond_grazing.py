@@ -104,10 +104,10 @@ def behind_grazing(
     last = orbits[-1]
     if leads_elsewhere(last):
         return _at_changed_successor(orbits, vary, options)
-    fewer = last.problem.vanishing(*unknowns_of(last))
-    without = None if fewer is None else solved_at(last.problem, fewer[1], options)
-    if without is not None and without.signature != last.signature and _alike(last, without):
-        return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
+    for _, fewer in last.problem.vanishing(*unknowns_of(last)):
+        without = solved_at(last.problem, fewer, options)
+        if without is not None and without.signature != last.signature and _alike(last, without):
+            return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
     distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
     if distance > NEAR_CONTACT:
         if failure.status is not Status.INADMISSIBLE:

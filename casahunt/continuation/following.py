@@ -27,7 +27,6 @@ from ..checks import choice_of, of_kind, to_and_back
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
-from ..orbits.other_start import may_vanish
 from ..orbits.restart import in_scheme
 from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
 from .bifurcations import monitors_of
@@ -47,7 +46,7 @@ from .poincare_section import (
 )
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
 from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges, through_rest
-from .vanishing import from_strongest, vanishing_soon
+from .vanishing import first_shrinks, from_strongest, vanishing_soon
 from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
 
 Array = np.ndarray
@@ -59,6 +58,7 @@ class _Pause(Enum):
     """Why a walk is left where the branch goes on."""
 
     FIRST_SHRINKS = auto()  # the first phase may be about to vanish
+    PHASE_GONE = auto()  # a phase has vanished
     CUT_SHRINKS = auto()  # an event is about to move past the plane that cuts the cycle
     LEFT_BEHIND = auto()  # the plane that cuts the cycle is left behind
     NEXT_TO_NOTHING = auto()  # the cycle has shrunk to nothing
@@ -141,7 +141,9 @@ def follow(
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
     orbit = replace(orbit, problem=orbit.problem.over(span))
-    if not cut_by_planes(orbit):
+    if beside_the_plane(orbit) < NEXT_TO_IT and (cut := cut_elsewhere(orbit, options)) is not None:
+        orbit, previous = cut, None
+    elif not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
     line = Crossings(orbit, vary=vary, monitors=looked_for, options=options, at_kinks=monitors is not None)
     run = Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, options, max_points, progress, {
@@ -205,6 +207,8 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     """How the branch goes on after a walk, or its end; `came` where the walk had led to any orbit at all."""
     if outcome is _Pause.FIRST_SHRINKS:
         return replace(way, previous=_starting_elsewhere(run))
+    if outcome is _Pause.PHASE_GONE:
+        return _Departure(way.sense, run.branch.orbits[-2])
     if outcome is _Pause.CUT_SHRINKS:
         return _past_the_plane(run, way)
     if isinstance(outcome, End) and outcome.kind == POINT_KIND:
@@ -284,7 +288,6 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
     the first phase is about to vanish, or a cycle that is cut by planes has become small or (`watched`) leaves its
     plane behind.
     """
-    vary = run.branch.vary
     by_planes = cut_by_planes(run.last)
     largest = np.max([ranges(orbit) for orbit in run.branch.orbits if by_planes], axis=0, initial=0.0)
     while True:
@@ -309,14 +312,25 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
             continue
         if (part := beside_the_plane(after)) < NEXT_TO_IT <= beside_the_plane(before):
             return _Pause.CUT_SHRINKS
-        if _first_shrinks(before, after):
+        if first_shrinks(before, after):
             return _Pause.FIRST_SHRINKS
-        dies = GRAZING in run.looked_for and part == math.inf
-        over = vanishing_soon(before, after, vary, run.options, at_kinks=run.line.at_kinks) if dies else None
-        if over is not None and run.within(over[0]):
-            run.add(passed=run.line.rest())
-            run.add(passed=Passed((special_point(GRAZING, over[0], vary),)))
-            return over[1]
+        if GRAZING in run.looked_for and part == math.inf and (gone := _phase_gone(run, before, after)) is not None:
+            return gone
+
+
+def _phase_gone(run: Run[AnyOrbit], before: AnyOrbit, after: AnyOrbit) -> AnyOrbit | _Pause | None:
+    """Whether a phase vanishes behind the last two orbits: the branch has the contact then, and goes on without it."""
+    over = vanishing_soon(before, after, run.branch.vary, run.options, at_kinks=run.line.at_kinks)
+    if over is None or not run.within(over[0]):
+        return None
+    contact, behind = over
+    run.add(passed=run.line.rest())
+    run.add(contact, passed=Passed((special_point(GRAZING, contact, run.branch.vary),)))
+    run.line.go_on_from(contact)
+    if not run.within(behind):
+        return behind
+    run.add(behind, passed=run.line.past(behind))
+    return _Pause.PHASE_GONE
 
 
 def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
@@ -335,14 +349,6 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
 def _ended(run: Run[AnyOrbit], why: str) -> End | Complaint:
     """Why a walk has ended, with the value of the parameter where it was to end."""
     return End(why.kind, str(why), run.value(run.last)) if isinstance(why, Stopped) else cast(Complaint, why)
-
-
-def _first_shrinks(before: Orbit, after: Orbit) -> bool:
-    """Whether the first phase has become one that may vanish, so that a branch had better start with another one."""
-    if before.signature != after.signature:
-        return False
-    first = [may_vanish([arc.duration for arc in orbit.arcs]) == 0 for orbit in (before, after)]
-    return first == [False, True] and beside_the_plane(after) == math.inf
 
 
 def _starting_elsewhere(run: Run[AnyOrbit]) -> AnyOrbit | None:

@@ -13,8 +13,8 @@ A cycle that meets events may be cut by a plane besides:
 
 Along a branch the events move past the plane, and the phase between the two shrinks to nothing: no phase of the motion
 does.  Then the plane goes, for events are anchors enough.  Only a forced cycle keeps one, at a time in the middle of
-its longest phase: if its events vanish it is a cycle still, cut by nothing else.  It gets one where two phases are
-all that it has, and one of them may vanish.
+its longest phase.  Any cycle gets one where two phases are all that it has, and one of them may vanish: if its events
+vanish with that it is a cycle still, cut by nothing else.
 
 Symbols: n states, d stages, N intervals of the computed piece, tau local time in an interval.
 """
@@ -28,6 +28,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from ..collocation.interval import field_at
+from ..collocation.mesh import evaluate_phase
 from ..collocation.scheme import scheme
 from ..hybrid.system import Signature
 from ..hybrid.vector_form import TURNS
@@ -37,7 +38,7 @@ from ..orbits.closure import Section
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.other_start import may_vanish
-from ..orbits.restart import from_segments
+from ..orbits.restart import Start, from_segments
 from ..orbits.sequences import part_of, segments_of, start_of, uncut
 from ..roots import boundary
 from .curve import along, point_at, solved_along, solved_at
@@ -257,14 +258,12 @@ def _between(orbit: Orbit, mode: str, event: str, begin: tuple[int, float], end:
 def beside_the_plane(orbit: Orbit) -> float:
     """The phase of a cycle that may be about to vanish, in parts of its neighbour, if it ends or begins at a plane.
 
-    Or if it is the only one of a forced cycle but for one, which is then cut by nothing.  Infinite elsewhere, and where
-    no phase is short.
+    Or if it is the only one but for one, and no plane cuts the cycle.  Infinite elsewhere, and where no phase is short.
     """
     marks, durations = _marks(orbit), [arc.duration for arc in orbit.arcs]
     k = may_vanish(durations)
-    family = orbit.problem
-    alone = len(marks) == 2 and family.forced
-    if k is None or marks[k] == marks[k - 1] and not (alone and not any(marks)):
+    alone = len(marks) == 2 and not any(marks) and orbit.problem.system is not None
+    if k is None or marks[k] == marks[k - 1] and not alone:
         return math.inf
     return durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
 
@@ -303,9 +302,9 @@ def apart_by_kinks(one: Orbit, other: Orbit) -> bool:
 
 
 def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
-    """The same cycle, cut in the middle of its longest phase.
+    """The same cycle, cut in its longest phase, or by nothing where its events are anchors enough.
 
-    orbit, options: a cycle that meets events and is cut by a plane (`beside_the_plane`); tolerance and method.
+    orbit, options: a cycle that meets events (`beside_the_plane`); tolerance and method.
     Returns Orbit; None where it cannot be cut there.
     """
     family, marks = cast(Cycles, orbit.problem), _marks(orbit)
@@ -317,12 +316,16 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     start = unknowns_of(whole)
     plain = family.closing(family.closure)
     found = solved_at(plain, start_of(plain.asked(), uncut(segments_of(*start), family.marks), start), options)
-    forced = TURNS in family.system.names.entries
-    return cast("AnyOrbit | None", _halved(plain, found, options) if found is not None and forced else found)
+    if found is None or len(found.arcs) > 2 and not family.forced:
+        return cast("AnyOrbit | None", found)
+    return cast("AnyOrbit | None", _halved(plain, found, options))
 
 
 def _halved(family: Cycles, orbit: Orbit, options: Options) -> Any:
-    """A forced cycle that is cut by nothing, from the middle of its longest collocated phase to the image of that."""
+    """A cycle that is cut by nothing, from a place in its longest collocated phase to the image of that.
+
+    A forced one from the middle, by the time; else from where a state moves fastest, in parts of its range.
+    """
     like, posed = unknowns_of(orbit), family.asked()
     k = max((k for k in range(like[0].phases) if like[0].counts[k]), key=lambda k: orbit.arcs[k].duration, default=None)
     if k is None or (start := family.starting_at(k, *like) if k else like) is None:
@@ -331,14 +334,29 @@ def _halved(family: Cycles, orbit: Orbit, options: Options) -> Any:
     names = posed.image(whole, family.vector(), orbit.scale)
     if names is None:
         return None
-    behind, before = (part_of(posed, start, 0, whole, whole.mode, whole.event, a, b) for a, b in ((0.5, 1), (0, 0.5)))
-    last = posed.later(before)
-    entries = family.system.names.entries
-    i = entries.index(TURNS)
-    section = Section(names[0], TURNS, float(last.end[i]), float(orbit.scale[i]))
-    last = replace(last, mode=names[0], event=section.exits(entries)[0].event.name)
+    i, at, up = _steepest(family, orbit, start)
+    behind, before = (part_of(posed, start, 0, whole, whole.mode, whole.event, a, b) for a, b in ((at, 1), (0, at)))
+    last, entries = posed.later(before), family.system.names.entries
+    section = Section(names[0], entries[i], float(last.end[i]), float(orbit.scale[i]))
+    last = replace(last, mode=names[0], event=section.exits(entries)[0 if up else 1].event.name)
     cut = family.closing(family.closure, (section,))
     return solved_at(cut, start_of(cut.asked(), [behind, *others, last], start), options)
+
+
+def _steepest(family: Cycles, orbit: Orbit, start: Start) -> tuple[int, float, bool]:
+    """(entry of the state, part of the first phase, whether it rises) at which the image of that phase is best cut."""
+    (t, u, setting), entries = start, family.system.names.entries
+    forced = TURNS in entries
+    places = np.array([0.5]) if forced else np.array(TRIED_LEVELS)
+    phase, scale = t.cycle.phases[0], setting.scale
+    x = evaluate_phase(t, u, setting.fractions, 0, places)
+    rates = np.array([scale * field_at(phase.mode.field, y, phase.mode.sign, setting.p, scale) for y in x])
+    rates = rates @ np.linalg.inv(np.array(family.closure.matrix)).T
+    low, high = _ranges(orbit)
+    serves = [name == TURNS if forced else name not in family.system.angles for name in entries]
+    steepness = np.where(serves & (high > low), np.abs(rates) / np.where(high > low, high - low, 1.0), 0.0)
+    j, i = np.unravel_index(int(np.argmax(steepness)), steepness.shape)
+    return int(i), float(places[j]), bool(rates[j, i] > 0)
 
 
 def _marks(orbit: Orbit) -> list[bool]:

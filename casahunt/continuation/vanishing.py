@@ -15,6 +15,7 @@ The other way round, a phase that begins at a contact is held at a small duratio
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import chain, takewhile
@@ -34,7 +35,7 @@ from ..roots import boundary
 from .curve import along, backwards, curve_point, parameter_value, secant_direction, solved_at
 from .grazing_contact import CONTACT_RANGE, grazing_at
 from .locating import length_to, nearer
-from .poincare_section import same_events
+from .poincare_section import beside_the_plane, same_events
 from .walk import step_along
 
 Array = np.ndarray
@@ -65,25 +66,26 @@ def orbit_at_contact(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit |
     problem, k = orbit.problem, may_vanish([arc.duration for arc in orbit.arcs])
     if k in (0, len(orbit.arcs) - 1):  # it is joined with its neighbours; the image of the first phase is none yet
         orbit, _ = from_strongest(orbit, None, options)
-    t, u, setting = unknowns_of(orbit)
-    found = problem.vanishing(t, u, setting)
-    if found is None:
+    start = unknowns_of(orbit)
+    found = next(problem.vanishing(*start), None)
+    contact = None if found is None else _contact(problem, start, found[0], vary, options.tol)
+    if found is None or contact is None:
         return None
-    k, _ = found
-    setting = replace(setting, dp=along(problem, vary))
-    end = _shrunk(t, u, setting, k, options.tol)
-    if end is None:
-        return None
-    fine = _on_fine_mesh((t, end[0], setting), end[1], k, options.tol)
-    if fine is None:
-        return None
-    t, u, setting, lam = fine
+    (t, u, setting), lam, error = contact
     there = problem.with_value(vary, problem.moved(vary, lam))
-    fewer = there.vanishing(t, u, setting.moved(lam))
-    if fewer is None or fewer[0] != k:
-        return None
-    without = solved_at(there, fewer[1], options)
-    return cast(AnyOrbit, without) if without is not None and without.signature != orbit.signature else None
+    for gone, fewer in there.vanishing(t, u, setting.moved(lam)):
+        without = solved_at(there, fewer, options) if gone == found[0] else None
+        if without is not None and without.signature != orbit.signature:
+            return cast(AnyOrbit, replace(without, parameter_error=max(without.parameter_error, error)))
+    return None
+
+
+def first_shrinks(before: Orbit, after: Orbit) -> bool:
+    """Whether the first phase has become one that may vanish, so that a branch had better start with another one."""
+    if before.signature != after.signature:
+        return False
+    first = [may_vanish([arc.duration for arc in orbit.arcs]) == 0 for orbit in (before, after)]
+    return first == [False, True] and beside_the_plane(after) == math.inf
 
 
 def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options) -> tuple[AnyOrbit, AnyOrbit | None]:
@@ -106,6 +108,23 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
             return orbit, previous
         turned.append(cast(AnyOrbit, found))
     return turned[0], turned[1] if previous is not None else None
+
+
+def _contact(problem: Problem, start: Start, k: int, vary: str, tol: float) -> tuple[Start, float, float] | None:
+    """(cycle, lambda, its error) where phase k has become `VANISHED_PART` times as long; None where it gets not there.
+
+    What lambda lacks to the contact is some part of d lambda / d ln T_k, and what a mesh of half the intervals shows is
+    off by 2^d times as much, or more.
+    """
+    t, u, setting = start
+    setting = replace(setting, dp=along(problem, vary))
+    end = _shrunk(t, u, setting, k, tol)
+    fine = None if end is None else _on_fine_mesh((t, end[0], setting), end[1], k, tol)
+    if fine is None:
+        return None
+    (t, u, setting), lam, off = fine
+    lacks = abs(float(t.linearise(u, setting.moved(lam)).tangent(_row(t, u, k))[1][-1]))
+    return fine[0], lam, max(lacks, off / 2**t.degree)
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) -> tuple[Array, float] | None:
@@ -137,10 +156,11 @@ def _row(t: Transcription, u: Array, k: int) -> Array:
     return t.system.border(durations=durations)
 
 
-def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcription, Array, Setting, float] | None:
+def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Start, float, float] | None:
     """The same on meshes on which lambda moves no more, by the tolerance: the mesh was that of another cycle.
 
-    None where it still moves on the last one that is solved on: that is no place where anything is grazed.
+    Returns start, lambda, by how much it has moved last; None where it still moves on the last one that is solved on:
+    that is no place where anything is grazed.
     """
     t, u, setting = start
     for _ in range(MESHES_OF_A_TOUCH):
@@ -152,7 +172,7 @@ def _on_fine_mesh(start: Start, lam: float, k: int, tol: float) -> tuple[Transcr
         off = abs(solution.parameter - lam)
         t, u, setting, lam = finer, solution.u, there, solution.parameter
         if off <= tol:
-            return t, u, setting, lam
+            return (t, u, setting), lam, off
     return None
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -311,19 +311,19 @@ class Problem(ABC):
         """
         return [(t, u, setting)]
 
-    def vanishing(self, t: Any, u: Array, setting: Any) -> tuple[int, Any] | None:
-        """The phase of a cycle that may be about to vanish, and the cycle without it.
+    def vanishing(self, t: Any, u: Array, setting: Any) -> Iterator[tuple[int, Any]]:
+        """The phases of a cycle that may be about to vanish, and the cycle without each.
 
         Parameters
         ----------
         t, u, setting
             an orbit: transcription, unknowns, setting.
 
-        Returns
-        -------
-        Number of the phase, and starting point; None where there is none, or nobody knows.
+        Yields
+        ------
+        Number of the phase, and starting point, the most promising first; none where nobody knows.
         """
-        return None
+        return iter(())
 
     def strongest(self, t: Any, u: Array, setting: Any) -> int:
         """The phase at whose start an event is crossed the fastest: with which the cycle had best begin.

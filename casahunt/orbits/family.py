@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -131,8 +132,7 @@ class Cycles(Problem):
         start, posed = (t, u, setting), self.asked()
         if (more := split(posed, start, phase)) is not None:
             yield more
-        if (fewer := without(posed, start)) is not None:
-            yield fewer[1]
+        yield from (fewer for _, fewer in islice(without(posed, start), 1))
         if soft and (softer := unsplit(posed, start, phase)) is not None:
             yield softer
         yield from marched(posed, start)
@@ -181,21 +181,21 @@ class Cycles(Problem):
         """
         yield (start := in_parts(self.asked(), (t, u, setting)))
         for _ in range(2):
-            if (fewer := self.vanishing(*start)) is None:
+            if (fewer := next(self.vanishing(*start), None)) is None:
                 return
             yield (start := fewer[1])
 
-    def vanishing(self, t: Transcription, u: Array, setting: Setting) -> tuple[int, Start] | None:
-        """The shortest phase, where it may be about to vanish, and the cycle without it.
+    def vanishing(self, t: Transcription, u: Array, setting: Setting) -> Iterator[tuple[int, Start]]:
+        """The phases that may be about to vanish, and the cycle without each.
 
         Parameters
         ----------
         t, u, setting
             as in `Problem`.
 
-        Returns
-        -------
-        Number of the phase, and starting point; None where there is none.
+        Yields
+        ------
+        Number of the phase, and starting point.
         """
         return without(self.asked(), (t, u, setting))
 

@@ -23,7 +23,7 @@ Symbols: n states, P phases.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,10 +120,12 @@ def start_of(posed: Posed, segments: Sequence[Segment], like: Start) -> Start:
 # A phase taken out ---------------------------------------------------------------------------------------------
 
 
-def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
-    """The cycle without its shortest phase, where that may be about to vanish.
+def without(posed: Posed, start: Start) -> Iterator[tuple[int, Start]]:
+    """The cycles without a phase that may be about to vanish, the shortest first.
 
-    Returns number of the phase, and starting point; None where no phase is short, or none can be taken out.
+    Between two phases of one mode either both boundaries go, or the event before it leads past it.
+
+    Yields number of the phase, and starting point.
     """
     segments = segments_of(*start)
     for k in sorted(range(1, len(segments)), key=lambda j: segments[j].duration):
@@ -132,10 +134,9 @@ def without(posed: Posed, start: Start) -> tuple[int, Start] | None:
             continue
         if k + 1 < len(segments) and segments[k - 1].mode == segments[k + 1].mode:
             whole = joined_phases(segments[k - 1 : k + 2])
-            return k, start_of(posed, [*segments[: k - 1], whole, *segments[k + 2 :]], start)
+            yield k, start_of(posed, [*segments[: k - 1], whole, *segments[k + 2 :]], start)
         if _leads_past(posed, segments, k, start[2]):
-            return k, start_of(posed, [*segments[:k], *segments[k + 1 :]], start)
-    return None
+            yield k, start_of(posed, [*segments[:k], *segments[k + 1 :]], start)
 
 
 def uncut(segments: Sequence[Segment], marks: Container[str]) -> list[Segment]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from casahunt import Options, Servo, find_orbit
-from casahunt.continuation import beyond_grazing, follow, following
+from casahunt.continuation import beyond_grazing, follow, vanishing
 from casahunt.continuation.curve import solved_at
 from casahunt.continuation.poincare_section import same_events
 from casahunt.hybrid import Event, Mode, System
@@ -46,13 +46,13 @@ def test_a_cycle_behind_a_grazing_is_nearly_the_same(other, alike):
     ],
 )  # fmt: skip
 def test_a_first_phase_that_has_become_short(monkeypatch, before, after, same, shrinks):
-    monkeypatch.setattr(following, "beside_the_plane", lambda orbit: np.inf)
+    monkeypatch.setattr(vanishing, "beside_the_plane", lambda orbit: np.inf)
 
     def orbit(durations, signature):
         arcs = [SimpleNamespace(duration=duration) for duration in durations]
         return SimpleNamespace(arcs=arcs, problem=SimpleNamespace(), signature=signature)
 
-    assert following._first_shrinks(orbit(before, "phases"), orbit(after, "phases" if same else "others")) is shrinks
+    assert vanishing.first_shrinks(orbit(before, "phases"), orbit(after, "phases" if same else "others")) is shrinks
 
 
 @pytest.mark.parametrize("first", [0, 1])

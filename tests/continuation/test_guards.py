@@ -325,7 +325,7 @@ def test_a_shrinking_that_does_not_converge_is_given_up(sticking, monkeypatch):
 def test_a_long_phase_is_none_that_may_vanish(sticking):
     short = sticking[0]
     assert short.arcs[1].duration < 0.5 * short.arcs[0].duration
-    assert short.problem.vanishing(*unknowns_of(short))[0] == 1
+    assert next(short.problem.vanishing(*unknowns_of(short)))[0] == 1
     assert other_start.may_vanish([arc.duration for arc in short.arcs]) == 1
     assert [other_start.may_vanish(durations) for durations in ([1.0], [1.0, 0.6], [0.4, 1.0])] == [None, None, 0]
     for first in range(3):
