@@ -18,6 +18,7 @@ reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
 beyond_grazing.py   behind a grazing: the cycle that a branch goes on with
 equilibrium.py      the curve of equilibria of a mode, and the normal form of their Hopf bifurcations
+equilibrium_crossings.py where eigenvalues of equilibria pass the imaginary axis
 equilibrium_branch.py equilibria of a mode, followed in a parameter
 birth.py            the cycle that is born at a Hopf bifurcation
 terminations.py     where cycles end: shrunk, grown, at an equilibrium; and through a rest

@@ -13,10 +13,6 @@ derivatives of f as forms,
 l_1 is the first Lyapunov coefficient: cycles of |z|^2 = -mu / Re c are stable on the manifold where it is negative.  It
 is counted in units of q, which has length one here.
 
-A point of the curve is n + 1 numbers with an exact Jacobian, without phases, mesh or error estimate: of the walk along
-a branch of cycles (walk.py) and of that along special points (plane_curve.py, which has no Jacobian) its steps could
-share little but the halving of a step that has failed.
-
 Source: Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, Springer 1998, sections 3.5 and 5.4.
 Symbols: n states.
 """
@@ -25,8 +21,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations, product
+from functools import cache, partial
+from itertools import product
 from typing import NamedTuple
 
 import casadi as ca
@@ -44,14 +40,17 @@ CANCELLED = 1e-12
 """Sums that are less than this part of their terms are rounding."""
 CORRECTIONS, CORRECTED = 8, 1e-12
 """Newton steps after which a step has failed; length of the last one."""
+DOWN_TO_ROUNDING, SHRINKS_BY = 1e-8, 0.3
+"""One below this that is not shorter than the one before by this is rounding: next to a place where curves cross."""
 LEAST_ALONG = 0.95
 """Cosine between the tangents at both ends of a step, at least: a fold is rounded in several."""
-CROSSED = 1e-5
-"""Smallest over largest singular value of [f_x f_p] at a point at which two curves cross, which is known to less."""
+ROUNDING_OF_MU, IS_COMPLEX = 10.0, 10.0
+"""Rounding of a real part, in units of what one of the point and of the matrix in the last digit makes; and of that the
+imaginary part of one of a pair, at least."""
 BESIDE_IT = 1e-8
 """A Lyapunov coefficient that changes its sign, or by its size, so far aside in units of the parameter is zero."""
 
-KINDS = FOLD_POINT, HOPF, BRANCH_POINT, BOUNDARY = "fold", "Hopf", "branch point", "boundary"
+FOLD_POINT, HOPF, BRANCH_POINT, BOUNDARY = "fold", "Hopf", "branch point", "boundary"
 """What is met on a branch of equilibria."""
 
 
@@ -131,6 +130,11 @@ def solved(matrix: Array, right: Array) -> Array | None:
         return None
 
 
+def without_rounding(x: Array, step: Array) -> Array:
+    """(n,) a point behind a Newton step (n,): what is no larger than the step is none of its components."""
+    return np.where(np.abs(x) <= np.abs(step), 0.0, x)
+
+
 def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
     """The equilibrium next to a state, by Newton's method.
 
@@ -143,7 +147,7 @@ def at_rest(field: Field, sign: float, x: Array, p: Array) -> Array | None:
             return None
         x = x - step
         if np.max(np.abs(step)) <= AT_REST * max(1.0, float(np.max(np.abs(x)))):
-            return x
+            return without_rounding(x, step)
     return None
 
 
@@ -207,14 +211,70 @@ def _real_forms(field: Field, sign: float, x: Array, p: Array, *vectors: Array) 
     return np.array(second).ravel(), np.array(third).ravel(), np.array(by_p).reshape(x.size, p.size)
 
 
+def _sorted(mu: Array) -> Array:
+    """(n,) complex eigenvalues, the one that grows fastest first."""
+    return mu[np.argsort(-mu.real, kind="stable")].astype(complex)
+
+
+@cache
+def _signs(n: int) -> Array:
+    """(n, n) of the rounding of a matrix: any will do, and both ways, for a double eigenvalue parts in one or other."""
+    return np.random.default_rng(n).choice([-1.0, 1.0], (n, n))
+
+
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A point of the curve: y = (x, lambda), its tangent, of length one in these units, and the monitors there."""
+    """A point of the curve.
+
+    Attributes
+    ----------
+    y, tangent, units : (n + 1,) each: (x, lambda), the direction of the curve there, of length one in these units.
+    mu, noise : (n,) eigenvalues of f_x by decreasing real part, and what rounding leaves of each.
+    inside : above zero where the equilibrium is one of its mode.
+    """
 
     y: Array
     tangent: Array
     units: Array
-    values: Array
+    mu: Array
+    noise: Array
+    inside: float
+
+    @property
+    def signs(self) -> Array:
+        """(n,) of the real parts; 0 where rounding does not tell."""
+        return np.where(np.abs(self.mu.real) > self.noise, np.sign(self.mu.real), 0.0)
+
+    @property
+    def turning(self) -> Array:
+        """(n,) bool: which eigenvalues are one of a complex pair."""
+        return np.asarray(np.abs(self.mu.imag) > IS_COMPLEX * self.noise)
+
+    @property
+    def growing(self) -> tuple[int, int]:
+        """How many real eigenvalues are positive, and how many pairs have a positive real part."""
+        grow = self.signs > 0
+        return int(np.sum(grow & ~self.turning)), int(np.sum(grow & self.turning)) // 2
+
+    @property
+    def orientation(self) -> float:
+        """The sign of det f_x; 0 where rounding does not tell."""
+        size = np.abs(self.mu)
+        return float(np.sign(np.prod(self.mu / size).real)) if np.all(size > self.noise) else 0.0
+
+    def unclear(self, after: Place) -> bool:
+        """Whether rounding hides at a point behind this one what it does not hide here."""
+        hidden = np.any((after.signs == 0) & (self.signs != 0))
+        return bool(hidden or (after.orientation == 0 and self.orientation != 0))
+
+    def det(self, size: float) -> tuple[float, float]:
+        """The product of the eigenvalues in units of a size, and its error."""
+        off = float(np.max(self.noise / np.maximum(np.abs(self.mu), self.noise)))
+        return (det := float(np.prod(self.mu / size).real)), off * abs(det)
+
+    def growth(self, ranks: Array) -> tuple[float, float]:
+        """The mean of some of the real parts, by number, and its error."""
+        return float(np.mean(self.mu[ranks].real)), float(np.max(self.noise[ranks]))
 
 
 class Curve:
@@ -255,14 +315,17 @@ class Curve:
         y, row, units: (n + 1,) each: a point of the plane, the direction that is orthogonal to it, and the units of
         both. Returns the point and the number of Newton steps; None where they do not converge.
         """
+        last = math.inf
         for k in range(CORRECTIONS):
             here, matrix = self.rates(y, units)
             step = solved(np.vstack([matrix, row]), np.append(here.f, 0.0)) if here.finite else None
             if step is None:
                 return None
             y = y - step * units
-            if np.linalg.norm(step) <= CORRECTED * max(1.0, float(np.linalg.norm(y / units))):
-                return y, k + 1
+            size = math.hypot(*step) / max(1.0, math.hypot(*(y / units)))
+            if size <= CORRECTED or (size <= DOWN_TO_ROUNDING and size > SHRINKS_BY * last):
+                return without_rounding(y, step * units), k + 1
+            last = size
         return None
 
     def ahead(self, place: Place, ds: float) -> tuple[Place, int] | None:
@@ -288,11 +351,6 @@ class Curve:
         tangent = place.tangent * place.units / units
         return replace(place, tangent=tangent / np.linalg.norm(tangent), units=units)
 
-    def eigenvalues(self, y: Array) -> Array:
-        """(n,) of f_x, the one that grows fastest first."""
-        values = np.linalg.eigvals(self.rates(y, np.ones(y.size))[0].A).astype(complex)
-        return values[np.argsort(-values.real, kind="stable")]
-
     def margins(self, y: Array) -> Array:
         """What must not be negative for the equilibrium to be one of the mode: `holds`, and its events."""
         x, p = y[:-1], self.at(y[-1])
@@ -303,16 +361,15 @@ class Curve:
         return np.array(found)
 
     def place(self, y: Array, tangent: Array, units: Array) -> Place:
-        """A point with the functions that change sign at a special point, in the order of `KINDS`.
-
-        y, tangent, units: (n + 1,) each, as of `Place`.
-        """
-        mu = self.eigenvalues(y)
-        sums = [(a + b) / (abs(a) + abs(b) or 1.0) for a, b in combinations(mu, 2)]
-        det = np.prod(mu / (np.max(np.abs(mu)) or 1.0)).real
+        """A point, its tangent and units (n + 1,) each, as of `Place`, with what is known there."""
+        off = np.finfo(float).eps * y * _signs(y.size)[-1]
+        A, *others = (self.rates(z, units)[0].A * units[:-1] / units[:-1, None] for z in (y, y + off, y - off))
+        rounding = np.finfo(float).eps * float(np.linalg.norm(A)) * _signs(A.shape[0])
+        mu, *nearby = (_sorted(np.linalg.eigvals(B)) for B in (A, others[0] + rounding, others[1] - rounding))
+        off = np.max([np.abs(mu.real - other.real) for other in nearby], axis=0) + np.max(np.abs(rounding))
         inside = float(np.min(self.margins(y), initial=np.inf))
         inside = inside / (1 + abs(inside)) if math.isfinite(inside) else 1.0
-        return Place(y, tangent, units, np.array([tangent[-1], np.prod(sums).real if sums else 1.0, det, inside]))
+        return Place(y, tangent, units, mu, ROUNDING_OF_MU * off, inside)
 
     def normal_form(self, place: Place, omega: float) -> NormalForm | None:
         """The normal form of a Hopf bifurcation, its Lyapunov coefficient 0 where it is one of a point aside.
@@ -322,18 +379,14 @@ class Curve:
         field, sign, x, value = self.mode.field, self.mode.sign, place.y[:-1], float(place.y[-1])
         aside = BESIDE_IT * float(place.units[-1])
         try:
-            form = normal_form(field, sign, x, self.at(value), omega)
-            other = normal_form(field, sign, x + aside * form.x_by_p[:, self.i], self.at(value + aside), omega)
+            with np.errstate(all="ignore"):  # of a double pair, which has no normal form, what comes out is not finite
+                form = normal_form(field, sign, x, self.at(value), omega)
+                other = normal_form(field, sign, x + aside * form.x_by_p[:, self.i], self.at(value + aside), omega)
         except np.linalg.LinAlgError:
             return None
         if not (form.omega > 0 and other.omega > 0 and math.isfinite(abs(form.c))):
             return None
         return form if abs(other.l1 - form.l1) < abs(form.l1) else form._replace(l1=0.0)
-
-    def crossed(self, place: Place) -> bool:
-        """Whether two curves of equilibria cross at a point: [f_x f_p] has a rank less than n there."""
-        sizes = np.linalg.svd(self.rates(place.y, place.units)[1], compute_uv=False)
-        return bool(sizes[-1] <= CROSSED * sizes[0])
 
 
 def units_of(before: Array, y: Array) -> Array:
@@ -344,11 +397,3 @@ def units_of(before: Array, y: Array) -> Array:
     """
     larger = np.maximum(np.where(before == 1.0, 0.0, before), np.abs(y))
     return np.where(larger > 0, larger, 1.0)
-
-
-def value_of(kind: str, place: Place) -> float:
-    """The function that changes sign at a kind of special point.
-
-    kind, place: one of `KINDS`, and a point.
-    """
-    return float(place.values[KINDS.index(kind)])

@@ -2,15 +2,12 @@
 
     f(x; p) = 0 along s:    f_x x' + f_p p' = 0,    |(x, lambda)'| = 1
 
-x and lambda are in units of their largest magnitude so far.  Special points lie where one of these changes its sign:
+x and lambda are in units of their largest magnitude so far.  Special points (equilibrium_crossings.py) lie where
 
     fold            lambda' = 0                                 two equilibria meet
-    Hopf            prod (mu_i + mu_j) = 0, of a complex pair   cycles are born
-    branch point    det f_x = 0 without a fold                  another branch of equilibria crosses
+    Hopf            a pair of eigenvalues of f_x is imaginary   cycles are born
+    branch point    an eigenvalue is 0 without a fold           another branch of equilibria crosses
     boundary        holds = 0, or an event of the mode = 0      the equilibrium leaves its mode, and the branch ends
-
-mu_i being the eigenvalues of f_x.  A step is halved until the parabola through each of these at its ends and its middle
-changes sign as often as the values do: two zeros inside a step are both found.
 
 Symbols: n states.
 """
@@ -18,10 +15,9 @@ Symbols: n states.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,34 +26,18 @@ from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..hybrid.language import System
 from ..results import Result
-from ..roots import CLOSED, Bracket, Search
-from .equilibrium import (
-    BOUNDARY,
-    BRANCH_POINT,
-    FOLD_POINT,
-    HOPF,
-    KINDS,
-    Curve,
-    NormalForm,
-    Place,
-    at_rest,
-    units_of,
-    value_of,
-)
+from .equilibrium import BOUNDARY, BRANCH_POINT, FOLD_POINT, HOPF, Curve, NormalForm, Place, at_rest, units_of
+from .equilibrium_crossings import CHANGE, Line, Lost, Passed, turns_back
 from .special_points import Missed
 
 Array = np.ndarray
 
 LONGEST_ARC, FIRST_ARC, SHORTEST_ARC = 0.1, 0.01, 1e-9
 """Length of a step."""
+LEAST_STEPS = 10
+"""A range is passed in so many steps, at least, however small it is beside its values."""
 QUICK = 3
 """Newton steps up to which the next step may be longer."""
-SHORTEST_PART = 1e-4
-"""A step is halved no more below this length: zeros that are nearer to each other are one point."""
-AT_A_POINT, LOCATING_ROUNDS = 1e-11, 60
-"""Length to which a special point is located."""
-COMPLEX_PAIR = 1e-6
-"""Imaginary part of a pair, relative to the largest eigenvalue, below which it is two real ones."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,6 +49,7 @@ class Equilibrium(Result):
     system, mode : whose it is; name of the mode.
     parameters, states : by name.
     eigenvalues : (n,) complex, of the field linearised there, the one that grows fastest first.
+    rounding : (n,) what rounding leaves of each.
 
     Examples
     --------
@@ -87,11 +68,12 @@ class Equilibrium(Result):
     parameters: dict[str, float]
     states: dict[str, float]
     eigenvalues: Array
+    rounding: Array
 
     @property
     def stable(self) -> bool:
-        """Every eigenvalue has a negative real part."""
-        return bool(np.all(self.eigenvalues.real < 0))
+        """Every eigenvalue has a negative real part, beyond rounding."""
+        return bool(np.all(self.eigenvalues.real < -self.rounding))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +87,9 @@ class SpecialEquilibrium(Result):
     vary : name of the parameter.
     meaning : one sentence for the user.
     normal_form : of a Hopf bifurcation, else None; `l1` is its first Lyapunov coefficient, `omega` the frequency.  None
-        where another eigenvalue is zero there too.
+        where another eigenvalue is zero there too, or another pair passes.
+    error : estimated absolute error of the value.
+    multiplicity : how many eigenvalues, or complex pairs of them, pass the imaginary axis there.
 
     Examples
     --------
@@ -120,13 +104,15 @@ class SpecialEquilibrium(Result):
     """
 
     _quantities = ("kind", "meaning")
-    _details = ("value", "vary", "equilibrium")
+    _details = ("value", "vary", "error", "multiplicity", "equilibrium")
 
     kind: str
     equilibrium: Equilibrium
     vary: str
     meaning: str
     normal_form: NormalForm | None = None
+    error: float = math.nan
+    multiplicity: int = 1
 
     @property
     def value(self) -> float:
@@ -248,9 +234,10 @@ def equilibria(
     here = float(p[curve.i])
     to, back = to_and_back(vary, here, to, back)
     longest, bounds = require("largest_step", largest_step, above=0.0), (min(to, back), max(to, back))
-    steps = _Steps(curve, name, vary, bounds, longest, [_first(curve, x, float(np.sign(to - here)))])
+    first = _first(curve, x, float(np.sign(to - here)))
+    steps = _Steps(curve, name, vary, bounds, longest, [first])
     ended = steps.run(max_points)
-    points = tuple(steps.equilibrium(place.y) for place in steps.places)
+    points = tuple(steps.equilibrium(place) for place in steps.places)
     return EquilibriumBranch(vary, points, tuple(steps.special), tuple(steps.missed), ended)
 
 
@@ -274,7 +261,10 @@ def _first(curve: Curve, x: Array, sense: float) -> Place:
 
 @dataclass
 class _Steps:
-    """A walk along the curve, with what is met; the places grow with it."""
+    """A walk along the curve, with what is met; the places grow with it.
+
+    looked, known : number of the last place that it was looked up to; (n,) the signs there, or last that were sure.
+    """
 
     curve: Curve
     mode: str
@@ -286,12 +276,15 @@ class _Steps:
     def __post_init__(self) -> None:
         self.special: list[SpecialEquilibrium] = []
         self.missed: list[Missed] = []
+        self.looked, self.known = 0, self.places[0].signs
 
     def run(self, max_points: int) -> str:
         """Steps to the end of the branch; why it ends."""
         ds = min(FIRST_ARC, self.longest)
         while len(self.places) < max_points:
             place = self.places[-1]
+            along = abs(float(place.tangent[-1] * place.units[-1]))
+            ds = min(ds, (self.bounds[1] - self.bounds[0]) / LEAST_STEPS / max(along, np.finfo(float).tiny))
             step = self.curve.ahead(place, ds)
             while step is None:
                 ds /= 2
@@ -300,125 +293,95 @@ class _Steps:
                 step = self.curve.ahead(place, ds)
             after, corrections = step
             beyond = not self.bounds[0] <= after.y[-1] <= self.bounds[1]
-            if beyond:
-                landed = self.landed(place, after)
-                if landed is None:
-                    return f"no step from {self.vary} = {place.y[-1]:.8g} leads to the end of the range"
-                after = landed
-            if (ended := self.met(place, after)) or beyond:
-                return ended or f"{self.vary} reached {after.y[-1]:.6g}, the end of the range"
-            self.places[-1] = self.curve.in_units(after, units_of(after.units, after.y))
+            ended = self.met(after, last=beyond)
+            if not ended and beyond:
+                ended = self.landed(place, after)
+            if ended:
+                return ended
+            self.places.append(self.curve.in_units(after, units_of(after.units, after.y)))
             ds = min(ds * (1.5 if corrections <= QUICK else 0.8), self.longest)
         return f"stopped after {max_points} points at {self.vary} = {self.places[-1].y[-1]:.6g}"
 
-    def landed(self, place: Place, after: Place) -> Place | None:
-        """The point of a step at which the parameter meets its bound."""
+    def landed(self, place: Place, after: Place) -> str:
+        """Put the point of a step at which the parameter meets its bound to the others; why the branch ends there."""
         bound = self.bounds[1] if after.y[-1] > self.bounds[1] else self.bounds[0]
-        if place.y[-1] == bound:  # the first step
-            return place
-        found = self.root(place, after, lambda at: float(at.y[-1]) - bound)
-        return None if found is None else replace(found, y=np.append(found.y[:-1], bound))
+        if place.y[-1] != bound:  # it is, where the first step goes out of the range
+            line = Line(self.curve, place, after)
+            at = line.zero(0.0, line.length, lambda one: (float(one.y[-1]) - bound, 0.0))
+            if at is None:
+                return f"no step from {self.vary} = {place.y[-1]:.8g} leads to the end of the range"
+            place = replace(at.place, y=np.append(at.place.y[:-1], bound))
+        self.places.append(place)
+        return f"{self.vary} reached {bound:.6g}, the end of the range"
 
-    def met(self, before: Place, after: Place) -> str:
-        """Put the special points of a step and the point behind it to what is there; why the branch ends there."""
-        for a, b in pairwise(self.refined(before, after)):
-            signs = zip(KINDS, a.values, b.values, strict=True)
-            changes = [kind for kind, f, g in signs if f * g < 0 or (g == 0 and f != 0)]
-            located = [(kind, self.root(a, b, partial(value_of, kind))) for kind in changes]
-            located.sort(key=lambda one: 0.0 if one[1] is None else float((one[1].y - a.y) / a.units @ a.tangent))
-            for kind, at in located:
-                point = None if at is None else self.special_point(kind, at)
-                if at is None:
-                    self.miss(kind, a, b)
-                elif point is not None and not (kind == BRANCH_POINT and FOLD_POINT in changes):
-                    self.special.append(point)
-                if kind == BOUNDARY and at is not None and point is not None:
-                    self.places.append(at)
-                    return point.meaning
-            grow = [int(np.sum(self.curve.eigenvalues(at.y).real > 0)) for at in (a, b)]
-            if not changes and grow[0] != grow[1]:
-                self.miss("change of stability", a, b)
-        self.places.append(after)
+    def met(self, after: Place, *, last: bool) -> str:
+        """Put what lies in the step to a point to what is there; why the branch ends in it.
+
+        A point at which rounding hides which side an eigenvalue is on is no end of a step: the next one is, if not
+        `last`.
+        """
+        if not last and self.looked == len(self.places) - 1 and self.places[-1].unclear(after):
+            return ""
+        line, before = Line(self.curve, *self.places[self.looked :], after), self.places[self.looked]
+        self.looked = len(self.places)
+        if np.any((before.signs == 0) & (self.known * after.signs < 0)):  # rounding hid it for several steps
+            self.told(Lost(CHANGE, before, after))
+        self.known = np.where(after.signs != 0, after.signs, self.known)
+        for low, high in pairwise(line.stations()):
+            end = line.left(low, high)
+            for one in line.passed(low, end.at.s if isinstance(end, Passed) else high):
+                self.told(one)
+            if end is not None and self.told(end):
+                assert isinstance(end, Passed)
+                self.places.append(end.at.place)
+                return self.special[-1].meaning
+        around = [*self.places[-2:], after]
+        for one in Line(self.curve, *around).beside() if len(around) == 3 and turns_back(*around) else ():
+            self.told(one)
         return ""
 
-    def miss(self, kind: str, a: Place, b: Place) -> None:
-        """Say that something was not located."""
-        between = f"{self.vary} = {a.y[-1]:.8g} and {b.y[-1]:.8g}"
-        self.missed.append(Missed(kind, f"a {kind} between {between} was not located; shorter steps may lead there"))
+    def told(self, one: Passed | Lost) -> bool:
+        """Put something to what is there, where it lies in the range; whether it is a special point."""
+        place = one.before if isinstance(one, Lost) else one.at.place
+        off = max(self.bounds[0] - place.y[-1], place.y[-1] - self.bounds[1])
+        if isinstance(one, Passed) and off <= one.at.error:
+            self.special.append(self.special_point(one))
+            return True
+        if isinstance(one, Lost) and off <= 0:
+            between = f"{self.vary} = {place.y[-1]:.8g} and {one.after.y[-1]:.8g}"
+            sentence = f"a {one.kind} between {between} was not located; shorter steps may lead there"
+            self.missed.append(Missed(one.kind, sentence))
+        return False
 
-    def refined(self, a: Place, b: Place) -> list[Place]:
-        """The ends of a step, and points between that part the zeros of every monitor."""
-        length = float(np.linalg.norm((b.y - a.y) / a.units))
-        step = self.curve.ahead(a, length / 2) if length > SHORTEST_PART else None
-        if step is None:
-            return [a, b]
-        m = step[0]
-        f = np.array([at.values for at in (a, m, b)])
-        if not any(_turns_through(*column) for column in f.T):
-            return [a, m, b] if np.any(f[0] * f[1] < 0) or np.any(f[1] * f[2] < 0) else [a, b]
-        return [*self.refined(a, m), *self.refined(m, b)[1:]]
-
-    def root(self, a: Place, b: Place, function: Callable[[Place], float]) -> Place | None:
-        """The point between two at which a function is zero; None where the steps there do not lead to one."""
-        length = float((b.y - a.y) / a.units @ a.tangent)
-        f_a, f_b = function(a), function(b)
-        if f_b == 0:
-            return b
-        search, best = Search.within(Bracket(0.0, f_a, length, f_b)), (b if abs(f_b) < abs(f_a) else a)
-        least = min(abs(f_a), abs(f_b))
-        for _ in range(LOCATING_ROUNDS):
-            s = search.ask()
-            step = self.curve.ahead(a, s)
-            if step is None:
-                search = search.failed()
-                continue
-            f = function(step[0])
-            if abs(f) <= least:
-                least, best = abs(f), step[0]
-            if f == 0 or search.bracket.width <= max(AT_A_POINT, CLOSED * length):
-                return best
-            search = search.told(s, f)
-        return None
-
-    def equilibrium(self, y: Array) -> Equilibrium:
+    def equilibrium(self, place: Place) -> Equilibrium:
         """A point as the user reads it."""
-        system, p = self.curve.system, self.curve.at(y[-1])
+        system, p = self.curve.system, self.curve.at(place.y[-1])
         parameters = dict(zip(system.names.parameters, map(float, p), strict=True))
-        return Equilibrium(system, self.mode, parameters, system.names.numbers(y[:-1], p), self.curve.eigenvalues(y))
+        states = system.names.numbers(place.y[:-1], p)
+        return Equilibrium(system, self.mode, parameters, states, place.mu, place.noise)
 
-    def special_point(self, kind: str, at: Place) -> SpecialEquilibrium | None:
-        """A located point; None where two real eigenvalues of opposite signs look like a Hopf bifurcation."""
-        kind = BRANCH_POINT if kind == FOLD_POINT and self.curve.crossed(at) else kind
-        here, form, name = self.equilibrium(at.y), None, f"{self.vary} = {float(to_error(at.y[-1], 1e-10)):.10g}"
-        if abs(at.y[-1]) <= 1e-10 * at.units[-1]:
-            name = f"{self.vary} = 0"
+    def special_point(self, one: Passed) -> SpecialEquilibrium:
+        """A located point."""
+        at, error, many, form = one.at.place, one.at.error, one.many, None
+        value = float(at.y[-1])
+        name = f"{self.vary} = {to_error(value, error / abs(value), 10) if abs(value) > error else '0'}"
         meaning = {
             FOLD_POINT: f"fold at {name}: two equilibria meet; beyond it there is neither",
             BRANCH_POINT: f"branch point at {name}: another branch of equilibria crosses this one",
             BOUNDARY: f"at {name} the equilibrium leaves mode {self.mode!r} (a boundary equilibrium)",
-        }.get(kind, "")
-        if kind == HOPF:
-            mu = here.eigenvalues
-            a, b = min(combinations(mu, 2), key=lambda two: abs(two[0] + two[1]) / (abs(two[0]) + abs(two[1]) or 1.0))
-            if not abs(a.imag) > COMPLEX_PAIR * np.max(np.abs(mu)):
-                return None
-            form = self.curve.normal_form(at, abs(a.imag))
-            others = [c for c in mu if c not in (a, b)]
-            born = "degenerate, for other eigenvalues are zero too"
+        }.get(one.kind, "")
+        if one.kind == HOPF:
+            k = int(np.argmin(np.where(at.turning, np.abs(at.mu.real), np.inf)))
+            omega, others = abs(float(at.mu[k].imag)), np.delete(at.mu, [k, k + 1])
+            form = self.curve.normal_form(at, omega) if many == 1 else None
+            born = "degenerate, for other eigenvalues have no real part there either"
             meaning = f"Hopf bifurcation at {name}: {_born(form, self.curve.i, self.vary, others) if form else born}"
-        return SpecialEquilibrium(kind, here, self.vary, meaning, form)
+        if many > 1:
+            meaning += f" ({many} {'pairs of ' * (one.kind == HOPF)}eigenvalues at once)"
+        return SpecialEquilibrium(one.kind, self.equilibrium(at), self.vary, meaning, form, error, many)
 
 
-def _turns_through(f: float, g: float, h: float) -> bool:
-    """Whether the parabola through three values, the second one half-way, has zeros that their signs do not show."""
-    if f * g < 0 or g * h < 0:
-        return False
-    bends, slope = 2 * (f - 2 * g + h), 4 * g - 3 * f - h
-    turn = -slope / (2 * bends) if bends else math.nan
-    return bool(0 < turn < 1 and (f + turn * (slope + turn * bends)) * g < 0)
-
-
-def _born(form: NormalForm, i: int, vary: str, others: list[complex]) -> str:
+def _born(form: NormalForm, i: int, vary: str, others: Array) -> str:
     """What is born at a Hopf bifurcation."""
     passes = float(form.by_p[i].real)
     if form.l1 == 0 or passes == 0:

@@ -310,10 +310,10 @@ def _beside(line: _Line[AnyOrbit], place: float, slope: float) -> Located[AnyOrb
             continue
         s, f = np.array([one[:2] for one in line.seen]).T
         lam, every = np.array([line.lam(orbit) for *_, orbit in line.seen]), np.arange(f.size)
-        at = _at_zero(f, lam)
+        at = at_zero(f, lam)
         noise = max(line.monitor.noise(orbit) for *_, orbit in line.seen) * float(np.ptp(lam) / np.ptp(f))
-        error = noise + max(abs(_at_zero(f[every != k], lam[every != k]) - at) for k in every)
-        place, slope = _at_zero(f, s), np.ptp(f) / np.ptp(s) * np.sign(slope)
+        error = noise + max(abs(at_zero(f[every != k], lam[every != k]) - at) for k in every)
+        place, slope = at_zero(f, s), np.ptp(f) / np.ptp(s) * np.sign(slope)
         if error * np.ptp(f) <= accepted * np.ptp(lam) and f.min() < 0 < f.max():
             line.value(place + NEXT_TO_CROSSING / slope)
             near = [one for one in line.seen if abs(one[1]) > NEXT_TO_CROSSING / 2]  # else it has gone to the other
@@ -321,10 +321,10 @@ def _beside(line: _Line[AnyOrbit], place: float, slope: float) -> Located[AnyOrb
     return None
 
 
-def _at_zero(f: Array, x: Array) -> float:
-    """x at f = 0 of the polynomial x(f) through points (m,)."""
+def at_zero(f: Array, x: Array) -> Any:
+    """x at f = 0 of the polynomial x(f) through points: (m,) or (m, ...)."""
     weights = [np.prod(np.delete(f, k) / (np.delete(f, k) - f[k])) for k in range(f.size)]
-    return float(np.dot(weights, x))
+    return np.dot(weights, x)
 
 
 def length_to(after: Orbit, before: Orbit, start: CurvePoint, vary: str) -> float:

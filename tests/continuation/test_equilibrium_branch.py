@@ -193,22 +193,6 @@ def test_no_cycle_is_born_far_away(small):
     assert 2 * math.pi / cycle.period == pytest.approx(form.omega, rel=0.1)
 
 
-def test_two_pairs_that_pass_at_once_are_missed_and_said_to_be():
-    """Two oscillators that are the same: no product changes its sign."""
-
-    def field(x, p):
-        one, other = ({k: getattr(x, k + n) for k in "xy"} for n in "12")
-        found = {}
-        for n, z in zip("12", (one, other), strict=True):
-            found |= {"x" + n: p.l * z["x"] - z["y"] - z["x"] ** 3, "y" + n: p.l * z["y"] + z["x"]}
-        return found
-
-    twins = System("twins", ("x1", "y1", "x2", "y2"), {"l": -1.03}, (Mode("m", field),))
-    branch = equilibria(twins, vary="l", to=1.0, x1=0.0, y1=0.0, x2=0.0, y2=0.0)
-    assert not branch.special and [missed.kind for missed in branch.missed] == ["change of stability"]
-    assert "change of stability between" in str(branch)
-
-
 def test_a_saddle_whose_eigenvalues_cancel_is_no_hopf_point():
     saddle = System("saddle", ("x", "y"), {"l": -1.0}, (Mode("m", lambda x, p: {"x": (1 + p.l / 2) * x.x, "y": -x.y}),))
     assert equilibria(saddle, vary="l", to=1.0, x=0.0, y=0.0).special == ()
