@@ -35,6 +35,7 @@ other_start.py the same cycle from another of its boundaries
 family.py    the cycles of a user's system at one p
 marched_mesh.py  from a motion that is not yet the orbit to the orbit
 saved_cycle.py cycles of a user's system in files
+first_return.py  where a motion first comes back: the guess of a cycle next to a state
 cycle_search.py the cycle that a motion of a user's system settles on
 """
 

@@ -235,7 +235,7 @@ def searched(field, span: float, looks: int) -> Returning:
     never = Event("never", lambda x, p: x.x - 1e9, +1, to="on")
     system = System("never again", ("x", "v"), {}, (Mode("on", field, ends=(never,)),))
     return Returning(
-        system=system, p=np.zeros(0), mode="on", x=np.array([0.0, 1.0]), settled=False, kind="gauss",
+        system=system, p=np.zeros(0), mode="on", x=np.array([0.0, 1.0]), kind="gauss",
         scale=np.ones(2), form=system.vector_form, span=span, looks=looks,
     )  # fmt: skip
 
