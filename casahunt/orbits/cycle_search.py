@@ -86,8 +86,7 @@ def find_cycle(
         the principal parameter, default the first one; the state, or the function (x, p) of named states and
         parameters, whose largest magnitude over the cycle is the amplitude: default the first state that is no angle.
     settled
-        the states are a guess, some percent beside a cycle, stable or not: sought is that next to them, from the first
-        return of the motion on.  How far it lies from the states is its `from_start`, a fifth of their sizes at most.
+        the states are a guess, some percent beside a cycle, stable or not: that is sought (`SystemOrbit.from_start`).
     options
         more than a tolerance: scheme, solver; overrides `tol`.
     start

@@ -1,6 +1,6 @@
 """Where a motion first comes back to where it began: the guess of a cycle next to given states, stable or not.
 
-    off(t) = S x(t) - c - x,    |off(t)| < NEAR min(1, how far it has been away),    S = 1, or a symmetry of the motion
+    off(t) = S x(t) - c - x,    |off(t)| < 0.6 min(1, how far it has been away),    S = 1, or a symmetry of the motion
 
 A motion that begins next to an unstable cycle is away from it within a turn, but once round it is still a guess: the
 equations of the cycle correct the start by -(M - 1)^-1 off, M being its return map, and the rest of the turn with it.
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count, groupby
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,28 +32,28 @@ from ..hybrid.problem import Kind
 from ..motion.phases import MarchFailure, Segment, march
 from ..motion.segment import NoEnd
 from ..motion.simulation import MARCH_DEGREE, sampled
-from .closure import NOISE, Closure, Section, sizes_of, turned, turns
+from .closure import MAY_BE_ROUNDING, Closure, Section, sizes_of, turned, turns
 from .recurrence import TRIED, image_of, symmetries, turns_over
-from .sequences import joined_phases, later, uncut
+from .sequences import joined_phases, later
 from .watching import SEARCH_TOLERANCE, Turning, going_on, longest_look
 
 Array = np.ndarray
 
-NEAR, SURELY = 0.6, 0.3
+TRIED_WITHIN, SURELY_BACK = 0.6, 0.3
 """What comes back so near is tried, as part of how far it has been away, and in units of the sizes of the states: with
 0.3 fewer starts lead to their cycle, with 1 hardly more (tests/orbits/test_first_return.py).  And what is as near as
 ends the search in time."""
-AS_LONG, NEARER, NEAR_ENOUGH = 2.1, 0.5, 1e-3
+AS_LONG, A_NEARER_ONE, BACK = 2.1, 0.5, 1e-3
 """A motion that is surely back is followed until it has taken so many times as long, for a return that is nearer by
 this factor; not where it is so near."""
-LOOKS = 16
+STATES_OF_AN_INTERVAL = 8
 """Points of an interval at which it is seen how far the motion is from its start."""
-MOST_PHASES, MOST_TURNS, MOST_INTERVALS = 200, 12, 5000
+PHASES_AT_MOST, TURNS_AT_MOST, INTERVALS_AT_MOST = 100, 12, 5000
 """Phases, turns (of what goes round, or through the plane of the start) and intervals after which it is not expected
 back."""
 IN_TIME = 0.999
 """Part of the time up to which a motion was followed that meets no event, in which it is looked at."""
-TURNED = 1e-9
+OF_A_TURN = 1e-9
 """Part of a turn that is rounding."""
 
 
@@ -91,6 +91,7 @@ class FirstReturn:
     returns: list[Return] = field(default_factory=list)
     nearest: float = np.inf
     seen: list[tuple[Segment, Array, Array]] = field(default_factory=list)
+    images: dict[tuple[str, str, Closure], tuple[str, str] | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.form, turn = self.system.vector_form, turns(self.system)
@@ -110,7 +111,7 @@ class FirstReturn:
 
     def guesses(self) -> Iterator[Guess]:
         """Starting points, the most promising one first.  Raises MarchFailure: the motion cannot be followed."""
-        stops = [self._exits(plane)[self.way] for plane in self._planes(self.step, MOST_TURNS if self.step else 1)]
+        stops = [self._exits(plane)[self.way] for plane in self._planes(self.step, TURNS_AT_MOST if self.step else 1)]
         try:
             # A plane through a start that lies on an event would be met together with that.
             if self.system.mode(self.mode).ends:
@@ -156,7 +157,7 @@ class FirstReturn:
         x: Array | None = None, **how: Any,
     ) -> list[Segment]:  # fmt: skip
         """The motion from the start, or from x in a mode, with more ways out of the mode in which it starts."""
-        form, how = self.form, {"max_time": self.span, "max_intervals": MOST_INTERVALS, **how}
+        form, how = self.form, {"max_time": self.span, "max_intervals": INTERVALS_AT_MOST, **how}
         if stops and form.modes[self.mode].flow is None:
             form = replace(form, exits={**form.exits, self.mode: (*form.exits[self.mode], *stops)})
         return march(
@@ -168,27 +169,30 @@ class FirstReturn:
 
     def _enough(self, segment: Segment, marks: list[str]) -> bool:
         """Whether the motion was followed for long enough; `returns` are those up to now."""
-        times, states = sampled(self.form, [segment], self.p, self.kind, LOOKS)
+        times, states = sampled(self.form, [segment], self.p, self.kind, STATES_OF_AN_INTERVAL)
         self.seen.append((segment, times, states.T))
         self.returns = []
         for r in sorted(self._near(marks), key=lambda r: r.time):
             best = self.returns[-1].distance if self.returns else np.inf
-            if r.distance < NEARER * best and (r.closure.repeats == 1 or self._mirrored(r, marks)):
+            if r.distance < A_NEARER_ONE * best and (r.closure.repeats == 1 or self._mirrored(r)):
                 self.returns.append(r)
         last = self.returns[-1] if self.returns else None
-        if last is not None and last.distance < SURELY:
-            return last.distance < NEAR_ENOUGH or self.followed > AS_LONG * last.time
-        return len(self.seen) >= MOST_PHASES or sum(each.event in marks for each, *_ in self.seen) >= MOST_TURNS
+        if last is not None and last.distance < SURELY_BACK:
+            return last.distance < BACK or self.followed > AS_LONG * last.time
+        return len(self.seen) >= PHASES_AT_MOST or sum(each.event in marks for each, *_ in self.seen) >= TURNS_AT_MOST
 
     def _near(self, marks: list[str]) -> Iterator[Return]:
         """Where the motion is nearest to its start, on each way there: as it is, and mirrored."""
-        events, began, time, places = 0, 0.0, 0.0, []
+        names = list(self.form.modes)
+        events, began, time, places, modes = 0, 0.0, 0.0, [], []
         for segment, times, _ in self.seen:
-            places += [(time + t, events, time + t - began, segment.mode) for t in times]
+            places.append(np.stack([time + times, np.full(times.size, events), time + times - began], axis=1))
+            modes.append(np.full(times.size, names.index(segment.mode)))
             time += segment.duration
             if segment.event not in marks:
                 events, began = events + 1, time
         x, system = np.vstack([states for _, _, states in self.seen]), self.system
+        place, mode = np.vstack(places), np.concatenate(modes)
         self.scale = size = sizes_of(system, x, self.scale)
         away = np.max(np.abs(x - turned(system, self.x, x) - self.x) / size, axis=1)
         farthest, along = np.maximum.accumulate(away), self.rate / size
@@ -198,23 +202,30 @@ class FirstReturn:
             shift = turned(system, self.x, image, parts=repeats)
             off = (image - shift - self.x) / size
             distance = np.max(np.abs(off), axis=1)
-            near = distance < NEAR * np.minimum(1.0, farthest)
-            here = [place[-1] if close and (repeats == 2 or place[-1] == self.mode) else ""
-                    for place, close in zip(places, near, strict=True)]  # fmt: skip
-            for name, ways in groupby(range(len(here)), key=here.__getitem__):
-                i = min(ways, key=distance.__getitem__)
-                if name:
+            near = distance < TRIED_WITHIN * np.minimum(1.0, farthest)
+            near &= (repeats == 2) | (mode == names.index(self.mode))
+            label = np.where(near, mode, -1)
+            ends = np.flatnonzero(np.diff(label, prepend=-1, append=-1))
+            for first, last in zip(ends[:-1], ends[1:], strict=True):
+                i = int(first + np.argmin(distance[first:last]))
+                if label[first] >= 0:
                     across = off[i] - along * (along @ off[i]) / (along @ along)
-                    yield Return(*places[i], Closure.of(S, shift[i], repeats), float(np.max(np.abs(across))))
+                    closure = Closure.of(S, shift[i], repeats)
+                    when, number, left = place[i].tolist()
+                    yield Return(when, int(number), left, names[mode[i]], closure, float(np.max(np.abs(across))))
 
-    def _mirrored(self, r: Return, marks: list[str]) -> bool:
+    def _mirrored(self, r: Return) -> bool:
         """Whether the symmetry of a return is one of the motion up to there."""
         if not r.events:
             x = np.vstack([states for _, _, states in self.seen])
             asked = self.system, self.mode, x[:: max(1, len(x) // TRIED)].T, self.p, self.scale
             return self.system.forcing_period is not None and turns_over(*asked)
-        phases = uncut([segment for segment, _, _ in self.seen], marks)[: r.events]
-        images = [image_of(self.form, phase, r.closure, self.p, self.scale) for phase in phases]
+        images = []
+        for phase, _, _ in self.seen[: r.events]:
+            label = phase.mode, phase.event, r.closure
+            if label not in self.images:
+                self.images[label] = image_of(self.form, phase, r.closure, self.p, self.scale)
+            images.append(self.images[label])
         return None not in images and (images[0] or ("",))[0] == r.mode
 
     def backwards(self, segments: Sequence[Segment], closure: Closure) -> Guess:
@@ -228,7 +239,7 @@ class FirstReturn:
         mode, end = self.form.modes[self.mode], whole.start
         rate = field_at(mode.field, end / self.scale, mode.sign, self.p, self.scale)
         self.cut = int(np.argmax(np.where(turns(self.system) > 0, 0.0, np.abs(rate))))
-        level = float(end[self.cut]) if abs(end[self.cut]) > NOISE * self.scale[self.cut] else 0.0
+        level = float(end[self.cut]) if abs(end[self.cut]) > MAY_BE_ROUNDING * self.scale[self.cut] else 0.0
         (plane,) = planes = (replace(self._planes(0.0, 1)[0], level=level),)
         event = self._exits(plane)[0 if rate[self.cut] > 0 else 1].event.name
         passes = [Segment(self.mode, event, whole.duration, 1 - whole.breaks[::-1], w.reshape(len(w), -1), end)]
@@ -266,8 +277,8 @@ class FirstReturn:
         """The same where turns are counted, from the first that is whole."""
         step, x = self.step / r.closure.repeats, float(self.x[self.cut])
         many, begins = round(r.closure.shift[self.cut] / step), x / step
-        whole = abs(begins - round(begins)) < TURNED
-        levels = [(np.floor(begins + TURNED) + 1 + k) * step for k in range(many)] + [x + many * step] * (not whole)
+        whole = abs(begins - round(begins)) < OF_A_TURN
+        levels = [(np.floor(begins + OF_A_TURN) + 1 + k) * step for k in range(many)] + [x + many * step] * (not whole)
         if not many:
             return None
         planes = tuple(replace(self._planes(0.0, 1)[0], level=float(level)) for level in levels)

@@ -18,7 +18,7 @@ from .orbit import Orbit, unknowns_of
 
 Array = np.ndarray
 
-POINTS, FINER = 16, 6
+BETWEEN_NODES, LOOKED_NEARER = 16, 6
 """Points of an interval at which it is seen how near a cycle comes to a state, and between the two beside the nearest
 of them; so many times: where it is nearest is then known to 1e-6 of an interval."""
 
@@ -109,11 +109,11 @@ def off_start(orbit: SystemOrbit, x: Array, scale: Array) -> float:
     system, nearest = cast(Any, orbit.problem).system, np.inf
     size = sizes_of(system, orbit.sample()[1].T, scale)
     for k, phase in enumerate(t.cycle.phases):
-        inner, arc = np.arange(POINTS) / POINTS, orbit.arcs[k]
+        inner, arc = np.arange(BETWEEN_NODES) / BETWEEN_NODES, orbit.arcs[k]
         whole = np.append((arc.breaks[:-1, None] + np.diff(arc.breaks)[:, None] * inner).ravel(), 1.0)
         for image in range(t.cycle.repeats):
             times = whole
-            for _ in range(FINER):
+            for _ in range(LOOKED_NEARER):
                 if phase.mode.flow is not None:
                     states = flow_at(phase.mode, arc.states[0, 0], arc.duration * times, setting.p)
                 else:
@@ -123,5 +123,5 @@ def off_start(orbit: SystemOrbit, x: Array, scale: Array) -> float:
                 off = np.max(np.abs(states - turned(system, x, states) - x) / size, axis=1)
                 i = int(np.argmin(off))
                 nearest = min(nearest, float(off[i]))
-                times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, len(times) - 1)], 2 * POINTS + 1)
+                times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, len(times) - 1)], 2 * BETWEEN_NODES + 1)
     return nearest

@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from casahunt.errors import NoOrbit, Status
 from casahunt.hybrid import Event, Mode, System
@@ -132,19 +131,60 @@ def test_a_saddle_in_chaos(beside):
 def test_lorenz(beside):
     """The unstable cycle about one equilibrium."""
     start = {name: beside * value for name, value in lorenz.SMALL.items()}
-    here, there = (find_cycle(lorenz.SYSTEM, parameters={"r": 20.0}, settled=True, start=at) for at in (start, lorenz.SMALL))
-    assert here.period == pytest.approx(there.period, rel=1e-8) and not here.stable
+    orbit = find_cycle(lorenz.SYSTEM, parameters={"r": 20.0}, settled=True, start=start)
+    assert orbit.period == pytest.approx(lorenz.small().period, rel=1e-8) and not orbit.stable
 
 
-def clearance() -> System:
-    """x'' = 0.3 x' - 0.2 x'^3 - k(x): springs on both sides of a gap, three modes, with a push in the middle of it."""
+def spring(x: float) -> float:
+    """With a clearance from -1 to 1."""
+    return 4 * (x - min(max(x, -1), 1))
+
+
+@pytest.mark.parametrize("beside", BESIDE)
+def test_three_modes(beside):
+    """x'' = -0.3 x' + 0.1 x'^3 - k(x): backwards it is pushed up to its cycle, which DOP853 follows."""
 
     def mode(name, force, *ends):
-        return Mode(name, lambda x, p: {"x": x.v, "v": 0.3 * x.v - 0.1 * x.v**3 - force(x)}, ends=ends)
+        return Mode(name, lambda x, p: {"x": x.v, "v": -0.3 * x.v + 0.1 * x.v**3 - force(x)}, ends=ends)
 
     right, left = (lambda x, p: x.x - 1), (lambda x, p: x.x + 1)
-    return System("clearance", ("x", "v"), {}, (
-        mode("gap", lambda x: 0.0 * x.x, Event("hits right", right, +1, to="right"), Event("hits left", left, -1, to="left")),
-        mode("right", lambda x: 4 * (x.x - 1), Event("leaves right", right, -1, to="gap")),
-        mode("left", lambda x: 4 * (x.x + 1), Event("leaves left", left, +1, to="gap")),
+    gap = mode("gap", lambda x: 0, Event("hits", right, +1, to="right"), Event("hits back", left, -1, to="left"))
+    system = System("clearance", ("x", "v"), {}, (
+        gap,
+        mode("right", lambda x: 4 * (x.x - 1), Event("leaves", right, -1, to="gap")),
+        mode("left", lambda x: 4 * (x.x + 1), Event("leaves back", left, +1, to="gap")),
     ))  # fmt: skip
+
+    def top(t, y):
+        return y[1]
+
+    top.direction = -1
+    back = solve_ivp(
+        lambda t, y: [y[1], 0.3 * y[1] - 0.1 * y[1] ** 3 - spring(y[0])], (0, 150), [2.0, 0.0],
+        method="DOP853", rtol=1e-11, atol=1e-12, events=top, max_step=0.05,
+    )  # fmt: skip
+    high, period = back.y_events[0][-1][0], float(np.diff(back.t_events[0])[-1])
+    orbit = find_cycle(system, "right", x=high * beside, v=0.0, settled=True, tol=1e-9)
+    assert orbit.period == pytest.approx(period, rel=1e-7)
+    assert orbit.extrema("x").high.value == pytest.approx(high, rel=1e-7) and not orbit.stable
+    assert "gap" in (modes := {arc.mode for arc in orbit.arcs}) and len(modes) == (2 if orbit.half else 3)
+
+
+# What is said --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("x", "why"), [(0.3, "start nearer to a cycle"), (1.6, "start nearer to a cycle")])
+def test_a_cycle_far_from_the_guess_is_none_of_it(x, why):
+    """The unit circle is stable: the motion goes there, and that is no answer for a guess so far away."""
+
+    def field(x, p):
+        g = 1 - x.x**2 - x.y**2
+        return {"x": g * x.x - x.y, "y": g * x.y + x.x}
+
+    circle = System("circle", ("x", "y"), {}, (Mode("smooth", field),))
+    assert find_cycle(circle, x=x, y=0.0).period == pytest.approx(2 * math.pi, rel=1e-9)
+    with pytest.raises(NoOrbit, match=why) as refusal:
+        find_cycle(circle, x=x, y=0.0, settled=True)
+    assert refusal.value.status is Status.NOT_FOUND
+    near = find_cycle(circle, x=1.1, y=0.0, settled=True)
+    assert near.from_start == pytest.approx(0.1, rel=0.01) and math.isnan(find_cycle(circle, x=x, y=0.0).from_start)
