@@ -22,7 +22,7 @@ from ..orbits.closure import Closure, Section, turned, with_sections
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, unknowns_of
 from ..orbits.recurrence import image_of
-from ..orbits.sequences import segments_of, start_of, uncut
+from ..orbits.sequences import later, segments_of, start_of, uncut
 from .curve import solved_at
 
 LOOKED_FOR = (1.0, 0.618)
@@ -85,7 +85,7 @@ def _image(orbit: AnyOrbit, family: Cycles) -> tuple[list[Segment], tuple[Sectio
     segments = segments_of(*unknowns_of(orbit))
     for segment in segments:
         if segment.event in of_mark:
-            section, end = of_mark[segment.event], posed.later(segment).end
+            section, end = of_mark[segment.event], later(posed.closure, segment).end
             level = float(end[entries.index(section.state)])
             planes += [replace(section, mode=mode, level=level) for mode in family.system.vector_form.modes]
     form = with_sections(family.system, (*own.sections, *planes))
@@ -93,7 +93,7 @@ def _image(orbit: AnyOrbit, family: Cycles) -> tuple[list[Segment], tuple[Sectio
         names = image_of(form, segment, family.closure, family.vector(), orbit.scale)
         if names is None:
             return None
-        found.append(replace(posed.later(segment), mode=names[0], event=names[1]))
+        found.append(replace(later(posed.closure, segment), mode=names[0], event=names[1]))
     return found, tuple(planes)
 
 

@@ -39,7 +39,7 @@ from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.other_start import may_vanish
 from ..orbits.restart import Start, from_segments
-from ..orbits.sequences import part_of, segments_of, start_of, uncut
+from ..orbits.sequences import later, part_of, segments_of, start_of, uncut
 from ..roots import boundary
 from .curve import along, point_at, solved_along, solved_at
 
@@ -336,7 +336,7 @@ def _halved(family: Cycles, orbit: Orbit, options: Options) -> Any:
         return None
     i, at, up = _steepest(family, orbit, start)
     behind, before = (part_of(posed, start, 0, whole, whole.mode, whole.event, a, b) for a, b in ((at, 1), (0, at)))
-    last, entries = posed.later(before), family.system.names.entries
+    last, entries = later(posed.closure, before), family.system.names.entries
     section = Section(names[0], entries[i], float(last.end[i]), float(orbit.scale[i]))
     last = replace(last, mode=names[0], event=section.exits(entries)[0 if up else 1].event.name)
     cut = family.closing(family.closure, (section,))

@@ -46,10 +46,15 @@ MISMATCH, LEAST_MISMATCH = 1e3, 1e-9
 least, in units of the states."""
 JUST_BEHIND = 1e-6
 """Part of a step after which it is seen to which side an event is left."""
-NO_PARABOLA = 0.25
-"""A top between two looks is looked for where the parabola through them leaves less than this part of the way to it."""
-INNER_PART, TOP_SECTIONS = 0.5 * (5**0.5 - 1), 20
-"""Golden section; so many of them leave 1e-4 of the place between two looks at which an event may come to zero."""
+NO_PARABOLA, PARABOLA_OFF = 0.25, 0.1
+"""A top between two looks is looked for where the parabola through them leaves less than this part of the way to zero,
+or than it may be off, as a part of the second difference: the middle one of three may be all but there."""
+INNER_PART, TOP_SECTIONS, TOP_PARABOLAS = 0.5 * (5**0.5 - 1), 12, 2
+"""Golden section; so many of them leave 3e-3 of the place between two looks at which an event may come to zero, and so
+many parabolas through what is left and a tenth of it leave rounding of its height."""
+IN_A_ROW, BESIDE_IT = 2, 1e-9
+"""After so many steps that leave more of an event which all but vanishes, what is left is rounding, where its sign
+changes within this part of the step."""
 FIRST_TRIAL, STIFF = 32, 100.0
 """Steps of a phase before an interval is tried; length of that interval, in steps, which shows that the mode is stiff
 where it is resolved."""
@@ -280,7 +285,7 @@ def _passed_between(
         return None
     parts = LOOKED_AT.size - 1
     for i in np.flatnonzero(tops):
-        if mid[i] - (right[i] - left[i]) ** 2 / (8 * bend[i]) < NO_PARABOLA * mid[i]:
+        if mid[i] - (right[i] - left[i]) ** 2 / (8 * bend[i]) < min(NO_PARABOLA * mid[i], PARABOLA_OFF * bend[i]):
             continue
         for k in (i, i + 1):  # between this look and the next
             value = partial(_event_at, way_out, stepper, C[k // parts])
@@ -306,7 +311,18 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> tuple[
             low, a, f_a = a, b, f_b
             b = low + INNER_PART * (high - low)
             f_b = value(b)
-    return max((f_a, a), (f_b, b))
+    best = max((f_a, a), (f_b, b))
+    half = (high - low) / 2
+    for _ in range(TOP_PARABOLAS):
+        if best[0] > 0:
+            break
+        left, right = value(best[1] - half), value(best[1] + half)
+        bend = left - 2 * best[0] + right
+        if bend < 0:
+            top = best[1] + half * min(max((left - right) / (2 * bend), -1.0), 1.0)
+            best = max(best, (value(top), top))
+        half /= 10
+    return best
 
 
 def _event_at(way_out: Exit, stepper: Stepper, C: Array, s: float) -> float:
@@ -327,18 +343,20 @@ def _root(
     if f_high == 0:
         return high if abs(value(high)) <= EVENT_LIMIT else None
     bracket = Bracket(low, f_low if f_low < 0 else -np.inf, high, f_high)
-    s, best, left, near = bracket.illinois, high, np.inf, False
+    s, best, left, worse = bracket.illinois, high, np.inf, 0
     for _ in range(MOST_HALVINGS):
         f = value(s)
         if np.isnan(f):
             return None
+        worse += left <= tolerance and abs(f) >= left
         if abs(f) < left:
             best, left = s, abs(f)
-        if f == 0 or near or bracket.width < 1e-15:
+        if f == 0 or bracket.width < 1e-15:
             break
-        near = left <= tolerance  # one step more leaves rounding
+        if worse == IN_A_ROW and value(best - BESIDE_IT) < 0 < value(best + BESIDE_IT):
+            break
         bracket = bracket.told(s, f)
-        s = bracket.illinois
+        s = bracket.illinois if worse < IN_A_ROW else bracket.middle  # an event that all but stands tells no place
     return best if left <= EVENT_LIMIT else None
 
 

@@ -23,8 +23,8 @@ ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
 npz_arrays.py arrays of a file, unpacked within limits
 archive.py   orbits in files
-system_orbit.py  a cycle of a user's system, as its user reads it
 closure.py   how a cycle of a user's system closes, and where it is cut
+system_orbit.py  a cycle of a user's system, as its user reads it
 recurrence.py  when a motion repeats, as it is or mirrored
 watching.py  a first look at a motion: sizes, where it is cut
 returning.py a motion followed until it comes back
@@ -35,6 +35,7 @@ other_start.py the same cycle from another of its boundaries
 family.py    the cycles of a user's system at one p
 marched_mesh.py  from a motion that is not yet the orbit to the orbit
 saved_cycle.py cycles of a user's system in files
+first_return.py  where a motion first comes back: the guess of a cycle next to a state
 cycle_search.py the cycle that a motion of a user's system settles on
 """
 

@@ -21,6 +21,9 @@ from ..hybrid.vector_form import TURNS, Always
 
 Array = np.ndarray
 
+MAY_BE_ROUNDING = 1e-12
+"""A state that is so small beside the largest one all along a motion may be rounding of that."""
+
 
 @dataclass(frozen=True)
 class Plane:
@@ -117,6 +120,12 @@ def turns(system: System) -> Array:
     return np.array(
         [2 * np.pi if name in system.angles else 1.0 if name == TURNS else 0.0 for name in system.names.entries]
     )
+
+
+def sizes_of(system: System, states: Array, least: Array) -> Array:
+    """(n,) the largest magnitudes of states (m, n), no more than a turn; `least` (n,) of those that are rounding."""
+    size, turn = np.abs(states).max(axis=0), turns(system)
+    return np.where(turn > 0, np.minimum(size, turn), np.where(size > MAY_BE_ROUNDING * size.max(), size, least))
 
 
 def turned(system: System, x: Array, later: Array, *, parts: int = 1) -> Array:

@@ -1,4 +1,4 @@
-"""The cycle that a motion of a user's system settles on, or one that starts near given states.
+"""The cycle that a motion of a user's system settles on, or one that lies next to given states (first_return.py).
 
     watch    the motion, until it has met events or passed many intervals (watching.py): sizes, where to cut it
     march    on, event by event, until it repeats (recurrence.py): the last m phases like the m before, or mirrored
@@ -13,32 +13,35 @@ Symbols: n states.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import cast
 
 import numpy as np
 
 from ..checks import choice_of, given_once, of_kind
-from ..collocation.admissibility import MOVES_BELOW
-from ..collocation.interval import field_at
 from ..collocation.remesh import shape_limit
 from ..collocation.scheme import scheme
 from ..errors import ComesToRest, NoOrbit, Status
 from ..hybrid.language import Function, System
 from ..motion.closed_forms import check_closed_forms
 from ..motion.march_intervals import VANISHED
-from ..motion.phases import HIDES, MarchFailure, Segment, march
-from ..motion.simulation import MARCH_DEGREE, sampled
+from ..motion.phases import HIDES, MarchFailure, Segment
+from ..motion.segment import NoEnd
+from ..motion.simulation import MARCH_DEGREE
 from .adapt import Options, finished, solve_adaptively
-from .closure import Closure, Section, turned, turns, with_sections
+from .closure import turns, with_sections
 from .family import Family, measured_of
+from .first_return import FirstReturn, Guess, reversed_in_time
 from .floquet import clearly_attracts
 from .orbit import unknowns_of
 from .recurrence import EXACTLY, Recurrence, recurrences
 from .restart import from_segments, in_scheme
 from .returning import FEW_PHASES, RESTS, RETURNED, WITHIN, Returning
 from .sequences import segments_of
-from .system_orbit import SystemOrbit
+from .system_orbit import SystemOrbit, off_start
 from .watching import SEARCH_TOLERANCE, AtRest, NotFound
 
 Array = np.ndarray
@@ -83,7 +86,7 @@ def find_cycle(
         the principal parameter, default the first one; the state, or the function (x, p) of named states and
         parameters, whose largest magnitude over the cycle is the amplitude: default the first state that is no angle.
     settled
-        the states lie next to a cycle already, stable or not: the first return is taken.
+        the states are a guess, some percent beside a cycle, stable or not: that is sought (`SystemOrbit.from_start`).
     options
         more than a tolerance: scheme, solver; overrides `tol`.
     start
@@ -132,6 +135,7 @@ def _phases_of(r: Recurrence) -> str:
 class _CycleSearch(Returning):
     """One search; the attributes below `options` grow with it."""
 
+    settled: bool
     followed: str
     measured: str | Function
     options: Options
@@ -157,8 +161,8 @@ class _CycleSearch(Returning):
 
     def looked_for(self) -> SystemOrbit:
         """Watch, march, solve, accept."""
-        if self.settled and not self.system.mode(self.mode).ends and self.system.forcing_period is None:
-            return self.first_return()
+        if self.settled:
+            return self.next_to_start()
         self.watch()
         while True:
             self.march_on()
@@ -172,37 +176,45 @@ class _CycleSearch(Returning):
                 return self.once_round(self.reached) or self.reached
             self.check_patience()
 
-    def first_return(self) -> SystemOrbit:
-        """The cycle through states that lie on it, of a motion without events: cut there, followed once round.
+    def next_to_start(self) -> SystemOrbit:
+        """The cycle of a first return, or of a nearer one, stable or not, that lies next to the start."""
+        turn = turns(self.system)
+        x = self.x - turn * np.floor(self.x / np.where(turn > 0, turn, 1.0))
+        motion = FirstReturn(system=self.system, p=self.p, mode=self.mode, x=x, kind=self.kind)
+        failure: MarchFailure | None = None
+        try:
+            guesses = list(motion.guesses())
+        except MarchFailure as ended:
+            guesses, failure = [], ended
+        for guess in chain(guesses, self.backwards(motion)):
+            self.sections, self.turning, self.scale, self.segments = guess[3:6] + (guess.passes,)
+            self.form = with_sections(self.system, self.sections)
+            orbit = self.solved(Recurrence(len(guess.passes), guess.closure, guess.distance))
+            if orbit is None:
+                continue
+            off = off_start(orbit, x, motion.scale)
+            if off <= WITHIN:
+                return replace(orbit, from_start=off)
+            self.refusals.append(f"the solver went to a cycle that is {off:.2g} of the states' sizes off the start")
+        if failure is not None and not isinstance(failure, NoEnd):
+            raise failure
+        near = "" if motion.nearest == np.inf else f" nearer than {motion.nearest:.2g} of the states' sizes"
+        why = f"the motion from there does not come back{near}"
+        why = "the equations of its first return have no solution near the start" if guesses else why
+        raise NotFound(f"{why}: start nearer to a cycle", motion.followed)
 
-        An unstable cycle is not followed for long: a look at where the motion goes would show another one.
-        """
-        form, mode = self.system.vector_form, self.system.vector_form.modes[self.mode]
-        self.scale = np.where(self.x != 0, np.abs(self.x), 1.0)
-        rate = field_at(mode.field, self.x / self.scale, mode.sign, self.p, self.scale)
-        swings = np.where(turns(self.system) > 0, 0.0, np.abs(rate))
-        i = int(np.argmax(swings if swings.max() > MOVES_BELOW else np.abs(rate)))
-        ahead = np.copysign(turns(self.system)[i], rate[i])  # an angle alone is back a turn later
-        section = Section(self.mode, self.system.names.entries[i], float(self.x[i] + ahead), float(self.scale[i]))
-        way = section.exits(form.states)[0 if rate[i] > 0 else 1]
-        self.sections, self.form = (section,), with_sections(self.system, (section,))
-        for _ in range(2):  # the first time round shows how large the states are
-            self.segments = march(
-                self.form, self.mode, self.x, self.p, scale=self.scale,
-                until=lambda segment: segment.event == way.event.name, tol=SEARCH_TOLERANCE, degree=MARCH_DEGREE,
-                kind=self.kind, strict=True,
-            )  # fmt: skip
-            _, states = sampled(form, self.segments, self.p, self.kind, 4)
-            self.scale = np.where(np.abs(states).max(axis=1) > 0, np.abs(states).max(axis=1), 1.0)
-        back = self.segments[-1].behind
-        shift = turned(self.system, self.x, back)
-        distance = float(np.max(np.abs(back - shift - self.x) / self.scale))
-        if self.segments[-1].event == "" or distance > WITHIN:
-            raise self.not_met(f"the motion from there comes back no nearer than {distance:.2g} of the states' sizes")
-        orbit = self.solved(Recurrence(len(self.segments), Closure.of(np.eye(self.x.size), shift, 1), distance))
-        if orbit is None:
-            raise self.not_met("the equations of a first return were not solved")
-        return orbit
+    def backwards(self, motion: FirstReturn) -> Iterator[Guess]:
+        """The cycle to which the motion leads that runs backwards from the start: an unstable one may attract that."""
+        system = reversed_in_time(self.system, self.mode)
+        if system is None:
+            return
+        search = _CycleSearch(
+            system=system, p=self.p, mode=self.mode, x=self.x, followed=self.followed, measured=self.measured,
+            options=self.options, settled=False, kind=self.kind,
+        )  # fmt: skip
+        with suppress(NoOrbit):
+            orbit = search.run()
+            yield motion.backwards(segments_of(*unknowns_of(orbit)), cast(Family, orbit.problem).closure)
 
     def check_hope(self, r: Recurrence) -> None:
         """Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for."""
@@ -226,8 +238,10 @@ class _CycleSearch(Returning):
         passes = [s.meshed(min(SEARCH_TOLERANCE, shape_limit(FIRST_MESH * self.options.tol))) for s in passes]
         begin = from_segments(cycle, [(1.0, s) for s in passes], self.p, direction, degree=MARCH_DEGREE, kind=self.kind)
         begin = in_scheme(begin, *self.options.scheme_of(problem))
-        # What Newton loses is sought again nearer to it, which costs less than an optimisation problem of its size.
-        options = replace(self.options, solver="newton") if self.options.solver == "auto" else self.options
+        options = self.options
+        if options.solver == "auto" and not self.settled:
+            # What Newton loses is sought again nearer to it, which costs less than an optimisation problem of its size.
+            options = replace(options, solver="newton")
         outcome = solve_adaptively(problem, begin, options, solver="newton")
         try:
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
@@ -235,12 +249,12 @@ class _CycleSearch(Returning):
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
             self.refused(r, str(refusal) + (self.hidden if unsettled else ""))
             return None
+        if self.settled:
+            return self.once_round(orbit) or orbit
         away = float(np.max(np.abs(orbit.arcs[0].states[0, 0] - passes[0].start) / self.scale))
         if r.distance < RETURNED and away > WITHIN:
             self.refused(r, f"the solver went to a cycle that is {away:.2g} of the states' sizes off the motion")
             return None
-        if self.settled:
-            return self.once_round(orbit) or orbit
         lin = outcome.solution.linearisation
         scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
         M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale

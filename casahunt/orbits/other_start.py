@@ -18,7 +18,7 @@ import numpy as np
 
 from ..collocation.joints import event_rate
 from .restart import Start
-from .sequences import VANISHES_BELOW, Posed, segments_of, start_of
+from .sequences import VANISHES_BELOW, Posed, later, segments_of, start_of
 
 
 def strongest(start: Start) -> int:
@@ -64,5 +64,5 @@ def rotated(posed: Posed, start: Start, k: int) -> Start | None:
         names = posed.image(segment, setting.p, setting.scale)
         if names is None:
             return None
-        moved.append(replace(posed.later(segment), mode=names[0], event=names[1]))
+        moved.append(replace(later(posed.closure, segment), mode=names[0], event=names[1]))
     return start_of(posed, [*segments[k:], *moved], start)

@@ -71,7 +71,6 @@ class Returning:
     p: Array
     mode: str
     x: Array
-    settled: bool
     kind: Kind
     scale: Array = field(default_factory=lambda: np.ones(0))
     sections: tuple[Section, ...] = ()
@@ -100,7 +99,7 @@ class Returning:
         """A look at the motion: sizes of the states, where it is to be cut, and where the march begins."""
         if not self.scale.size:
             self.largest = OUTGROWN * max(1.0, float(np.max(np.abs(self.x))))
-            self.near = RETURNED if self.settled else REPEATED
+            self.near = REPEATED
         seen = watch_motion(self.system, self.mode, self.x, self.p, self.kind, self.scale if self.scale.size else None)
         self.scale, self.span = seen.scale, max(seen.span, AHEAD * self.span)
         if seen.events == 0:
@@ -109,8 +108,7 @@ class Returning:
         last = seen.segments[-1]
         if seen.events and last.event:
             self.ahead = list(seen.segments)
-        if seen.events or not self.settled:
-            self.mode, self.x, self.met = *going_on(self.system.vector_form, last, self.p), last.event
+        self.mode, self.x, self.met = *going_on(self.system.vector_form, last, self.p), last.event
         if self.turning is not None:
             self.x = self.turning.wrapped(self.x)
 

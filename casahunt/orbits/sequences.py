@@ -67,20 +67,21 @@ class Posed:
     cycle: Callable[[Signature], Cycle]
     image: Callable[[Segment, Array, Array], tuple[str, str] | None]
 
-    def later(self, segment: Segment) -> Segment:
-        """The image of a segment one computed piece later, under its own name: S^-1 (x + c)."""
-        S, shift = np.linalg.inv(np.array(self.closure.matrix)), np.array(self.closure.shift)
-
-        def moved(x: Array) -> Array:
-            return (x + shift) @ S.T
-
-        w = moved(segment.w.reshape(-1, shift.size)).reshape(segment.w.shape)
-        jumped = None if segment.jumped is None else moved(segment.jumped)
-        return replace(segment, w=w, end=moved(segment.end), jumped=jumped)
-
     def exit_of(self, mode: str, event: str) -> engine.Exit:
         """The exit of a mode at an event."""
         return next(e for e in self.form.exits[mode] if e.event.name == event)
+
+
+def later(closure: Closure, segment: Segment) -> Segment:
+    """The image of a segment one computed piece later, under its own name: S^-1 (x + c)."""
+    S, shift = np.linalg.inv(np.array(closure.matrix)), np.array(closure.shift)
+
+    def moved(x: Array) -> Array:
+        return (x + shift) @ S.T
+
+    w = moved(segment.w.reshape(-1, shift.size)).reshape(segment.w.shape)
+    jumped = None if segment.jumped is None else moved(segment.jumped)
+    return replace(segment, w=w, end=moved(segment.end), jumped=jumped)
 
 
 def segments_of(t: Transcription, u: Array, setting: Setting) -> list[Segment]:

@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
 
 from ..checks import choice_of, error_text, to_error
+from ..collocation.joints import flow_at
+from ..collocation.mesh import evaluate_phase
 from ..export import new_axes
 from . import archive
-from .orbit import Orbit
+from .closure import sizes_of, turned
+from .orbit import Orbit, unknowns_of
+
+Array = np.ndarray
+
+BETWEEN_NODES, LOOKED_NEARER = 16, 6
+"""Points of an interval at which it is seen how near a cycle comes to a state, and between the two beside the nearest
+of them; so many times: where it is nearest is then known to 1e-6 of an interval."""
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class SystemOrbit(Orbit):
-    """A periodic orbit of a user's system (hybrid/language.py); see `Orbit` for what it holds.
+    """A periodic orbit of a user's system (hybrid/language.py); see `Orbit` for what else it holds.
+
+    Attributes
+    ----------
+    from_start : of a cycle that was sought next to a state (`find_cycle`, settled), how far it lies from there: the
+        largest difference of a state where it is nearest, in units of its largest magnitude on it; nan of any other.
 
     Examples
     --------
@@ -27,17 +45,21 @@ class SystemOrbit(Orbit):
         "problem = problem.title", "parameters", "period ~ period_error", "amplitude ~ amplitude_error", "status",
     )  # fmt: skip
 
+    from_start: float = np.nan
+
     @property
     def parameters(self) -> dict[str, float]:
         """The parameters, by name."""
         return dict(zip(self.problem.names, map(float, self.problem.vector()), strict=True))
 
     def __str__(self) -> str:
+        beside = "" if np.isnan(self.from_start) else f", {self.from_start:.2g} from the start"
         count = len(self.arcs) * self.repeats
         phases = f"{count} phase{'s' * (count > 1)}" + (", symmetric" if self.repeats > 1 else "")
         stability = {True: "stable", False: "unstable", None: "stability not known"}[self.stable]
         period = to_error(self.period, self.period_error)
-        return f"{self.problem.title}: period {period}, {phases}, {stability}, error {error_text(self.error_estimate)}"
+        error = f"{error_text(self.error_estimate)}{beside}"
+        return f"{self.problem.title}: period {period}, {phases}, {stability}, error {error}"
 
     def plot(
         self, across: str = "t", up: str = "", *, ax: Any = None, per_interval: int = 24, **style: Any
@@ -79,3 +101,27 @@ class SystemOrbit(Orbit):
         InputError : `archive.save_orbit` says why it cannot be written.
         """
         archive.save_orbit(self, path)
+
+
+def off_start(orbit: SystemOrbit, x: Array, scale: Array) -> float:
+    """How far an orbit lies from a state x (n,): `SystemOrbit.from_start`; scale (n,) sizes of what is zero on it."""
+    t, u, setting = unknowns_of(orbit)
+    system, nearest = cast(Any, orbit.problem).system, np.inf
+    size = sizes_of(system, orbit.sample()[1].T, scale)
+    for k, phase in enumerate(t.cycle.phases):
+        inner, arc = np.arange(BETWEEN_NODES) / BETWEEN_NODES, orbit.arcs[k]
+        whole = np.append((arc.breaks[:-1, None] + np.diff(arc.breaks)[:, None] * inner).ravel(), 1.0)
+        for image in range(t.cycle.repeats):
+            times = whole
+            for _ in range(LOOKED_NEARER):
+                if phase.mode.flow is not None:
+                    states = flow_at(phase.mode, arc.states[0, 0], arc.duration * times, setting.p)
+                else:
+                    states = evaluate_phase(t, u, setting.fractions, k, times) * setting.scale
+                for _ in range(image):
+                    states = t.cycle.opened(states)
+                off = np.max(np.abs(states - turned(system, x, states) - x) / size, axis=1)
+                i = int(np.argmin(off))
+                nearest = min(nearest, float(off[i]))
+                times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, len(times) - 1)], 2 * BETWEEN_NODES + 1)
+    return nearest

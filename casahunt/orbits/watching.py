@@ -116,7 +116,7 @@ def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, leas
     form, time, most = system.vector_form, 0.0, ENOUGH_STEPS
     first, counted = max(1.0, float(np.max(np.abs(x)))), turns(system) > 0
     least = np.zeros(x.size) if least is None else least
-    span, scale = _longest(system, mode, x, p, kind, least)
+    span, scale = longest_look(system, mode, x, p, kind, least)
     for _ in range(LOOKED_AT_MOST):
         try:
             scale, seen, (times, states) = look(
@@ -143,7 +143,9 @@ def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, leas
     return Watched(seen, scale, late, events, time)
 
 
-def _longest(system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array) -> tuple[float, Array]:
+def longest_look(
+    system: System, mode: str, x: Array, p: Array, kind: Kind, least: Array | float = 0.0
+) -> tuple[float, Array]:
     """How long a motion is watched at most, very long beside what happens at first, and (n,) supposed sizes.
 
     Of a forced system some turns; sizes are those at the start and at the first event, if one is met at once, and no

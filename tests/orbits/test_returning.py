@@ -138,7 +138,7 @@ def test_a_strongly_unstable_cycle_through_the_start():
     ahead = Mode("smooth", field=lambda x, p: {"x": x.v, "v": p.mu * (1 - x.x**2) * x.v - x.x})
     forward = find_cycle(replace(reverse, modes=(ahead,)), x=2.0, v=0.0)
     assert abs(orbit.multipliers.leading) * abs(forward.multipliers.full[1]) == pytest.approx(1.0, rel=1e-7)
-    with pytest.raises(NoOrbit, match="comes back no nearer"):
+    with pytest.raises(NoOrbit, match="does not come back nearer"):
         find_cycle(reverse, x=0.0, v=1.0, settled=True)
 
 
@@ -235,7 +235,7 @@ def searched(field, span: float, looks: int) -> Returning:
     never = Event("never", lambda x, p: x.x - 1e9, +1, to="on")
     system = System("never again", ("x", "v"), {}, (Mode("on", field, ends=(never,)),))
     return Returning(
-        system=system, p=np.zeros(0), mode="on", x=np.array([0.0, 1.0]), settled=False, kind="gauss",
+        system=system, p=np.zeros(0), mode="on", x=np.array([0.0, 1.0]), kind="gauss",
         scale=np.ones(2), form=system.vector_form, span=span, looks=looks,
     )  # fmt: skip
 

@@ -73,6 +73,20 @@ def test_a_start_inside_the_unstable_cycle_comes_to_rest(model):
         find_cycle(hunting_system(TIMES, model, 0.6), mode, start=start, follow="gain", tol=1e-9)
 
 
+@pytest.mark.parametrize("beside", [-1e-3, 1e-3])
+def test_the_unstable_cycle_from_a_guess(beside):
+    """Stuck just before breakaway; what is off there is 92 times as much half a period later."""
+    truth, (kp, _, ki) = REFERENCE["switch"]["unstable"][0], TIMES.torque_gains(0.1)
+    x1 = truth["amplitude"] * (1 + beside)
+    x3 = 0.999 * (TIMES.friction.static - kp * x1) / ki
+    system = hunting_system(TIMES, "switch", truth["K"])
+    orbit = find_cycle(system, "stick", x1=x1, x2=0.0, x3=x3, settled=True, follow="gain", tol=1e-9)
+    for name in ("period", "amplitude"):
+        assert getattr(orbit, name) == pytest.approx(truth[name], rel=10 * orbit.error_estimate + 2e-11)
+    assert not orbit.stable and orbit.half_multiplier == pytest.approx(truth["mu"], rel=1e-7)
+    assert orbit.from_start == pytest.approx(abs(beside), rel=0.2)
+
+
 @pytest.mark.parametrize("form", [TIMES, GAINS], ids=["times", "gains"])
 def test_its_motion_from_a_stick(form: Servo):
     """The stick lasts (m - s Fs)/(ki x1), s = -sign(x1), in closed form."""
