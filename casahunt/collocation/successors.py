@@ -41,8 +41,12 @@ def contradicted(t: Transcription, u: Array, setting: Setting, k: int) -> str:
     if t.counts[k]:
         last = t.intervals_of(u)[t.phase_intervals(k)][-1].reshape(t.degree + 1, t.n)
         reach = np.maximum(reach, RESOLUTION * np.abs(t.scheme.last_mode @ last) * setting.scale)
-    around = (x + way * step for step in np.diag(reach) for way in (1.0, -1.0))
-    return "" if any(phase.leads_to(y, setting.p) in phase.follows for y in around) else name
+    return "" if any(phase.leads_to(y, setting.p) in phase.follows for y in around(x, reach)) else name
+
+
+def around(x: Array, reach: Array) -> list[Array]:
+    """A state (n,) and those beside it, `reach` (n,) away along each entry."""
+    return [x, *(x + way * step for step in np.diag(reach) for way in (1.0, -1.0))]
 
 
 def undecided(t: Transcription, u: Array, setting: Setting) -> list[int]:

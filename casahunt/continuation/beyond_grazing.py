@@ -16,7 +16,6 @@ speed is free.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -29,21 +28,28 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
+from ..orbits.other_start import may_vanish
 from ..orbits.sequences import with_successor
 from .curve import along, backwards, point_at, predict, solved_at
-from .grazing_contact import NEAR_CONTACT, Contact, contact_value, corner_at, cycle_near, grazing_at, middle_of
+from .grazing_contact import (
+    NEAR_CONTACT,
+    VANISHING_SHARE,
+    Contact,
+    contact_value,
+    corner_at,
+    cycle_near,
+    grazing_at,
+    middle_of,
+)
 from .poincare_section import same_events
-from .special_points import GRAZING, Monitor, SpecialPoint, absolute_error, special_point
-from .vanishing import last_before, with_phase_born
+from .special_points import GRAZING, Monitor, SpecialPoint, special_point
+from .vanishing import UNLOCATED, lacking, last_before, with_phase_born
 from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)
 """How far behind a grazing contact, in arclength, the cycle that meets the event is looked for."""
 BESIDE_GRAZING = 1e-3
 """How far beside a grazing, in lambda, the motion is looked at."""
-UNLOCATED = 1e-5
-"""Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
-located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
 NEARLY_THE_SAME = 0.05
 """Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
 MET_WITHOUT_SPEED = replace(
@@ -53,6 +59,10 @@ MET_WITHOUT_SPEED = replace(
 MET_AT_ONCE = replace(
     GRAZING,
     meaning="grazing at {name} = {value:.10g}: two events are met at once, and no cycle with these phases follows",
+)
+PHASE_ENDS = (
+    "grazing at {{name}} = {{value:.10g}}: the phase {mode!r} shrinks to nothing, and no cycle without it was found: "
+    "there is none, or beyond it is one of many"
 )
 
 SUCCESSOR_CHANGES = "the successor changes"
@@ -67,20 +77,11 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
     ----------
     grazing, following : the special point and the orbit.
     passed : whether an orbit of the branch has passed it by less than counts; None where none can have.
-    unlocated : relative error of the parameter there, where the place is not known as well as the orbit; else 0.
     """
 
     grazing: SpecialPoint[AnyOrbit] | None
     following: AnyOrbit | None
     passed: Callable[[Orbit], bool] | None = None
-    unlocated: float = 0.0
-
-    @property
-    def error(self) -> float:
-        """Estimated absolute error of the parameter at the grazing."""
-        if self.grazing is None:
-            return math.nan
-        return absolute_error(self.grazing.orbit, self.grazing.vary, self.unlocated)
 
     def reached(self, orbits: tuple[AnyOrbit, ...]) -> tuple[AnyOrbit, ...]:
         """The orbits of the branch up to the contact, and the one there."""
@@ -110,12 +111,14 @@ def behind_grazing(
             return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
     distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
     if distance > NEAR_CONTACT:
+        if (special := _phase_ends(last, vary)) is not None:
+            return Behind(special, _clear_of_it(last, vary, options))
         if failure.status is not Status.INADMISSIBLE:
             return Behind(None, None)
         corner = corner_at(last, vary, options)
         if corner is None:
             special = special_point(MET_WITHOUT_SPEED, last, vary, error=UNLOCATED)
-            return Behind(special, _clear_of_it(last, vary, options), unlocated=UNLOCATED)
+            return Behind(special, _clear_of_it(last, vary, options))
         place, orbit = corner
         return Behind(special_point(MET_AT_ONCE, orbit, vary), _clear_of_it(last, vary, options), _beyond(place))
     what = f"grazing at {{name}} = {{value:.10g}}: mode {mode!r} meets {event!r} once more, with no speed"
@@ -123,12 +126,24 @@ def behind_grazing(
     if located is None:  # the last cycle is as near to it as its polynomials show
         called = replace(GRAZING, meaning=f"{what}; no cycle with these phases follows")
         special = special_point(called, last, vary, error=NEAR_CONTACT)
-        return Behind(special, _clear_of_it(last, vary, options), unlocated=NEAR_CONTACT)
+        return Behind(special, _clear_of_it(last, vary, options))
     place, orbit = located
     more = _with_one_more(orbit, place, vary, options)
     follows = "no cycle with these phases follows" if more is None else "it goes on with the cycle that meets it"
     contact = special_point(replace(GRAZING, meaning=f"{what}; {follows}"), orbit, vary)
     return Behind(contact, more or _clear_of_it(last, vary, options), _beyond(place))
+
+
+def _phase_ends(last: AnyOrbit, vary: str) -> SpecialPoint[AnyOrbit] | None:
+    """Where the shortest phase of a cycle shrinks to nothing, and no cycle without it was found."""
+    k = may_vanish([arc.duration for arc in last.arcs])
+    if k is None or last.arcs[k].duration * last.repeats > VANISHING_SHARE * last.period:
+        return None
+    t, u, setting = unknowns_of(last)
+    lacks = lacking((t, u, replace(setting, dp=along(last.problem, vary))), k)
+    called = PHASE_ENDS.format(mode=last.arcs[k].mode)
+    error = max(lacks, last.error_estimate)
+    return special_point(replace(GRAZING, meaning=called), last, vary, error) if lacks <= NEAR_CONTACT else None
 
 
 def _beyond(place: Contact) -> Callable[[Orbit], bool]:
@@ -157,10 +172,11 @@ def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Opti
     more = None if start is None else with_phase_born(there.problem, start, k + 1, vary, options)
     follows = "no cycle with it was found next to this one" if more is None else "it goes on with the cycle that has it"
     what = f"{SUCCESSOR_CHANGES} at {{name}} = {{value:.10g}}: {event!r} leads to {name!r} beyond; {follows}"
-    unlocated = 0.0 if same else UNLOCATED
-    point = special_point(Monitor(SUCCESSOR_CHANGES, GRAZING.value, what), there, vary, error=unlocated)
+    point = special_point(
+        Monitor(SUCCESSOR_CHANGES, GRAZING.value, what), there, vary, error=0.0 if same else UNLOCATED
+    )
     following = cast("AnyOrbit | None", more) or _clear_of_it(last, vary, options)
-    return Behind(point, following, leads_elsewhere, unlocated)
+    return Behind(point, following, leads_elsewhere)
 
 
 def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | None:

@@ -278,7 +278,7 @@ def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
         orbits = found.reached(run.branch.orbits)
         run.branch = replace(run.branch, orbits=orbits, special=(*run.branch.special, special))
         run.line.go_on_from(orbits[-1])
-    return found.following or End(special.kind, f"no cycle follows: {special.meaning}", special.value, found.error)
+    return found.following or End(special.kind, f"no cycle follows: {special.meaning}", special.value, special.error)
 
 
 def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: bool) -> Any:

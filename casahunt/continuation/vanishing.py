@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import chain, takewhile
+from itertools import chain, islice, takewhile
 from typing import cast
 
 import numpy as np
@@ -44,6 +44,8 @@ SHRINKS_TO, SLOWEST = 0.25, 0.95
 """Part of its duration that is left of the phase in one step; where the step fails, its root, which is at most this."""
 VANISHED_PART = 1e-7
 """Part of its duration at which a phase has vanished: what the parameter lacks is this part or its square."""
+WELL = 2
+"""Iterations of Newton's method with which a shorter phase is found as long as rounding has no part in it."""
 MESHES_OF_A_TOUCH = 6
 """How often a mesh is halved for the contact, two as a rule; one that moves even then, by the tolerance, is none."""
 SOON = 0.7
@@ -54,12 +56,15 @@ BEHIND = 1e-4
 """How far behind a grazing contact, along the branch, the next cycle is looked for."""
 BORN_PARTS = (1.0, 0.1, 0.01)
 """Parts of its first duration with which a phase that begins at a contact is sought."""
+UNLOCATED = 1e-5
+"""Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
+located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
 
 
 def orbit_at_contact(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The cycle at which the shortest phase of one has vanished, without it.
+    """The cycle at which the shortest phase of one has vanished, without it; and without its image in the other half.
 
     orbit: a cycle with a phase that is about to vanish. Returns Orbit; None where no phase vanishes.
     """
@@ -73,8 +78,10 @@ def orbit_at_contact(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit |
         return None
     (t, u, setting), lam, error = contact
     there = problem.with_value(vary, problem.moved(vary, lam))
-    for gone, fewer in there.vanishing(t, u, setting.moved(lam)):
-        without = solved_at(there, fewer, options) if gone == found[0] else None
+    alone = [fewer for gone, fewer in there.vanishing(t, u, setting.moved(lam)) if gone == found[0]]
+    with_image = (fewest for fewer in alone for _, fewest in islice(there.vanishing(*fewer), 1))
+    for fewer in chain(alone, with_image):
+        without = solved_at(there, fewer, options)
         if without is not None and without.signature != orbit.signature:
             return cast(AnyOrbit, replace(without, parameter_error=max(without.parameter_error, error)))
     return None
@@ -123,17 +130,23 @@ def _contact(problem: Problem, start: Start, k: int, vary: str, tol: float) -> t
     if fine is None:
         return None
     (t, u, setting), lam, off = fine
-    lacks = abs(float(t.linearise(u, setting.moved(lam)).tangent(_row(t, u, k))[1][-1]))
-    return fine[0], lam, max(lacks, off / 2**t.degree)
+    return fine[0], lam, max(lacking((t, u, setting.moved(lam)), k), off / 2**t.degree)
+
+
+def lacking(start: Start, k: int) -> float:
+    """|d lambda / d ln T_k|: what lambda lacks to where phase k has no duration is some part of this, next to it."""
+    t, u, setting = start
+    return abs(float(t.linearise(u, setting).tangent(_row(t, u, k))[1][-1]))
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) -> tuple[Array, float] | None:
     """(u, lambda) where phase k has become `VANISHED_PART` times as long; None where it does not get there.
 
-    Nor where lambda turns round on the way, by more than the tolerance: near the end its slope is rounding.
+    Where the end of that phase hardly tells anything any more, less than the tolerance before, where it still did.  Nor
+    where lambda turns round on the way, by more than the tolerance: near the end its slope is rounding.
     """
     goal, lam, part = VANISHED_PART * float(t.durations_of(u)[k]), 0.0, SHRINKS_TO
-    way = 0.0
+    way, well = 0.0, (u, lam)
     while float(t.durations_of(u)[k]) > goal:
         row = _row(t, u, k)
         du, y = t.linearise(u, setting.moved(lam)).tangent(row)
@@ -144,6 +157,9 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) ->
         solution = newton(t, ahead[0], setting, border=row, parameter=ahead[1], accuracy=1e-3 * tol)
         if solution.status.ok:
             u, lam, part = solution.u, solution.parameter, max(part**2, SHRINKS_TO)
+            well = (u, lam) if solution.iterations <= WELL else well
+        elif abs(y[-1]) <= tol:
+            return well
         elif (part := float(np.sqrt(part))) > SLOWEST:
             return None
     return u, lam
@@ -226,7 +242,7 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
     last = last_before(fewer, more, vary, options, lambda orbit: orbit.signature != fewer.signature)
     distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
     contact = grazing_at(last, event, vary, options) if distance <= CONTACT_RANGE else None
-    return last if contact is None else contact[1]
+    return replace(last, parameter_error=UNLOCATED) if contact is None else contact[1]
 
 
 def _on_the_way(before: Orbit, contact: Orbit, after: Orbit, vary: str) -> bool:

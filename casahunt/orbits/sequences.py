@@ -30,6 +30,7 @@ import numpy as np
 
 from ..collocation.interval import field_at
 from ..collocation.mesh import evaluate_phase
+from ..collocation.successors import DECIDED_BEYOND, around
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid import system as engine
 from ..hybrid.system import Cycle, Signature
@@ -167,9 +168,13 @@ def joined_phases(some: Sequence[Segment]) -> Segment:
 
 
 def _leads_past(posed: Posed, segments: Sequence[Segment], k: int, setting: Setting) -> bool:
-    """Whether the event before phase k may lead to the phase behind it: its successor depends on the numbers."""
-    before = posed.exit_of(segments[k - 1].mode, segments[k - 1].event)
-    names = {before.successor(s.behind, setting.p) for s in (segments[k - 1], segments[k])}
+    """Whether the event before phase k may lead to the phase behind it: its successor depends on the numbers.
+
+    Where the phase ends may be just where that changes.
+    """
+    before, beside = posed.exit_of(segments[k - 1].mode, segments[k - 1].event), DECIDED_BEYOND * setting.scale
+    places = [segments[k - 1].behind, *around(segments[k].behind, beside)]
+    names = {before.successor(x, setting.p) for x in places}
     if k + 1 < len(segments):
         return segments[k + 1].mode in names
     first = posed.image(segments[0], setting.p, setting.scale)

@@ -7,7 +7,7 @@ import casadi
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import fsolve
+from scipy.optimize import brentq, fsolve
 
 from casahunt.continuation import follow
 from casahunt.hybrid import Event, Mode, System
@@ -162,3 +162,53 @@ def test_an_impact_that_sets_the_base_sliding_begins_at_a_grazing_and_ends_there
         for orbit in branch.orbits:
             slides = any(arc.mode == "slip" for arc in orbit.arcs)
             assert not slides or orbit.problem.value("V") >= grazing - 1e-8
+
+
+# A relay that waits ---------------------------------------------------------------------------------------------------
+
+
+def relay_with_dwell(spring):
+    """x'' = -k x - x' -+ 1, switched where x = +-0.3 is crossed, but not before a time d since the last switch."""
+
+    def plant(clock):
+        return lambda x, p: {"x": x.v, "v": -spring * x.x - x.v - p.sign, "c": clock + 0 * x.c}
+
+    def modes(name, other, sign):
+        def above(x, p):
+            return sign * x.x + 0.3
+
+        dwelt = Event(
+            f"{name} dwelt",
+            lambda x, p: x.c / p.d - 1,
+            +1,
+            to=lambda x, p: f"{name} armed" if above(x, p) > 0 else f"{other} dwells",
+            reset=lambda x, p: {"c": 0.0},
+        )
+        crosses = Event(f"{name} crosses", above, -1, to=f"{other} dwells")
+        return (
+            Mode(f"{name} dwells", plant(1.0), sign=sign, ends=(dwelt,)),
+            Mode(f"{name} armed", plant(0.0), sign=sign, ends=(crosses,)),
+        )
+
+    system = System("relay", ("x", "v", "c"), {"d": 0.5}, (*modes("up", "down", 1), *modes("down", "up", -1)))
+    return find_cycle(system, "up dwells", x=0.5, v=0.3, c=0.0, tol=1e-9)
+
+
+def test_a_waiting_that_vanishes_is_a_named_end_where_one_of_many_begins():
+    """Without a spring any offset has its cycle beyond: the half period is that of t - 2 tanh(t/2) = 0.6."""
+    half = brentq(lambda t: t - 2 * np.tanh(t / 2) - 0.6, 1, 4, xtol=1e-14)
+    branch = follow(relay_with_dwell(0.0), "d", to=4.0)
+    (special,) = branch.special
+    assert branch.end.kind == special.kind == "grazing" and "armed' shrinks to nothing" in branch.ended
+    assert special.value == pytest.approx(half, abs=1e-8)
+    assert max(abs(special.value - half), abs(branch.end.value - half)) <= 3 * special.error
+
+
+def test_two_waits_vanish_together_and_the_clocked_cycle_goes_on():
+    """With a spring it is one alone; the half period of the relay that does not wait tells where."""
+    start = relay_with_dwell(0.5)
+    branch = follow(start, "d", to=2.2)
+    (special,) = branch.special
+    assert branch.end.kind == "range" and branch.orbits[-1].period == pytest.approx(4.4, rel=1e-9)
+    assert special.value == pytest.approx(start.period / 2, rel=1e-7)
+    assert abs(special.value - start.period / 2) <= 3 * special.error
