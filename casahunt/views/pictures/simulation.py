@@ -31,7 +31,7 @@ SPIKE, TIMES_THE_USUAL, LEAST_SHOWN = 4.0, 2.0, 1e-4
 """Where a curve exceeds what it is in the second half of the time by the first factor, as at a step, the picture goes
 up to the second times that, and the peak is written down: beside it nothing else could be read.  Not where that is less
 than the last part of the peak: a motion that has come to rest."""
-STILL_SHOWN, MUCH_LONGER = 0.25, 2.0
+STILL_SHOWN, MOSTLY_STILL = 0.25, 2.0
 """Of a motion that changes no more, as parts of the time in which it does; where a motion is so many times as long as
 that, the rest is not drawn, and the time axis says so."""
 SHADE = "0.9"
@@ -146,7 +146,7 @@ def _goes_on_until(t: Array, curves: Sequence[Array]) -> float:
         away = np.flatnonzero(np.abs(values - values[-1]) > LEAST_SHOWN * np.ptp(values))
         last = max(last, int(away[-1]) + 1 if away.size else 0)
     shown = t[0] + (1 + STILL_SHOWN) * (t[last] - t[0])
-    return float(shown if 0 < last and shown < t[-1] / MUCH_LONGER else t[-1])
+    return float(shown if 0 < last and shown < t[-1] / MOSTLY_STILL else t[-1])
 
 
 def _three(
