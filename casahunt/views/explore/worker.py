@@ -34,8 +34,8 @@ Heard = Callable[[int, str, dict[str, Any]], None]
 """(number of the question, stage, what it shows): stage "done" after the last one."""
 DONE = "done"
 LONGEST_SILENCE, LONGEST_START = 30.0, 300.0
-"""Seconds without a word or an interval, which takes 1 ms, after which a worker that has a question is ended; before its
-first one it reads what it computes with, for a second where the machine does nothing else."""
+"""Seconds without a word or an interval, which takes 1 ms, after which a worker that has a question is ended; before
+its first one it reads what it computes with, for a second where the machine does nothing else."""
 TO_END = 1.0
 """Seconds that a worker has to end by itself."""
 MOST_MEGABYTES = 400.0
