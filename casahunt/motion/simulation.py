@@ -357,7 +357,9 @@ def _difference(coarse: list[Segment], fine: list[Segment], scale: Array, tol: f
         lively = min(len(before_rest(run, scale, tol / 2)) for run in (coarse, fine))
         later = max(far_from(run[lively:], run[-1].end, scale) for run in (coarse, fine))
         before = _apart(coarse[:lively], fine[:lively], scale, whole)
-        if tol < before < float("inf"):  # the phase in which they come there may only end by rounding
+        (mode, met), (other_mode, other_met) = ((run[lively - 1].mode, run[lively - 1].event) for run in (coarse, fine))
+        alike = mode == other_mode and (met == other_met or "" in (met, other_met))
+        if before > tol and alike:  # the phase in which they come there may end by rounding, or not at all
             ended = min(run[lively - 1].duration for run in (coarse, fine))
             crept = max(far_after(run[lively - 1], ended, run[-1].end, scale) for run in (coarse, fine))
             before = max(_apart(coarse[: lively - 1], fine[: lively - 1], scale, whole), crept)

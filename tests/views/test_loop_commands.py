@@ -288,3 +288,27 @@ def test_a_loop_whose_cycle_rests_on_its_way_hunts_wherever_its_motion_is_cut(ca
     path.write_text("\n".join([f"[loop]\nparts = [{parts}]", "[values]", *lines]))
     found = one_json(run(capsys, "simulate", path, "--gain", 1, "--time", 60, "--json", "--quiet")[1])
     assert found["verdict"] == "hunting" and found["amplitude"] == pytest.approx(0.040751, abs=1e-6)
+
+
+BELT = {
+    "inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 60.0, "shaft_damping": 0.01, "motor_gain": 1.0,
+    "kp": 2.0, "ki": 12.0, "kd": 0.06, "static": 0.25, "coulomb": 0.18, "stribeck_velocity": 0.05, "viscous": 0.002,
+}  # fmt: skip
+"""A motor and a load with a belt between them."""
+
+
+def test_a_motion_that_creeps_to_rest_has_one_verdict(capsys, tmp_path):
+    """Its last slip is slower and slower: whether that still stops, and how often, is rounding, and no error of it.
+
+    It is at rest with the load where the motor is, and the integrator carries less than the static friction.
+    """
+    path, parts = tmp_path / "belt.toml", '["two masses", "Switch friction", "PID by gains", "integrator"]'
+    lines = [f"{name} = {value}" for name, value in BELT.items()]
+    path.write_text("\n".join([f"[loop]\nparts = {parts}\n[values]\ngain = 1.0", *lines]))
+    for position in (0.0017, 0.0005):
+        words = "--gain", 7.5, "--position", position
+        code, out, err = run(capsys, "simulate", path, *words, "--json", "--quiet")
+        said = one_json(out)
+        assert (code, err, said["verdict"]) == (0, "", "at rest") and said["error"] <= said["tol"]
+        assert abs(said["end"]["x1"] - said["end"]["load_angle"]) < 1e-9
+        assert 7.5 * 12.0 * abs(said["end"]["x3"]) <= 0.25 * (1 + 1e-6)

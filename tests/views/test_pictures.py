@@ -235,3 +235,18 @@ def test_special_points_between_which_no_orbit_lies():
     found, kinds = _with_special(SimpleNamespace(vary="gain", orbits=orbits, special=special))
     assert [orbit.gain for orbit in found] == [1, 1.5, 2, 3, 4, 4.2, 4.3, 3.5]
     assert [kind for kind in kinds if kind] == ["symmetry breaking", "symmetry breaking", "fold"]
+
+
+@pytest.mark.parametrize(("gain", "position", "whole"), [(0.8808, 0.0, False), (0.04, 0.0, True), (0.04, 0.9999, True)])
+def test_the_time_axis_goes_to_where_something_happens(gain, position, whole):
+    """A step at rest after 2 s of 100 is drawn so far, and the axis says it; of what is stuck and winds up, all."""
+    found = casahunt.simulate(SERVO, "switch", gain, time=100.0, position=position)
+    panels = pictures.motion(found)
+    end, said = panels[0].get_xlim()[1], panels[2].get_xlabel()
+    assert (end == pytest.approx(100.0)) == whole == (said == "time [s]")
+    if not whole:
+        slips = [event.time for event in found.events if event.name == "stop"]
+        assert slips[0] < end < 5.0 and said.endswith("nothing more happens until 100 s")
+        late = found.times[:-1] > end
+        t, x = found.dense(4)
+        assert late.any() and np.abs(x[0][t > end]).max() < 1e-3

@@ -38,11 +38,13 @@ def test_the_table_is_read_at_a_glance(capsys):
     assert gain.split()[5] == "0" and float(gain.split()[6]) == pytest.approx(2 * 16 * 1.1 * 0.647339, rel=1e-3)  # kp
     said = " ".join(table.split())
     assert "feedforward hunting goes on up to 1, the last size looked at: it makes the friction of the slipping" in said
+    assert "what the columns mean, and every digit: --details" in said and "10 % more of the remedy" not in said
+    assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1
+    assert err == ""  # no milestones
+    said = " ".join(run(capsys, *GAIN, "--only", "gain", "--quiet", "--details")[1].split())
     assert "may stand still, with the size to choose" in said
     assert "10 % more of the remedy" in said and "step of 1 rad" in said
     assert "of that step stays within 2 % of the step" in said and "in place of the present ones: gain: K" in said
-    assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1
-    assert err == ""  # no milestones
 
 
 @pytest.mark.slow
@@ -83,6 +85,17 @@ def test_a_picture(capsys, tmp_path):
     pixels = image.imread(path)[..., :3]
     red = (pixels[..., 0] > 0.7) & (pixels[..., 1] < 0.4) & (pixels[..., 2] < 0.4)
     assert np.count_nonzero(red) > 100  # the line at which hunting ends
+
+
+@pytest.mark.parametrize("most", [1.0, 9.0])
+def test_beside_a_limit_of_torque_stands_what_the_step_takes_today(capsys, most):
+    """At K = 0.25 the step of 1 rad begins with kp = 2 * 16 * 0.25 N m, whatever the remedy: not one is to blame."""
+    words = "remedies", "--gain", 0.25, "--only", "gain", "--max-torque", most
+    code, out, err = run(capsys, *words, "--quiet")
+    for said in (" ".join(out.split()), err):
+        assert "the present controller asks for 8 N m on a step of 1 rad" in said
+        assert ("above that limit already" in said) == (most < 8)
+    assert code == 1
 
 
 @pytest.mark.slow
@@ -152,6 +165,6 @@ def test_a_servo_that_does_not_hunt(capsys, tmp_path):
 def test_why_cycles_could_not_be_followed_stands_in_the_details():
     """A mesh and Newton's method mean nothing to who asks for a remedy."""
     row = Cure("leak", "1/s", "not found", why="could be followed to 0.5 1/s", evidence="no step converged")
-    (said,) = remedy_details(SimpleNamespace(remedies=(row,)))
+    (said,) = remedy_details(SimpleNamespace(remedies=(row,)), of_a_set=False)
     assert "could be followed to 0.5 1/s (no step converged)" in said
     assert _why_not(row) == "not found: could be followed to 0.5 1/s"

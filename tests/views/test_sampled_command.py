@@ -164,6 +164,18 @@ def test_a_loop_of_parts_has_no_drive(capsys, tmp_path):
     assert code == 2 and "sample-time: must be left out" in err
 
 
+@pytest.mark.parametrize("words", ["orbit --gain 1", "orbit --gain 50", "fold", "map --gain 1", "equilibria --gain 1"])
+def test_an_answer_for_the_continuous_loop_says_so(capsys, tmp_path, built, words):
+    """In the answer, in the refusal, or beside it; not where the file has no drive."""
+    command, *rest = words.split()
+    bare = tmp_path / "bare.toml"
+    bare.write_text(SERVO)
+    for path, sometimes in ((built, True), (bare, False)):
+        _, out, err = run(capsys, command, path, *rest)
+        said = " ".join((out + err).split())
+        assert ("of the continuous loop: [drive] of the servo file changes nothing here" in said) == sometimes
+
+
 def test_an_orbit_of_few_counts_is_told(capsys, built):
     _, out, _ = run(capsys, "orbit", built, "--gain", 1, "--quiet")
     assert "as built the amplitude is 5.92 counts of the encoder: below 20" in " ".join(out.split())

@@ -31,6 +31,10 @@ LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
 LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate", "explore")
 """Commands that take a loop of parts."""
+WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
+"""Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
+CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing here; casahunt simulate takes it in"
+"""Said where a drive is described and not computed."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
 TORQUE_OPTIONS = ("torque_column", "current_column", "torque_constant")
@@ -270,6 +274,8 @@ def servo_of(options: argparse.Namespace) -> Servo:
         options.told = True
         for sentence in taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought")):
             say(progress(options), sentence)
+        if DRIVE_TABLE in tables and options.command in WITHOUT_DRIVE:
+            say(progress(options), f"the answer is {CONTINUOUS}")
     return servo
 
 

@@ -117,7 +117,8 @@ def run(options: argparse.Namespace) -> int:
     lines = [advice_of(cures, limits, built, of_a_set=True), *([f"  {doubt}"] if doubt else []),
              *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
              *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built, of_a_set=True)]  # fmt: skip
-    details = *identification.identified_details(found), *remedy_details(cures), *built_lines(built, in_full=True)
+    details = (*identification.identified_details(found), *remedy_details(cures, of_a_set=True),
+               *built_lines(built, in_full=True))  # fmt: skip
     answer = Answer(lines, details)
     give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
     return _judged(found, cures, built, limits)

@@ -19,7 +19,7 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
-from ...design.remedies.price import ENDED, SETTLED_WITHIN, TASK_STEP, settled_within
+from ...design.remedies.price import ENDED, TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...errors import InputError
 from ...export import plain
@@ -29,6 +29,7 @@ from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
 from ..answers.answer import PLAIN_DIGITS, Answer
+from ..answers.remedy_columns import columns_meant, today
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
 from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
@@ -48,11 +49,6 @@ SETTLING_DIGITS = 2
 """Digits of a settling time: it depends on where between two points of the motion the band is left last."""
 NO_PART = "not checked: its size is that of a vibration much faster than the samples, which the drive cannot make"
 """Said of dither."""
-DITHER_SIZE = (
-    "its size is the root mean square of the velocity that the vibration has at the shaft; the torque for it, root "
-    "mean square too, is the inertia times that times 2 pi times its frequency"
-)
-"""What to set."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
@@ -140,7 +136,7 @@ def run(options: argparse.Namespace) -> int:
     of_a_set = uncertainty is not None
     lines = [*remedy_lines(found, limits, of_a_set=of_a_set, built=built), *built_lines(built, of_a_set=of_a_set)]
     result = found.to_dict() | {"as_built": built} if built else found
-    answer = Answer(lines, [*remedy_details(found), *built_lines(built, in_full=True)])
+    answer = Answer(lines, [*remedy_details(found, of_a_set=of_a_set), *built_lines(built, in_full=True)])
     give(options, result, answer, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
     if limits and not found.best:
         complain("casahunt remedies", none_within(found, limits))
@@ -243,9 +239,10 @@ def _not_known(found: Cures) -> str:
 
 def none_within(found: Cures, limits: dict[str, float]) -> str:
     """What is said where no remedy is within the limits."""
+    now = today(found, limits.get("max_torque"))
     if unknown := _not_known(found):
-        return f"no remedy that ends hunting{_within(limits)} was found; of {unknown} the table says why"
-    return f"no remedy ends hunting{_within(limits)}; allow more, or look at the table"
+        return f"no remedy that ends hunting{_within(limits)} was found; of {unknown} the table says why{now}"
+    return f"no remedy ends hunting{_within(limits)}; allow more, or look at the table{now}"
 
 
 def _within(limits: dict[str, float]) -> str:
@@ -280,23 +277,7 @@ def remedy_lines(
         yield f"  {row.name:17s}  {_why_not(row)}"
     if ending:
         yield ""
-        yield "  ends it        the smallest size that does, or where less is more the largest"
-        yield f"  choose         {100 * found.margin:g} % more of the remedy than that" + (
-            ", or than the worst servo of the set needs" if of_a_set else ""
-        )  # fmt: skip
-        of_the_worst = ", the worst servo of the set too" if of_a_set else ""
-        yield f"  error at rest  the largest at which the servo may stand still, with the size to choose{of_the_worst}"
-        as_given = ", of the servo as given" if of_a_set else ""
-        yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size{as_given}"
-        small = settled_within(found.amplitude) < SETTLED_WITHIN * TASK_STEP
-        within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the step"
-        yield f"  settles in     from then on the error of that step stays within {within}, or the error at rest"
-        yield "  order          the cheapest first: error at rest, torque and settling time together"
-        own = [f"{row.name}: {OWN[row.name]}" for row in ending if row.name in OWN]
-        if own:
-            yield f"  sizes          of the controller's own numbers, in place of the present ones: {', '.join(own)}"
-        if any(row.name == "dither" for row in ending):
-            yield f"  dither         {DITHER_SIZE}"
+        yield "  what the columns mean, and every digit: --details"
 
 
 def that_holds(
@@ -326,8 +307,9 @@ def _advice_as_built(found: Cures, built: Mapping[str, AsBuilt | str]) -> str:
     return said
 
 
-def remedy_details(found: Cures) -> Iterator[str]:
-    """The sizes in all digits that are known."""
+def remedy_details(found: Cures, *, of_a_set: bool) -> Iterator[str]:
+    """What the columns mean, and the sizes in all digits that are known."""
+    yield from columns_meant(found, OWN, of_a_set=of_a_set)
     for row in found.remedies:
         if math.isfinite(row.size):
             yield f"  {row.name:17s}  {_exact(row)}"
@@ -386,7 +368,8 @@ def advice_of(
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
         unknown = _not_known(found)
-        return f"no remedy that ends it{within} was found" if unknown else f"none of these remedies ends it{within}"
+        none = f"no remedy that ends it{within} was found" if unknown else f"none of these remedies ends it{within}"
+        return none + today(found, limits.get("max_torque"))
     prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, "N m on a step")
     costs = [f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price)]
     if math.isfinite(best.settling):

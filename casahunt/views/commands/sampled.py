@@ -22,7 +22,7 @@ from ...servo.sampled.border import below_border, by_counts
 from ...servo.servo import Servo
 from ..answers.answer import item
 from ..answers.sampled import sampled_answer
-from .arguments import Parser, drive_of, gain_of, left_out, model_of
+from .arguments import CONTINUOUS, Parser, drive_of, gain_of, left_out, model_of
 from .output import give
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def of_drive(
 def seen_by_encoder(
     options: argparse.Namespace, amplitude: float, *, beyond: bool = False
 ) -> tuple[list[str], dict[str, str | None]]:
-    """What a command says of a cycle where the servo file describes a drive: a line if it has few counts, and for JSON.
+    """What a command says of a cycle where the servo file describes a drive: lines, and for JSON.
 
     amplitude: of the cycle [rad]; beyond: also what the drive may do where there is no cycle any more.
     """
@@ -98,17 +98,20 @@ def seen_by_encoder(
     if drive is None:
         return [], {}
     sentence, further = below_border(amplitude, drive), by_counts(drive) if beyond else ""
-    lines = [item("as built", f"the amplitude is {sentence}; casahunt simulate shows it")] if sentence else []
+    lines = [item("whose answer", CONTINUOUS)]
+    lines += [item("as built", f"the amplitude is {sentence}; casahunt simulate shows it")] if sentence else []
     lines += [item("above that gain", f"{further}; casahunt tune looks")] if further else []
     return lines, {"as_built": sentence or None} | ({"beyond": further or None} if beyond else {})
 
 
 def hunts_on(options: argparse.Namespace, refusal: NoOrbit, gain: float) -> NoOrbit:
     """The refusal of a cycle that there is not, and what the drive of the servo file may do all the same."""
-    sentence = by_counts(drive_of(options))
-    if refusal.status is not None or not sentence:
+    drive = drive_of(options)
+    if drive is None:
         return refusal
-    shown = f"{refusal.plain}; {sentence} (casahunt simulate --gain {gain:g})"
+    sentence = by_counts(drive) if refusal.status is None else ""
+    more = f"; {sentence} (casahunt simulate --gain {gain:g})" if sentence else ""
+    shown = f"{refusal.plain}; this is {CONTINUOUS}{more}"
     return NoOrbit(shown, refusal.status, evidence=refusal.evidence)
 
 

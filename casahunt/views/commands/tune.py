@@ -194,13 +194,14 @@ def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: fl
 
     limits = {} if most is None else {"max_torque": most}
     built = remedies_as_built(options, found, servo_of(options), found.gain)
+    of_a_set = options.uncertainty is not None
     plain = [
         f"no gain was found that will do: {refusal}",
         "so the controller stays, with a remedy; the margins asked of the linear loop are not asked of it",
-        *remedy_lines(found, limits, of_a_set=options.uncertainty is not None, built=built),
-        *built_lines(built, of_a_set=options.uncertainty is not None),
+        *remedy_lines(found, limits, of_a_set=of_a_set, built=built),
+        *built_lines(built, of_a_set=of_a_set),
     ]
-    answer = Answer(plain, [*remedy_details(found), *built_lines(built, in_full=True)])
+    answer = Answer(plain, [*remedy_details(found, of_a_set=of_a_set), *built_lines(built, in_full=True)])
     seen = {"as_built": built} if built else {}
     give(options, {"refused": refusal} | found.to_dict() | seen, answer, table=tables_of([found]))
     if not found.best:

@@ -41,7 +41,8 @@ def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
 def left_open(orbits: Any) -> dict[str, Any]:
     """Where a branch goes on that was followed no further: what is shown with its curves."""
     gain, amplitude = orbits[-1].problem.value(GAIN), orbits[-1].amplitude
-    why = f"unfinished: its cycles were followed no further than to gain {brief(gain)}, swing {brief(amplitude)} rad"
+    where = f"gain {brief(gain)}, swing {brief(amplitude)} rad"
+    why = f"unfinished beyond the cross: its cycles were followed no further than to {where}"
     return {"why": why, "unfinished": curve(gain=[gain], amplitude=[amplitude])}
 
 

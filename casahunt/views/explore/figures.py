@@ -83,9 +83,6 @@ def _drawn(name: str) -> Any:
             figure.scatter("gain", "amplitude", source=source, color=GREY, size=9, alpha=alpha)
         source = models.ColumnDataSource({"gain": [], "amplitude": []}, name="unfinished")
         figure.scatter("gain", "amplitude", source=source, color=ORANGE, size=9, marker="x", line_width=2)
-        words = models.Label(text="unfinished beyond here", x=1, y=1, name="unfinished words", visible=False,
-                             text_font_size="12px", text_align="right", x_offset=-8, y_offset=4)  # fmt: skip
-        figure.add_layout(words)
         for at, look in (("present", {"line_width": 3}), ("border", {"line_dash": "dotted"})):
             figure.add_layout(models.Span(location=1, dimension="height", name=at, line_color=GREY, **look))
         figure.xaxis.axis_label, figure.yaxis.axis_label = "gain K [V/rad]", "swing [rad]"

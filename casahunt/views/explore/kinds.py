@@ -47,6 +47,7 @@ from .numbers import (
     seen_number,
     sentence_of,
     shown_number,
+    summed,
 )  # fmt: skip
 from .state import GAIN, Problem
 
@@ -129,15 +130,16 @@ class ServoAnswers:
         times, states = motion.dense(MOTION_POINTS)
         torque = motion.torque(states)
         return {
-            "motion": curve(time=times, angle=motion.set_point + states[0], torque=torque),
+            "motion": curve(time=times, angle=summed(motion.set_point, states[0]), torque=torque),
             "peak": seen_number(motion.peak_torque), "voltage": seen_number(motion.peak_voltage),
             **self._end_of(motion),
         }  # fmt: skip
 
     def _end_of(self, motion: Trajectory) -> dict[str, Any]:
         """Where a step ends; and where it comes to rest though the servo can hunt, from which start that does."""
-        ends = f"the step ends: {HEADS[motion.verdict.kind]}"
-        if self.verdict not in HUNTING or motion.verdict.kind not in SETTLES:
+        kind = motion.verdict.kind
+        ends = f"the step ends: {HEADS[kind]}" if kind != "undecided" else "where the step ends is not seen yet"
+        if self.verdict not in HUNTING or kind not in SETTLES:
             return {"ends": ends}
         assert self.orbit is not None
         self.said = hunts(self.orbit.amplitude, self.orbit.period, self.orbit.stable, partly=True)
@@ -293,7 +295,7 @@ class LoopAnswers(ServoAnswers):
         peak = float(np.abs(found.torque).max())
         numbers = self.loop.parameters
         shown = {
-            "motion": curve(time=found.times, angle=self.problem.step + angle, torque=found.torque),
+            "motion": curve(time=found.times, angle=summed(self.problem.step, angle), torque=found.torque),
             "peak": seen_number(peak), "ends": "",
         }
         if "motor_gain" in numbers:

@@ -28,6 +28,8 @@ MARGIN_DIGITS = 3
 CURVE_DIGITS = 6
 """Of the points of curves: a pixel is 1e-3 of a picture."""
 MOST_CURVE_POINTS = 2000
+ROUNDING_OF_A_SUM = 1e-13
+"""Relative."""
 
 
 def shown_number(value: float, relative_error: float = math.nan) -> dict[str, Any]:
@@ -61,6 +63,12 @@ def curve(**columns: Any) -> dict[str, list[float | None]]:
     arrays = {name: np.asarray(column, float) for name, column in columns.items()}
     step = max(1, math.ceil(max(a.size for a in arrays.values()) / MOST_CURVE_POINTS))
     return {name: [_short(x) for x in a[::step].tolist()] for name, a in arrays.items()}
+
+
+def summed(one: float, other: Any) -> Any:
+    """one + other, zero where they cancel to rounding: a picture of that would show nothing else."""
+    whole = one + np.asarray(other)
+    return np.where(np.abs(whole) > ROUNDING_OF_A_SUM * abs(one), whole, 0.0)
 
 
 def _short(x: float) -> float | None:

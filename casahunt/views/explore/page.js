@@ -218,11 +218,8 @@
     const at = what.unfinished, missing = byId("diagram-figure").querySelector(".missing");
     missing.classList.toggle("below", Boolean(at));
     if (at) missing.textContent = what.why;
-    const source = model("diagram", "unfinished"), words = model("diagram", "unfinished words");
-    if (!source) return;
-    source.data = at || {gain: [], amplitude: []};
-    if (at) { words.x = at.gain[0]; words.y = at.amplitude[0]; }
-    words.visible = Boolean(at);
+    const source = model("diagram", "unfinished");
+    if (source) source.data = at || {gain: [], amplitude: []};
   };
   const evidence = () => {
     const said = [...new Set(Object.values(shown).map((what) => what.evidence).filter(Boolean))];

@@ -33,8 +33,9 @@ _LOG = logging.getLogger(__name__)
 Heard = Callable[[int, str, dict[str, Any]], None]
 """(number of the question, stage, what it shows): stage "done" after the last one."""
 DONE = "done"
-LONGEST_SILENCE = 30.0
-"""Seconds without a word or an interval after which a worker that has a question is ended: an interval takes 1 ms."""
+LONGEST_SILENCE, LONGEST_START = 30.0, 300.0
+"""Seconds without a word or an interval, which takes 1 ms, after which a worker that has a question is ended; before
+its first one it reads what it computes with, for a second where the machine does nothing else."""
 TO_END = 1.0
 """Seconds that a worker has to end by itself."""
 MOST_MEGABYTES = 400.0
@@ -53,7 +54,7 @@ def serve(pipe: Any, newest: Any, computed: Any) -> None:
     """
     interrupts.serve()
     asked, ahead = Answers(), _ahead()
-    for _ in asked.of(state_of_address(WARM)):
+    for _ in asked.of(state_of_address(WARM), partial(_passed, newest, computed)):
         pass
     with suppress(EOFError, OSError):
         while True:
@@ -108,10 +109,10 @@ def _megabytes() -> float:
     return float(peak) / (1e6 if sys.platform == "darwin" else 1e3)
 
 
-def _passed(newest: Any, computed: Any, number: int) -> bool:
-    """Whether another question is the newest one; asked with every interval, which is counted."""
+def _passed(newest: Any, computed: Any, number: int | None = None) -> bool:
+    """Whether another question than this one, if it is one, is the newest; asked with every interval, and counted."""
     computed.value += 1
-    return bool(newest.value != number)
+    return number is not None and bool(newest.value != number)
 
 
 class Worker:
@@ -124,11 +125,11 @@ class Worker:
         self._heard = heard
         self._context = multiprocessing.get_context("spawn")
         self._newest, self._computed = (self._context.RawValue(ctypes.c_int64, 0) for _ in range(2))
-        self._seen = 0
         self._question: tuple[int, str] | None = None
         self._asked = ""
         self._lock = threading.Lock()
         self._closed = self._silent = False
+        self._first = self._seen = 0
         self._start()
 
     def ask(self, number: int, address: str) -> None:
@@ -144,7 +145,9 @@ class Worker:
         with self._lock:
             if self._seen != self._computed.value:
                 self._seen, self._spoke = self._computed.value, time.monotonic()
-            elif self._question is not None and time.monotonic() - self._spoke > LONGEST_SILENCE:
+            elif self._question is not None and time.monotonic() - self._spoke > (
+                LONGEST_SILENCE if self._seen != self._first else LONGEST_START
+            ):
                 self._spoke, self._silent = time.monotonic(), True
                 self._process.kill()
 
@@ -185,6 +188,7 @@ class Worker:
     def _start(self) -> None:
         ours, theirs = self._context.Pipe()
         self._pipe, self._spoke = ours, time.monotonic()
+        self._first = self._seen = self._computed.value
         self._process = self._context.Process(target=serve, args=(theirs, self._newest, self._computed), daemon=True)
         with interrupts.kept_from_children():
             self._process.start()

@@ -31,6 +31,9 @@ SPIKE, TIMES_THE_USUAL, LEAST_SHOWN = 4.0, 2.0, 1e-4
 """Where a curve exceeds what it is in the second half of the time by the first factor, as at a step, the picture goes
 up to the second times that, and the peak is written down: beside it nothing else could be read.  Not where that is less
 than the last part of the peak: a motion that has come to rest."""
+STILL_SHOWN, MOSTLY_STILL = 0.25, 2.0
+"""Of a motion that changes no more, as parts of the time in which it does; where a motion is so many times as long as
+that, the rest is not drawn, and the time axis says so."""
 SHADE = "0.9"
 """Colour behind a stick."""
 LEVEL_COLOUR = "#b03020"
@@ -136,6 +139,16 @@ def _most_of_it(ax: Any, t: Array, values: Array, centre: float, least: float, u
         ax.text(0.99, 0.93, said, transform=ax.transAxes, ha="right", va="top", fontsize=SMALL, bbox=box, zorder=5)
 
 
+def _goes_on_until(t: Array, curves: Sequence[Array]) -> float:
+    """How far the time axis goes: to the end, or a little beyond the time behind which no curve changes any more."""
+    last = 0
+    for values in curves:
+        away = np.flatnonzero(np.abs(values - values[-1]) > LEAST_SHOWN * np.ptp(values))
+        last = max(last, int(away[-1]) + 1 if away.size else 0)
+    shown = t[0] + (1 + STILL_SHOWN) * (t[last] - t[0])
+    return float(shown if 0 < last and shown < t[-1] / MOSTLY_STILL else t[-1])
+
+
 def _three(
     given: Any, t: Array, curves: Sequence[Array], sticks: Sequence[tuple[float, float]], title: str, colour: str,
     set_point: float, levels: Sequence[float],
@@ -159,7 +172,10 @@ def _three(
         (three[2], curves[2], 0.0, max(levels, default=0.0), "N m"),
     ):  # fmt: skip
         _most_of_it(ax, t, values, centre, least, unit)
-    three[2].set_xlabel("time [s]")
+    end = _goes_on_until(t, curves)
+    if end < t[-1]:
+        three[2].set_xlim(t[0], end)
+    three[2].set_xlabel("time [s]" + (f"; nothing more happens until {t[-1]:.4g} s" if end < t[-1] else ""))
     align(figure, three)
     handles = [Line2D([], [], label="set point; static friction ±F$_s$" if levels else "set point", **dashed)]
     three[0].set_title(title, fontsize="medium")

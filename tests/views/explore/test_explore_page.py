@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import time
 from pathlib import Path
@@ -55,8 +56,8 @@ def served():
 class Page:
     """A page that is loaded, and its faults."""
 
-    def __init__(self, browser, address, width=1200):
-        self.context = browser.new_context(viewport={"width": width, "height": 900}, accept_downloads=True)
+    def __init__(self, browser, address, width=1200, height=900):
+        self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
         self.faults = []
         self.at = self.context.new_page()
         self.at.on("pageerror", lambda error: self.faults.append(str(error)))
@@ -134,6 +135,27 @@ def test_the_figures_hold_what_was_computed(page):
     )
     assert drawn and all(column == pytest.approx(cycle) for column in drawn)
     assert page.at.locator("figure canvas").count() >= 8
+
+
+def test_figures_are_described_as_they_are_drawn_and_the_sentence_greys_with_them(page):
+    def described(name):
+        return page.asks(f"document.getElementById('{name}-plot').getAttribute('aria-label')")
+
+    ranges = re.findall(r"(stable|unstable) cycles, gain from ([0-9.]+) to ([0-9.]+)", described("diagram"))
+    fold = find_fold(Servo(), "switch").gain
+    assert [name for name, *_ in ranges] == ["stable", "unstable"]
+    assert all(float(high) == pytest.approx(fold, rel=1e-2) for *_, high in ranges)
+    amplitude = find_orbit(Servo(), "switch", 0.1).amplitude
+    assert described("angle").endswith(f"angle from -{amplitude:.3g} to {amplitude:.3g}")
+    page.type("gain", 1.0)
+    assert described("angle").endswith("none: it does not hunt")  # not that of the last gain
+    page.asks("void (window.greyed = [])")
+    page.asks(
+        "void new MutationObserver(() => greyed.push(document.getElementById('sentence').classList.contains('stale')))"
+        ".observe(document.getElementById('sentence'), {attributes: true})"
+    )
+    page.type("gain", 0.2)
+    assert page.asks("greyed")[0] is True and page.asks("greyed").pop() is False
 
 
 def test_typed_and_refused_at_its_control(page):
@@ -329,12 +351,17 @@ def test_a_file_up_and_a_loop_down(page, tmp_path):
     assert "must be greater than 0" in page.text("#alarm")
 
 
-@pytest.mark.parametrize("width", [1200, 400])
-def test_it_fits(browser, served, width):
-    """Nothing stands out to the side, in either state; PICTURES=folder keeps what it looks like."""
-    made = Page(browser, f"http://127.0.0.1:{served.port}/", width)
-    for gain in (0.2, 1.0):
+@pytest.mark.parametrize("width, height", [(1200, 900), (800, 900), (400, 900), (640, 360)])
+def test_it_fits(browser, served, width, height):
+    """Nothing stands out to the side, no sentence is cut, and the header leaves room, at 200 % too (of 1280 x 720), in
+    each state; PICTURES=folder keeps what it looks like."""
+    made = Page(browser, f"http://127.0.0.1:{served.port}/", width, height)
+    for gain in (0.2, 0.6, 1.0):
         made.type("gain", gain)
+        for name in ("sentence", "why"):
+            room = made.asks(f"(({{scrollHeight, clientHeight}}) => clientHeight - scrollHeight)({name})")
+            assert room >= -1
+        assert made.asks("document.querySelector('header').getBoundingClientRect().height / innerHeight") < 0.25
         assert made.asks("document.documentElement.scrollWidth") <= width
         wide = made.asks(
             "[...document.querySelectorAll('main *')].filter((e) => e.getBoundingClientRect().right > innerWidth + 1)"

@@ -209,12 +209,15 @@ def test_one_that_computes_is_not_ended_however_slowly(monkeypatch):
     ended: list[bool] = []
     shared = SimpleNamespace(value=0)
     own = SimpleNamespace(
-        _lock=threading.Lock(), _computed=shared, _seen=0, _question=(1, ""), _spoke=0.0, _silent=False,
+        _lock=threading.Lock(), _computed=shared, _seen=0, _first=0, _question=(1, ""), _spoke=0.0, _silent=False,
         _process=SimpleNamespace(kill=lambda: ended.append(True)),
     )  # fmt: skip
     for _ in range(3):
         assert not module._passed(SimpleNamespace(value=1), shared, 1)
         Worker.tend(own)
     assert not ended
+    Worker.tend(own)
+    assert ended == [True]
+    own._first = own._seen  # nor is one that has only begun
     Worker.tend(own)
     assert ended == [True]

@@ -1,0 +1,55 @@
+"""What the columns of the table of remedies mean, and what the step of their price takes today."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+
+import numpy as np
+
+from ...design.remedies.cures import Cures
+from ...design.remedies.price import SETTLED_WITHIN, TASK_STEP, settled_within
+from ...errors import NoOrbit
+from ...servo.parts import loop_motion
+from .answer import short
+
+DITHER_SIZE = (
+    "its size is the root mean square of the velocity that the vibration has at the shaft; the torque for it, root "
+    "mean square too, is the inertia times that times 2 pi times its frequency"
+)
+"""What to set."""
+PEAK_TOLERANCE = 1e-6
+"""Of the motion whose peak is told."""
+
+
+def columns_meant(found: Cures, own: Mapping[str, str], *, of_a_set: bool) -> Iterator[str]:
+    """The columns; own: remedies that are numbers of the controller, and which."""
+    names = [row.name for row in found.remedies if row.ends_hunting]
+    if not names:
+        return
+    set_too, as_given = (", the worst servo of the set too", ", of the servo as given") if of_a_set else ("", "")
+    more = ", or than the worst servo of the set needs" if of_a_set else ""
+    yield "  ends it        the smallest size that does, or where less is more the largest"
+    yield f"  choose         {100 * found.margin:g} % more of the remedy than that{more}"
+    yield f"  error at rest  the largest at which the servo may stand still, with the size to choose{set_too}"
+    yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size{as_given}"
+    small = settled_within(found.amplitude) < SETTLED_WITHIN * TASK_STEP
+    within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the step"
+    yield f"  settles in     from then on the error of that step stays within {within}, or the error at rest"
+    yield "  order          the cheapest first: error at rest, torque and settling time together"
+    if numbers := [f"{name}: {own[name]}" for name in names if name in own]:
+        yield f"  sizes          of the controller's own numbers, in place of the present ones: {', '.join(numbers)}"
+    if "dither" in names:
+        yield f"  dither         {DITHER_SIZE}"
+
+
+def today(found: Cures, most: float | None) -> str:
+    """What the present controller asks for on the step, where a torque is the limit; "" where that is not known."""
+    if most is None:
+        return ""
+    with suppress(NoOrbit):
+        start = found.loop.at_rest(-TASK_STEP)
+        peak = float(np.abs(loop_motion(found.loop, found.period, start=start, tol=PEAK_TOLERANCE).torque).max())
+        already = ", which is above that limit already" if peak > most else ""
+        return f"; the present controller asks for {short(peak)} N m on a step of {TASK_STEP:g} rad{already}"
+    return ""
