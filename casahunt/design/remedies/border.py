@@ -3,6 +3,8 @@
     fold       a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
     Hopf       the cycle shrinks to a point
     grazing    the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
+    instability the cycles lose their stability, and motions beyond do not hunt on another one, although unstable cycles
+               go on to a fold or beyond
     motions    its branch could not be followed so far: simulated motions hunt up to there, and come to rest beyond
     none       the branch goes on to the last size that is looked at
 
@@ -12,7 +14,6 @@ The branch begins with a small remedy, at the cycle on which a motion of the ser
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -29,11 +30,15 @@ from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import fold_in, loop_cycle
-from .price import ENDED, ROUNDING_OF_A_STATE, fate
+from .fate import ENDED, Swing, scan
 
-Kind = Literal["fold", "grazing", "Hopf", "motions", "none", "not found"]
-BORDERS = ("fold", "grazing", "Hopf", "motions")
+Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
+BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
 """Kinds of a border."""
+EXACT = ("fold", "grazing", "Hopf")
+"""Of those, where a branch ends."""
+LOSSES = ("symmetry breaking", "flip", "Neimark-Sacker")
+"""Special points at which cycles lose their stability and go on."""
 
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
@@ -51,35 +56,21 @@ half-way, steps become ever smaller, and multipliers 1e20, while motions tell in
 MOST_WORK_OF_A_BORDER = 1e6
 """Work (effort.py), half a minute of a processor or less, after which the same holds: with a bristle a cycle may take
 long."""
-MOST_WORK_OF_A_MOTION = 1e6
-"""After which a motion is taken to hunt; one that does takes half of it or less."""
-FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
+FIRST_MORE, MOTIONS_KNOW = 0.2, 5e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
 MOTIONS_ERROR = 0.02
-"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late; folds of
-Table 1 were met to 3e-4 to 1.2e-3, that of integral action, from far off, to 0.017."""
-HUNTS_UP_TO = 50.0
-"""So many times as large as before a motion may hunt: next to its border the cycle of another servo may be small."""
+"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late."""
+BESIDE, MOST_FAMILIES = 0.03, 4
+"""So much beyond a border, relatively, motions are looked at, and so much before it hunting was seen; where they hunt
+beyond, cycles are followed from there, so many times at most."""
+CHOSEN = 0.1
+"""What is recommended is so much more than the border, if nothing else is asked for."""
+MOST_TO_THE_LOSS = 60
+"""Orbits on the way to where cycles lose their stability."""
+INSIDE = 1e-6
+"""A multiplier that is larger than 1 by more makes a cycle unstable."""
 NO_FIRST, NO_FARTHER = "no cycle with a little of it was found", "and could not be farther"
 """Where nothing can be followed, and where it stops."""
-MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
-"""Where they start besides, at rest, in amplitudes of a cycle."""
-
-
-@dataclass(frozen=True)
-class Swing:
-    """A state on a motion that hunts, its amplitude [rad] and period [s]."""
-
-    state: dict[str, float]
-    amplitude: float
-    period: float
-
-    @classmethod
-    def of(cls, cycle: Orbit) -> Swing:
-        """That of a cycle."""
-        return cls(on_the_cycle(cycle), cycle.amplitude, cycle.period)
-
-
 @dataclass(frozen=True, eq=False)
 class Border:
     """Where hunting ends.
@@ -93,6 +84,7 @@ class Border:
     why : a sentence, where it is no fold.
     evidence : what stopped the search, in the words of the trade; "" where nothing did.
     swing : the last motion that hunts, where motions show it.
+    fold : where the branch folds, if hunting ends elsewhere.
     """
 
     kind: Kind
@@ -104,6 +96,7 @@ class Border:
     why: str = ""
     evidence: str = ""
     swing: Swing | None = None
+    fold: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +138,10 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
         found = _given_up(remedy, way, f"given up after the work of {MOST_WORK_OF_A_BORDER:g} intervals")
     except NoOrbit as refusal:
         found = _given_up(remedy, way, str(refusal))
+    last = remedy.last * scales.of(remedy, loop)
     if found.kind == "not found" and way:
-        return _by_motions(loop, remedy, remedy.last * scales.of(remedy, loop), way) or found
-    return found
+        found = _by_motions(loop, remedy, last, way, found)
+    return _confirmed(loop, remedy, found, last, options, way)
 
 
 def _given_up(remedy: Remedy, way: list[SystemOrbit], evidence: str) -> Border:
@@ -160,75 +154,159 @@ def _given_up(remedy: Remedy, way: list[SystemOrbit], evidence: str) -> Border:
     return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why, evidence)
 
 
-def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit]) -> Border | None:
-    """The border as motions show it, beyond a stable cycle that is far out on the way; None where they do not."""
-    outwards = sorted(way, key=lambda orbit: remedy.sense * orbit.problem.value(remedy.size))
-    i = bisect_left(outwards, True, hi=len(outwards) - 1, key=lambda orbit: not orbit.stable)
-    cycle = outwards[max(i - 1, 0)]
-    at = cycle.problem.value(remedy.size)
-    found = end_of_motions(loop, remedy, Swing.of(cycle), at, last)
-    if found is None or found[0] == at:
+def _outermost_stable(way: Sequence[SystemOrbit], remedy: Remedy) -> tuple[float, SystemOrbit] | None:
+    """The stable cycle with the most of the remedy among those that were seen, and its size."""
+    values = [(orbit.problem.value(remedy.size), orbit) for orbit in way]
+    outwards = sorted(values, key=lambda each: -remedy.sense * each[0])
+    return next((each for each in outwards if each[1].stable), None)
+
+
+def _stable_up_to(loop: Loop, found: Border, way: Sequence[SystemOrbit], remedy: Remedy) -> bool:
+    """Whether hunting goes on up to a border: no cycle on the way has lost its stability before, as those behind a fold
+    do whose multiplier passes +1; and next to it a cycle is stable, or a motion hunts."""
+    outermost = _outermost_stable(way, remedy)
+    if outermost is None:
+        return False
+    size, cycle = outermost
+    if any(_lost(orbit) for orbit in way if _before(size, orbit.problem.value(remedy.size), remedy)):
+        return False
+    inside = more_of(remedy, found.size, 1 - BESIDE)
+    if not _before(size, inside, remedy):
+        return True
+    return scan(with_remedy(loop, remedy, inside), Swing.of(cycle)).swing is not None
+
+
+def _lost(orbit: SystemOrbit) -> bool:
+    """Whether a cycle has lost its stability otherwise than behind a fold."""
+    mu = orbit.multipliers.half[1:]
+    unstable = mu[np.abs(mu) > 1 + INSIDE]
+    return bool(unstable.size > 1 or np.any(unstable.real < 0))
+
+
+def _before(size: float, other: float, remedy: Remedy) -> bool:
+    """Whether a size is less of the remedy than another one."""
+    return remedy.sense * size < remedy.sense * other
+
+
+def _by_motions(loop: Loop, remedy: Remedy, last: float, way: Sequence[SystemOrbit], found: Border) -> Border:
+    """The border as motions show it, beyond the stable cycle that is farthest out on the way; as it was where they
+    do not."""
+    outermost = _outermost_stable(way, remedy)
+    if outermost is None:
+        return found
+    at, cycle = outermost
+    ended = end_of_motions(loop, remedy, Swing.of(cycle), at, last)
+    if ended is None:
+        return found
+    size, swing = ended
+    if size == at:
+        return found
+    why, fold = f"{_went(way[0].problem.value(remedy.size), at, remedy)}, on as motions", math.nan
+    if found.kind == "fold":
+        why = f"cycles go on to a fold at {found.size:.6g} {remedy.unit}, but are not stable up to there".strip()
+        fold = found.size
+    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why, swing=swing, fold=fold)
+
+
+def _at_the_loss(
+    loop: Loop, remedy: Remedy, way: Sequence[SystemOrbit], found: Border, options: Options
+) -> Border | None:
+    """The border where cycles lose their stability; None where that is not located, or motions hunt beyond."""
+    outermost = _outermost_stable(way, remedy)
+    if outermost is None:
         return None
-    size, swing = found
-    why = f"{_went(way[0].problem.value(remedy.size), at, remedy)}, on as motions"
-    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why, swing=swing)
+    _, cycle = outermost
+    with suppress(NoOrbit):
+        branch = follow(cycle, remedy.size, to=found.size, options=options, max_points=MOST_TO_THE_LOSS)
+        lost = next((special for special in branch.special if special.kind in LOSSES), None)
+        if lost is None:
+            return None
+        beyond = with_remedy(loop, remedy, more_of(remedy, lost.value, 1 + BESIDE))
+        if scan(beyond, Swing.of(cycle)).verdict not in ENDED:
+            return None
+        error = max(lost.orbit.parameter_error, options.tol) * abs(lost.value)
+        on = f"unstable cycles go on to {found.size:.6g} {remedy.unit}".rstrip()
+        why = f"{lost.meaning}; {on}{', where they fold' if found.kind == 'fold' else ''}"
+        fold = found.size if found.kind == "fold" else math.nan
+        return Border("instability", lost.value, error, way[0], lost.orbit, {}, why, fold=fold)
+    return None
 
 
-def end_of_motions(
-    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, starts: Sequence[float] = MOTION_STARTS
-) -> tuple[float, Swing] | None:
+def end_of_motions(loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float) -> tuple[float, Swing] | None:
     """The size from which on no motion hunts, from one on, which it is if none does there, and the last that does;
     None: one does at the last size, or is too unclear to be handed on.
 
     A motion that hunts is handed on to the next size, which is as near as it must be: those that start beside it leave
-    hunting for good before it ends.  swing: one to begin with; starts: where others start besides, at rest, in
-    amplitudes.
+    hunting for good before it ends.  swing: one to begin with.
     """
     at, rests = size, size
-    further = _hunting(with_remedy(loop, remedy, at), swing, starts)
-    if further is None:
+    seen = scan(with_remedy(loop, remedy, at), swing)
+    if seen.verdict in ENDED:
         return size, swing
-    swing = further
+    swing = seen.swing or swing
     while rests == size or abs(rests - at) > abs(more_of(remedy, at, 1 + MOTIONS_KNOW) - at):
         trial = more_of(remedy, at, 1 + FIRST_MORE) if rests == size else (at + rests) / 2
-        further = _hunting(with_remedy(loop, remedy, trial), swing, starts)
-        if further is None:
+        seen = scan(with_remedy(loop, remedy, trial), swing)
+        if seen.verdict in ENDED:
             rests = trial
-        elif rests == size and (further is swing or remedy.sense * (trial - last) > 0):
+        elif rests == size and (seen.swing is None or _before(last, trial, remedy)):
             return None
         else:
-            at, swing = trial, further
+            at, swing = trial, seen.swing or swing
     return rests, swing
 
 
-def _hunting(loop: Loop, before: Swing, starts: Sequence[float]) -> Swing | None:
-    """The motion that hunts from a state on another one, or from rest beside it; None where all rest or decay.
+def _confirmed(
+    loop: Loop, remedy: Remedy, found: Border, last: float, options: Options, way: list[SystemOrbit]
+) -> Border:
+    """A border as motions on both sides of it show it: where hunting goes on beyond, where that ends."""
+    for _ in range(MOST_FAMILIES):
+        if found.kind in EXACT and not _stable_up_to(loop, found, way, remedy):
+            found = _at_the_loss(loop, remedy, way, found, options) or _by_motions(loop, remedy, last, way, found)
+        if found.kind not in BORDERS:
+            if found.kind != "none" or found.orbit is None or found.orbit.stable:
+                return found
+            found = _at_the_loss(loop, remedy, way, found, options) or _by_motions(loop, remedy, last, way, found)
+            if found.kind not in BORDERS:
+                return found
+        before = found.swing or Swing.of(cast(Orbit, found.orbit))
+        for factor in (1 + BESIDE, 1 + CHOSEN):
+            at = more_of(remedy, found.size, factor)
+            seen = scan(with_remedy(loop, remedy, at), before)
+            if seen.swing is not None:
+                break
+        else:
+            return found
+        ended = found
+        found, way = _another_family(loop, remedy, seen.swing, at, last, options)
+        if found.kind in BORDERS:
+            said = f"{_went(way[0].problem.value(remedy.size), found.size, remedy)}" if way else "motions hunt"
+            beyond = f"other cycles go on beyond {ended.size:.6g} {remedy.unit}".rstrip()
+            found = replace(found, why=f"{beyond}: {said}", fold=ended.size if ended.kind == "fold" else math.nan)
+    return found
 
-    One that is unclear is taken to hunt: then it is the one before that is handed on.
-    """
-    beside = (loop.at_rest(-part * before.amplitude) for part in starts)
-    for start in (before.state, *beside):
-        with effort.at_most(MOST_WORK_OF_A_MOTION):
-            seen = fate(loop, start, before.amplitude, before.period, outgrown=HUNTS_UP_TO)
-        if seen.verdict == "hunts":
-            late = seen.times >= seen.times[-1] / 2
-            t, x = seen.times[late], seen.position[late] - np.ptp(seen.position[late]) / 2 - seen.position[late].min()
-            ups = t[1:][(x[:-1] < 0) & (x[1:] >= 0)]
-            period = float(np.diff(ups).mean()) if ups.size > 1 else before.period
-            return Swing(seen.end, float(np.ptp(x)) / 2, period)
-        if seen.verdict not in ENDED:
-            return before
-    return None
 
-
-def on_the_cycle(orbit: Orbit) -> dict[str, float]:
-    """A state of a cycle away from events: where something has just stopped, or in mid-slip."""
-    stuck = next((arc for arc in orbit.arcs if "stick" in arc.mode), None)
-    states = (stuck or orbit.arcs[0]).states
-    largest = np.max([np.abs(arc.states).max(axis=(0, 1)) for arc in orbit.arcs], axis=0)
-    state = states[0, states.shape[1] // 2]
-    state = np.where(np.abs(state) > ROUNDING_OF_A_STATE * largest, state, 0.0)  # a rounding of zero would slip
-    return dict(zip(orbit.problem.system.states, state.tolist(), strict=True))
+def _another_family(
+    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, options: Options
+) -> tuple[Border, list[SystemOrbit]]:
+    """The border of the cycles to which a motion that hunts beyond another one's goes on, and those."""
+    way: list[SystemOrbit] = []
+    found = Border("not found", size, math.nan, None, None, {}, NO_FIRST)
+    try:
+        with effort.at_most(MOST_WORK_OF_A_BORDER):
+            cycle = loop_cycle(with_remedy(loop, remedy, size), remedy.size, start=swing.state, options=options)
+            way.append(cycle)
+            found = _along(cycle, remedy, last, options, way)
+    except (NoOrbit, effort.PartGivenUp) as refusal:
+        found = replace(found, evidence=str(refusal))
+    if found.kind != "not found":
+        return found, way
+    if not way:
+        ended = end_of_motions(loop, remedy, swing, size, last)
+        if ended is not None:
+            return Border("motions", ended[0], MOTIONS_ERROR * abs(ended[0]), None, None, {}, swing=ended[1]), way
+        return found, way
+    return _by_motions(loop, remedy, last, way, found), way
 
 
 def more_of(remedy: Remedy, size: float, factor: float) -> float:

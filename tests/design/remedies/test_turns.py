@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from casahunt import Controller, Friction, Options, Servo, Uncertainty, effort, find_orbit, remedies
-from casahunt.design.remedies import border
+from casahunt.design.remedies import border, fate
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies.border import TURN_KNOWN
 from casahunt.errors import NoOrbit, Status
@@ -51,7 +51,7 @@ def test_cycles_that_go_on_unstable_are_no_hunting(monkeypatch):
         ("hunts", "none", "hunting goes on"), ("grows", "none", "hunting goes on"),
         ("undecided", "not found", "could not be followed to their end"),
     ):  # fmt: skip
-        monkeypatch.setattr(table, "verdict", lambda *a, seen=seen: seen)
+        monkeypatch.setattr(table, "scan", lambda *a, seen=seen: fate.Scan(seen))
         row = remedies(servo, "switch", 0.00944, only=["error dead band"]).remedies[0]
         assert row.kind == kind and says in row.why
 
@@ -148,14 +148,16 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     """One that ends there already, at a size beyond, or not up to the last one; and one that is unclear from the start,
     which would run away, and unclear on the way, which is taken to hunt."""
     leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
-    first = border.Swing({}, 1.0, 1.0)
+    first = fate.Swing({}, 1.0, 1.0)
     monkeypatch.setattr(border, "with_remedy", lambda loop, remedy, size: size)
 
     def end(hunts, unclear=lambda size: False):
-        def hunting(size, before, starts):
-            return None if not hunts(size) else before if unclear(size) else border.Swing({}, 1.0, 1.0)
+        def scan(size, before):
+            if not hunts(size):
+                return fate.Scan("rests")
+            return fate.Scan("undecided") if unclear(size) else fate.Scan("hunts", fate.Swing({}, 1.0, 1.0))
 
-        monkeypatch.setattr(border, "_hunting", hunting)
+        monkeypatch.setattr(border, "scan", scan)
         found = border.end_of_motions(None, leak, first, 1.0, 10.0)
         return found and found[0]
 
@@ -171,12 +173,14 @@ def test_one_that_is_unclear_wherever_it_is_handed_on_ends_the_search(monkeypatc
     leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
     seen = []
 
-    def hunting(size, before, starts):
+    def scan(size, before):
         seen.append(size)
         assert len(seen) < 30
-        return border.Swing({}, 1.0, 1.0) if size == 1.0 else None if len(seen) == 2 else before
+        if size == 1.0:
+            return fate.Scan("hunts", fate.Swing({}, 1.0, 1.0))
+        return fate.Scan("rests" if len(seen) == 2 else "undecided")
 
     monkeypatch.setattr(border, "with_remedy", lambda loop, remedy, size: size)
-    monkeypatch.setattr(border, "_hunting", hunting)
-    found = border.end_of_motions(None, leak, border.Swing({}, 1.0, 1.0), 1.0, 10.0)
+    monkeypatch.setattr(border, "scan", scan)
+    found = border.end_of_motions(None, leak, fate.Swing({}, 1.0, 1.0), 1.0, 10.0)
     assert found[0] == 1 + border.FIRST_MORE and max(seen) == found[0]
