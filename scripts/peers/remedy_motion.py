@@ -10,7 +10,7 @@ way, so that the edges of a remedy are met in order; in each piece of it
 and a stick has a closed form.  The swings are |x1| where x1' = 0.  A servo hunts where they repeat, one by one or in a
 pattern of up to eight; it does not where it is stuck for ever, or where they shrink to nothing or grow.
 
-P(a) is where the slip from breakaway at x1 = -a ends in a stick; motions start beside its fixed points, the cycles, too.
+P(a) is where the slip from breakaway at x1 = -a ends in a stick; motions start beside its fixed points, too.
 """
 
 from __future__ import annotations
