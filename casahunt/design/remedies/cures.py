@@ -31,8 +31,8 @@ class Cure(Result):
     Attributes
     ----------
     name, unit : what it is called, and the unit of its size.
-    kind : how hunting ends: "fold", "grazing", "Hopf" (border.py): up to `size` there are cycles, the last of which may
-        be unstable, so that hunting may end with less; "motions": up to `size` simulated motions hunt, cycles could not
+    kind : how hunting ends: "fold", "grazing", "Hopf", "instability" (border.py): up to `size` there are stable cycles;
+        "motions": up to `size` simulated motions hunt, cycles could not
         be followed so far; "none" where hunting goes on up to the last size that was looked at, "not found" where
         nobody knows, "does not fit" where it does not go with the loop's parts.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.

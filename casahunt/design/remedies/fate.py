@@ -4,8 +4,8 @@
 
     rests      nothing moves any more: a phase without an end, or no state in the second half of a look; or it is at the
                set point, but for rounding
-    decays     the swings are smaller than `GONE` of the hunting that is to end, and shrank as fast down the second half
-               of the last decade as down the first: towards a smaller cycle they would shrink ever more slowly
+    decays     the swings shrank geometrically down their last decade, whatever their size: towards a smaller cycle they
+               would shrink ever more slowly
     hunts      the turns repeat, n by n or mirrored, of whatever size they are; or what they still change by shrinks
                geometrically, and leaves them their size; or they neither repeat nor shrink, for `MOST_TURNS`
     grows      its swings have become so large that they are beyond any hunting
@@ -37,19 +37,17 @@ ENDED: tuple[Verdict, ...] = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
 FIRST_LOOK, MOST_LOOKS = 8.0, 16
 """Periods of the first look at a motion; each next one is twice as long."""
-MOST_WORK = 2e5
-"""Work (effort.py) of a motion, five times what one takes that hunts."""
+MOST_WORK = 5e4
+"""Work (effort.py) of a motion; most take a tenth."""
 MARCH_TOLERANCE = 1e-9
 """Error of an interval: series march as fast to 1e-9 as to 1e-4."""
 STILL = 1e-7
 """A state that moves by less than this part of its size stands still."""
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its size is zero."""
-GONE, DECADE = 1e-3, 10.0
-"""Swings so small a part of the hunting's, and the way along which their shrinking is looked at."""
-SLOWER, SWINGS_MORE = 1.5, 2
-"""The second half of a decade may take so many times as many swings as the first, and so many more."""
-PATTERN, REPEATS, MOST_TURNS = 8, 1e-6, 400
+DECADE, LEAST_SWINGS = 10.0, 5
+"""The way along which swings shrink geometrically, and how many they are at least."""
+PATTERN, REPEATS, MOST_TURNS = 8, 1e-6, 240
 """Turns of a pattern at most; how well it repeats; turns after which a motion repeats in none."""
 IRREGULAR = 0.1
 """Swings that differ by more than this part for so long, without becoming smaller, repeat in no pattern."""
@@ -197,7 +195,7 @@ class _Watched:
                 if _settles(turns, n, mirror):
                     self.repeats = n, mirror < 0
                     return "hunts"
-        if swings[-2:].max() <= GONE * 2 * self.before.amplitude and _shrinks(swings):
+        if _shrinks(swings):
             return "decays"
         if swings.size < MOST_TURNS:
             return None
@@ -290,26 +288,30 @@ def _top(times: Array, x: Array, i: int) -> tuple[float, float]:
 
 
 def _settles(turns: Array, n: int, mirror: float) -> bool:
-    """Whether turns repeat, n by n, or change by ever less and stay as large as they are."""
-    blocks = [turns[turns.size - (k + 1) * n : turns.size - k * n] for k in range(4)]
-    size = float(np.ptp(np.concatenate(blocks[:2])))
-    changed = [float(np.abs(a - mirror * b).max()) for a, b in zip(blocks[:-1], blocks[1:], strict=True)]
-    if max(changed[:2]) <= REPEATS * size:
+    """Whether turns repeat, n by n, or change by ever less, geometrically, towards some as large as they are."""
+    last, *before = (mirror**k * turns[turns.size - (k + 1) * n : turns.size - k * n] for k in range(4))
+    changes = [a - b for a, b in zip((last, *before), before, strict=False)]
+    moved = [float(np.abs(change).max()) for change in changes]
+    size = float(np.ptp(np.concatenate([last, mirror * last])))
+    if max(moved[:2]) <= REPEATS * size:
         return True
-    last, before, first = changed
-    if not 0 < last < before < first:
+    if not 0 < moved[0] < moved[1] < moved[2]:
         return False
-    r, r_before = last / before, before / first
-    return abs(r - r_before) <= SETTLED * (1 - r) and last * r / (1 - r) <= LEFT * size
+    r, r_before = moved[0] / moved[1], moved[1] / moved[2]
+    left = changes[0] * r / (1 - r)
+    size = float(np.ptp(np.concatenate([last + left, mirror * (last + left)])))
+    return abs(r - r_before) <= SETTLED * (1 - r) and float(np.abs(left).max()) <= LEFT * size
 
 
 def _shrinks(swings: Array) -> bool:
-    """Whether swings went down the second half of the last decade as fast as the first."""
-    size = np.maximum(swings[1:], swings[:-1])[::-1] / max(swings[-2:])
-    half, whole = (np.flatnonzero(size >= part) for part in (math.sqrt(DECADE), DECADE))
-    if not whole.size:
+    """Whether swings went down their last decade geometrically, towards nothing: towards anything that is left they
+    would do so ever more slowly.  Of a lopsided motion every second one is compared."""
+    larger = np.flatnonzero(swings >= DECADE * swings[-1])
+    if not larger.size or swings.size < LEAST_SWINGS:
         return False
-    return bool(half[0] <= SLOWER * (whole[0] - half[0]) + SWINGS_MORE)
+    late = swings[min(larger[-1], swings.size - LEAST_SWINGS) :]
+    ratios = late[2:] / late[:-2]
+    return bool(np.ptp(ratios) <= SETTLED * (1 - ratios.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,44 +321,66 @@ class Scan:
     verdict: Verdict
     swing: Swing | None = None
 
+    @property
+    def over(self) -> bool:
+        """Whether none hunts: they come to rest, or grow."""
+        return self.verdict in (*ENDED, "grows")
+
 
 OFF = 0.97
 """Part of a state on a cycle from which a motion begins: on the cycle it stays, whether or not that attracts."""
-LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 0.02, 3.0, 1.6, 16
+LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
 """Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
+MOST_UNDECIDED, MOST_TURNS_OF_ALL = 3, 1200
+"""Motions of which nobody knows what becomes of them, behind which no other one is followed; and turns of all."""
 
 
 def scan(loop: Loop, *before: Swing) -> Scan:
     """Motions from states of hunting that was seen at other sizes, and from rest beside the set point.
 
-    The latter begin in the widest gap between the places at which any motion has turned, until there is none left: a
-    cycle that attracts from nowhere but such a gap is not seen.
+    The latter begin in the gaps between the places at which any motion has turned, or would do on its way to nothing,
+    until there is none left: a cycle that attracts from nowhere but such a gap is not seen.
     """
-    worst: Verdict = "rests"
-    visited: list[float] = []
-    first = before[0]
+    seen: list[Verdict] = []
+    ways: list[tuple[float, float]] = []
+    first, turns = before[0], 0
     starts = [{name: OFF * x for name, x in each.state.items()} for each in before]
-    for _ in range(MOST_STARTS):
+    starts += [loop.at_rest(-place * first.amplitude) for place in (LEAST_START, LARGEST_START)]
+    while len(seen) < MOST_STARTS and seen.count("undecided") < MOST_UNDECIDED:
         if not starts:
-            where = _gap(np.array(visited) / first.amplitude)
+            where = _gap(np.array(ways) / first.amplitude)
             if where is None:
                 break
             starts = [loop.at_rest(-where * first.amplitude)]
         start = starts.pop(0)
-        seen = fate(loop, start, first)
-        if seen.verdict == "hunts":
-            return Scan("hunts", seen.swing)
-        visited += [abs(start.get("x1", 0.0)), *np.abs(seen.turns).tolist()]
-        worst = max(worst, seen.verdict, key=BY_SEVERITY.index)
-    return Scan(worst)
+        found = fate(loop, start, first)
+        if found.verdict == "hunts":
+            return Scan("hunts", found.swing)
+        seen.append(found.verdict if turns <= MOST_TURNS_OF_ALL else "undecided")
+        turns += found.turns.size
+        ways += _way(abs(start.get("x1", 0.0)), found)
+    return Scan(max(seen, key=BY_SEVERITY.index))
 
 
-def _gap(visited: Array) -> float | None:
-    """The middle of the widest gap between places, in amplitudes; None where none is wide enough."""
-    inside = visited[(visited > LEAST_START) & (visited < LARGEST_START)]
-    marks = np.sort(np.concatenate([[LEAST_START, LARGEST_START], inside]))
-    ratios = marks[1:] / marks[:-1]
-    if not (visited >= LARGEST_START).any():
-        return LARGEST_START
-    i = int(np.argmax(ratios))
-    return float(np.sqrt(marks[i] * marks[i + 1])) if ratios[i] > NO_GAP else None
+def _way(start: float, found: Fate) -> list[tuple[float, float]]:
+    """Places of a motion, and the next one of each: where it rests, that; where it decays, those of a decade more."""
+    places = [start, *np.abs(found.turns).tolist()]
+    if found.verdict == "decays":
+        ratio = math.sqrt(places[-2] / places[-4])
+        places += (places[-2] * np.geomspace(ratio, 1 / DECADE, 1 + int(math.log(DECADE) / -math.log(ratio)))).tolist()
+    return list(zip(places, [*places[1:], places[-1] if found.verdict == "rests" else math.nan], strict=True))
+
+
+def _gap(ways: Array) -> float | None:
+    """The middle of the widest gap between places (m, 2), in amplitudes; None where none is wide enough.
+
+    Places whose next ones are near to each other, and not between them, leave no gap: what is between leads there too.
+    """
+    inside = ways[(ways[:, 0] > LEAST_START / 2) & (ways[:, 0] < 2 * LARGEST_START)]
+    places, nexts = inside[np.argsort(inside[:, 0])].T
+    ratios = places[1:] / places[:-1]
+    stay, near = nexts == places, np.abs(np.log(nexts[1:] / nexts[:-1])) <= math.log(NO_GAP)
+    between = (nexts[:-1] > places[:-1]) & (nexts[1:] < places[1:])
+    open_ = ~(near & ~between | stay[1:] & stay[:-1]) & (ratios > NO_GAP)
+    i = int(np.argmax(np.where(open_, ratios, 0.0)))
+    return float(np.sqrt(places[i] * places[i + 1])) if open_.any() else None

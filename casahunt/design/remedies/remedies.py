@@ -47,7 +47,7 @@ from .border import (
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
-from .fate import ENDED, Swing, on_the_cycle, scan
+from .fate import Swing, on_the_cycle, scan
 from .price import task
 
 NEVER_SETTLES = 30.0
@@ -257,23 +257,15 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         lowest_factor=math.nan if linear is None else linear.lowest_factor,
         highest_factor=math.nan if linear is None else linear.highest_factor,
         moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
-        worst_size=worst, fold=found.fold, why=found.why, followed_to=size, first=found.first,
+        worst_size=worst, fold=found.fold, why=found.why, evidence=found.evidence, followed_to=size, first=found.first,
     )  # fmt: skip
 
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
-    """A remedy whose cycles go on: hunting does, if the last of them is stable or motions there hunt."""
-    loop, orbit, size = asked.loop, found.orbit, f"{found.size:.4g} {remedy.unit}".rstrip()
-    to = "up to" if remedy.sense > 0 else "down to"
-    if orbit is not None and not orbit.stable:
-        seen = scan(with_remedy(loop, remedy, found.size), Swing.of(orbit)).verdict
-        if seen not in ("hunts", "grows"):
-            goes = f"its cycle goes on {to} {size}, the last size looked at, but is not stable there"
-            did = "came to rest" if seen in ENDED else "could not be followed to their end"
-            why = f"{goes}, and motions {did}: whether hunting ends before is not known"
-            return Cure(remedy.name, remedy.unit, "not found", why=why, followed_to=found.size, first=found.first)
+    """A remedy with which motions hunt at the last size."""
+    size, to = f"{found.size:.4g} {remedy.unit}".rstrip(), "up to" if remedy.sense > 0 else "down to"
     why = f"hunting goes on {to} {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
-    return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(loop)), why=why,
+    return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(asked.loop)), why=why,
                 followed_to=found.size, first=found.first)  # fmt: skip
 
 
@@ -344,11 +336,11 @@ def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:
         return math.nan
     for corner in filter(asked.has, product(*asked.box.values())):
         begin = more_of(remedy, size, 1 - MOTIONS_KNOW)
-        more = end_of_motions(asked.at(corner), remedy, swing, begin, last)
-        if more is None:
+        more = end_of_motions(asked.at(corner), remedy, swing, begin, last, MOTIONS_KNOW)
+        if math.isnan(more.ended):
             return math.nan
-        if more[0] * remedy.sense > size * remedy.sense:
-            size, swing = more
+        if more.ended * remedy.sense > size * remedy.sense:
+            size, swing = more.ended, more.swing or swing
     return size
 
 
