@@ -10,7 +10,7 @@ way, so that the edges of a remedy are met in order; in each piece of it
 and a stick has a closed form.  The swings are |x1| where x1' = 0.  A servo hunts where they repeat, one by one or in a
 pattern of up to eight; it does not where it is stuck for ever, or where they shrink to nothing or grow.
 
-P(a) is where the slip from breakaway at x1 = -a ends in a stick; cycles are its fixed points, which are starts too.
+P(a) is where the slip from breakaway at x1 = -a ends in a stick; motions start beside its fixed points, too.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ STARTS = tuple(np.geomspace(2e-3, 5.0, 14).tolist())
 """Starts at the brink of breaking away, so many amplitudes beside the set point."""
 BANDS, BESIDE_BAND = ("dead band", "shifted dead band", "hysteresis"), (1.0001, 1.001, 1.004, 1.01, 1.03, 1.1)
 """Remedies within whose size nothing is left; starts beside that, as parts of it."""
+BESIDE_CYCLE = (0.98, 1.005)
+"""Starts beside a fixed point of P: on it motions stay, whether or not it attracts."""
 FAR = 6.1
 """Speed in vs from which exp(-(v/vs)^2) is below the last digit: a step from there would not see the drop."""
 AT_REST = 1e-4
@@ -326,7 +328,8 @@ class RemedyMotion:
         """
         said: list[str] = []
         beside = [self.scaled * k for k in BESIDE_BAND] if self.remedy in BANDS else []
-        points = [*(() if self.kind != "plain" else self.cycles()), *beside, *STARTS[::-1]]
+        cycles = [] if self.kind != "plain" else [a * side for a in self.cycles() for side in BESIDE_CYCLE]
+        points = [*cycles, *beside, *STARTS[::-1]]
         for start in [*([] if before is None else [before]), *points]:
             said.append(self.verdict(self.at_brink(start) if isinstance(start, float) else start))
             if said[-1].startswith("hunts"):

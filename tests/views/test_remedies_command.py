@@ -24,7 +24,7 @@ KEYS = {"name", "unit", "kind", "size", "size_error", "recommended", "rest_error
 
 
 def test_the_table_is_read_at_a_glance(capsys):
-    code, out, err = run(capsys, *GAIN, "--only", "dead band,gain", "--only", "feedforward")
+    code, out, err = run(capsys, *GAIN, "--only", "dead band,gain", "--only", "feedforward", "--quiet")
     assert code == 0
     table, _, explained = out.partition(MEANINGS)
     lines = table.splitlines()
@@ -40,7 +40,6 @@ def test_the_table_is_read_at_a_glance(capsys):
     assert "feedforward hunting goes on up to 1, the last size looked at: it makes the friction of the slipping" in said
     assert "what the columns mean, and every digit: --details" in said and "10 % more of the remedy" not in said
     assert "dead band: a band of small errors" in explained and explained.count("feedforward: ") == 1
-    assert err == ""  # no milestones
     said = " ".join(run(capsys, *GAIN, "--only", "gain", "--quiet", "--details")[1].split())
     assert "may stand still, with the size to choose" in said
     assert "10 % more of the remedy" in said and "step of 1 rad" in said

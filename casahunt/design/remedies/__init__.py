@@ -2,7 +2,8 @@
 
 price.py       what it costs: errors at rest, a step simulated, motions from several starts
 outcome.py     what a motion of a loop goes on to
-border.py      the smallest size that ends it: where the branch of cycles in that size ends, or motions that hunt do
+fate.py        what becomes of a motion, and of motions from a scan of starts
+border.py      the smallest size that ends it: where stable cycles in that size end, behind which no motion hunts
 cures.py       a row of the table, and the table
 remedies.py    the table of all remedies, and the sentence that names one
 """

@@ -1,83 +1,69 @@
-"""The smallest size of a remedy that ends hunting: where the branch of hunting cycles in that size ends.
+"""The smallest size of a remedy that ends hunting: where stable cycles end, behind which no motion hunts.
 
-    fold       a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
-    Hopf       the cycle shrinks to a point
-    grazing    the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
-    motions    its branch could not be followed so far: simulated motions hunt up to there, and come to rest beyond
-    none       the branch goes on to the last size that is looked at
+    a little of it -> the cycle on which a motion settles
+    hunting handed on from size to size, until a scan of starts sees none (fate.py), and bisected
+    the stable cycle of the last size that hunts -> followed on to where stable cycles end
+    a scan beyond: where motions hunt there, on other cycles, once more from those
 
-The branch begins with a small remedy, at the cycle on which a motion of the servo settles that has just stopped.
+    fold         a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
+    Hopf         the cycle shrinks to a point
+    grazing      the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
+    instability  the cycle loses its stability, and no motion beyond hunts on another one
+    motions      cycles could not be followed: simulated motions hunt up to there, and none does beyond
+    none         motions hunt at the last size that is looked at
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
 import numpy as np
 
 from ... import effort
-from ...continuation import FOLD, GRAZING, Branch, follow
-from ...errors import NoOrbit
+from ...continuation import follow
+from ...errors import NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import fold_in, loop_cycle
-from .price import ENDED, ROUNDING_OF_A_STATE, fate
+from .fate import Swing, scan
 
-Kind = Literal["fold", "grazing", "Hopf", "motions", "none", "not found"]
-BORDERS = ("fold", "grazing", "Hopf", "motions")
+Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
+BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
 """Kinds of a border."""
+LOSSES = ("symmetry breaking", "flip", "Neimark-Sacker")
+"""Special points at which cycles lose their stability and go on."""
 
 SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
 end hunting already."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
-TURN_KNOWN = 1e-4
-"""Relative distance of two cycles above which what lies between them is no border."""
-BRANCH_TOLERANCES = (1e-9, 1e-10, 1e-8, 1e-7)
-"""Of branches without a fold.  Where one ends at an event that is met for the first time, an independent stick map has
-the same size to 1e-12 of it at 1e-9, to 1e-6 at 1e-7."""
-MOST_CYCLES = 300
-"""Orbits after which cycles are followed no further (most borders take 4 to 74): where slips all but stop
-half-way, steps become ever smaller, and multipliers 1e20, while motions tell in a second where hunting ends."""
-MOST_WORK_OF_A_BORDER = 1e6
-"""Work (effort.py), half a minute of a processor or less, after which the same holds: with a bristle a cycle may take
-long."""
-MOST_WORK_OF_A_MOTION = 1e6
-"""After which a motion is taken to hunt; one that does takes half of it or less."""
-FIRST_MORE, MOTIONS_KNOW = 0.2, 1e-3
-"""By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; and in the end."""
+FINER = 0.1
+"""Of the tolerance of folds, that of cycles whose branch ends at an event that is met for the first time."""
+MOST_UNSTABLE = 20
+"""Cycles that are followed on to a fold where they have lost their stability before."""
+MOST_CYCLES, MOST_WORK_OF_AN_END = 60, 4e5
+"""Orbits, and work (effort.py: ten seconds of a processor or less), after which cycles are followed no further, and
+motions tell where hunting ends: where slips all but stop half-way, steps become ever smaller."""
+FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
+"""By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; from where cycles are
+followed; and where motions alone tell the size."""
 MOTIONS_ERROR = 0.02
-"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late; folds of
-Table 1 were met to 3e-4 to 1.2e-3, that of integral action, from far off, to 0.017."""
-HUNTS_UP_TO = 50.0
-"""So many times as large as before a motion may hunt: next to its border the cycle of another servo may be small."""
-NO_FIRST, NO_FARTHER = "no cycle with a little of it was found", "and could not be farther"
-"""Where nothing can be followed, and where it stops."""
-MOTION_STARTS = (1.0, 0.8, 1.25, 0.5, 3.0)
-"""Where they start besides, at rest, in amplitudes of a cycle."""
-
-
-@dataclass(frozen=True)
-class Swing:
-    """A state on a motion that hunts, its amplitude [rad] and period [s]."""
-
-    state: dict[str, float]
-    amplitude: float
-    period: float
-
-    @classmethod
-    def of(cls, cycle: Orbit) -> Swing:
-        """That of a cycle."""
-        return cls(on_the_cycle(cycle), cycle.amplitude, cycle.period)
+"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late."""
+BESIDE, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
+"""So much beyond a border, relatively, motions are looked at, next to a fold, where they take long to leave, from the
+second on; where they hunt, cycles are followed from there, so many times at most."""
+MOST_UNCLEAR = 2
+"""Sizes one after the other with which nobody knows whether motions hunt, behind which no more is looked at."""
+INSIDE = 1e-4
+"""A multiplier that is larger than 1 by more makes a cycle unstable."""
+NO_FIRST = "no cycle with a little of it was found"
+"""Where nothing can be followed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,24 +72,26 @@ class Border:
 
     Attributes
     ----------
-    kind : how; "none" where it does not up to `size`, "not found" where the branch broke off there.
+    kind : how; "none" where it does not up to `size`, "not found" where nobody knows beyond that.
     size, error : the size, and the estimated error of it, in its unit.
-    first, orbit : the first and the last cycle; None where not even the first was computed.
+    first, orbit : the first and the last cycle; None where none was computed.
     moves : by how much the size moves with other parameters of the loop; {} where it is no fold.
     why : a sentence, where it is no fold.
     evidence : what stopped the search, in the words of the trade; "" where nothing did.
     swing : the last motion that hunts, where motions show it.
+    fold : where the branch folds, if hunting ends elsewhere.
     """
 
     kind: Kind
     size: float
-    error: float
-    first: SystemOrbit | None
-    orbit: SystemOrbit | None
-    moves: dict[str, float]
+    error: float = math.nan
+    first: SystemOrbit | None = None
+    orbit: SystemOrbit | None = None
+    moves: dict[str, float] = field(default_factory=dict)
     why: str = ""
     evidence: str = ""
     swing: Swing | None = None
+    fold: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,106 +119,6 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
     return Loop(parts, {**loop.values, remedy.size: size}, loop.name)
 
 
-def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
-    """The border of hunting in the size of a remedy, as far as `MOST_WORK_OF_A_BORDER` leads; behind that by motions.
-
-    loop, start: the loop without it, and the state of its cycle when it has just stopped.
-    Raises effort.GivenUp: beyond the work that is allowed in all.
-    """
-    way: list[SystemOrbit] = []
-    try:
-        with effort.at_most(MOST_WORK_OF_A_BORDER):
-            found = _from_a_little(loop, remedy, start, scales, options, way)
-    except effort.PartGivenUp:
-        found = _given_up(remedy, way, f"given up after the work of {MOST_WORK_OF_A_BORDER:g} intervals")
-    except NoOrbit as refusal:
-        found = _given_up(remedy, way, str(refusal))
-    if found.kind == "not found" and way:
-        return _by_motions(loop, remedy, remedy.last * scales.of(remedy, loop), way) or found
-    return found
-
-
-def _given_up(remedy: Remedy, way: list[SystemOrbit], evidence: str) -> Border:
-    """How far cycles were followed, and what stopped it."""
-    if not way:
-        return Border("not found", math.nan, math.nan, None, None, {}, NO_FIRST, evidence)
-    values = [orbit.problem.value(remedy.size) for orbit in way]
-    farthest = int(np.argmax(remedy.sense * np.array(values)))
-    why = f"{_went(values[0], values[farthest], remedy)}, {NO_FARTHER}"
-    return Border("not found", values[farthest], math.nan, way[0], way[farthest], {}, why, evidence)
-
-
-def _by_motions(loop: Loop, remedy: Remedy, last: float, way: list[SystemOrbit]) -> Border | None:
-    """The border as motions show it, beyond a stable cycle that is far out on the way; None where they do not."""
-    outwards = sorted(way, key=lambda orbit: remedy.sense * orbit.problem.value(remedy.size))
-    i = bisect_left(outwards, True, hi=len(outwards) - 1, key=lambda orbit: not orbit.stable)
-    cycle = outwards[max(i - 1, 0)]
-    at = cycle.problem.value(remedy.size)
-    found = end_of_motions(loop, remedy, Swing.of(cycle), at, last)
-    if found is None or found[0] == at:
-        return None
-    size, swing = found
-    why = f"{_went(way[0].problem.value(remedy.size), at, remedy)}, on as motions"
-    return Border("motions", size, MOTIONS_ERROR * abs(size), way[0], cycle, {}, why, swing=swing)
-
-
-def end_of_motions(
-    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, starts: Sequence[float] = MOTION_STARTS
-) -> tuple[float, Swing] | None:
-    """The size from which on no motion hunts, from one on, which it is if none does there, and the last that does;
-    None: one does at the last size, or is too unclear to be handed on.
-
-    A motion that hunts is handed on to the next size, which is as near as it must be: those that start beside it leave
-    hunting for good before it ends.  swing: one to begin with; starts: where others start besides, at rest, in
-    amplitudes.
-    """
-    at, rests = size, size
-    further = _hunting(with_remedy(loop, remedy, at), swing, starts)
-    if further is None:
-        return size, swing
-    swing = further
-    while rests == size or abs(rests - at) > abs(more_of(remedy, at, 1 + MOTIONS_KNOW) - at):
-        trial = more_of(remedy, at, 1 + FIRST_MORE) if rests == size else (at + rests) / 2
-        further = _hunting(with_remedy(loop, remedy, trial), swing, starts)
-        if further is None:
-            rests = trial
-        elif rests == size and (further is swing or remedy.sense * (trial - last) > 0):
-            return None
-        else:
-            at, swing = trial, further
-    return rests, swing
-
-
-def _hunting(loop: Loop, before: Swing, starts: Sequence[float]) -> Swing | None:
-    """The motion that hunts from a state on another one, or from rest beside it; None where all rest or decay.
-
-    One that is unclear is taken to hunt: then it is the one before that is handed on.
-    """
-    beside = (loop.at_rest(-part * before.amplitude) for part in starts)
-    for start in (before.state, *beside):
-        with effort.at_most(MOST_WORK_OF_A_MOTION):
-            seen = fate(loop, start, before.amplitude, before.period, outgrown=HUNTS_UP_TO)
-        if seen.verdict == "hunts":
-            late = seen.times >= seen.times[-1] / 2
-            t, x = seen.times[late], seen.position[late] - np.ptp(seen.position[late]) / 2 - seen.position[late].min()
-            ups = t[1:][(x[:-1] < 0) & (x[1:] >= 0)]
-            period = float(np.diff(ups).mean()) if ups.size > 1 else before.period
-            return Swing(seen.end, float(np.ptp(x)) / 2, period)
-        if seen.verdict not in ENDED:
-            return before
-    return None
-
-
-def on_the_cycle(orbit: Orbit) -> dict[str, float]:
-    """A state of a cycle away from events: where something has just stopped, or in mid-slip."""
-    stuck = next((arc for arc in orbit.arcs if "stick" in arc.mode), None)
-    states = (stuck or orbit.arcs[0]).states
-    largest = np.max([np.abs(arc.states).max(axis=(0, 1)) for arc in orbit.arcs], axis=0)
-    state = states[0, states.shape[1] // 2]
-    state = np.where(np.abs(state) > ROUNDING_OF_A_STATE * largest, state, 0.0)  # a rounding of zero would slip
-    return dict(zip(orbit.problem.system.states, state.tolist(), strict=True))
-
-
 def more_of(remedy: Remedy, size: float, factor: float) -> float:
     """More of a remedy: farther from its absence, which may be at infinity or, where less is more, at zero."""
     absent = remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
@@ -239,83 +127,175 @@ def more_of(remedy: Remedy, size: float, factor: float) -> float:
     return size / factor if math.isinf(absent) else absent + (size - absent) * factor
 
 
-def _from_a_little(
-    loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options, way: list[SystemOrbit]
-) -> Border:
-    """The border, from a cycle with little of the remedy; `way` is told the cycles that lead there."""
+class _Unstable(Exception):
+    """Cycles go on, and are not stable."""
+
+
+@dataclass(frozen=True, eq=False)
+class EndOfMotions:
+    """Where motions hunt, handed on from size to size.
+
+    hunts, swing: the last size at which one was seen to, and that; None where none was; ended: the size from which on
+    none does, nan where that was not reached; verdict: of the motions at the last size that was looked at.
+    """
+
+    hunts: float
+    swing: Swing | None
+    ended: float
+    verdict: str
+
+
+def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
+    """The border of hunting in the size of a remedy.
+
+    loop, start: the loop without it, and the state of its cycle when it has just stopped.
+    Raises effort.GivenUp: beyond the work that is allowed in all.
+    """
     unit = scales.of(remedy, loop)
-    last, why = remedy.last * unit, ""
+    first = _with_a_little(loop, remedy, start, unit, options)
+    if isinstance(first, Border):
+        return first
+    swing, size, last = Swing.of(first), first.problem.value(remedy.size), remedy.last * unit
+    folds, evidence, families = list[float](), "", 0
+    while True:
+        seen = end_of_motions(loop, remedy, swing, size, last, NEAR_ENOUGH)
+        if seen.swing is None or math.isnan(seen.ended):
+            return replace(_without_end(remedy, seen, size, last), first=first)
+        size, swing, families = seen.hunts, seen.swing, families + 1
+        try:
+            if families > MOST_FAMILIES:
+                raise NoOrbit("one kind of cycles follows the other", Status.NOT_FOUND)
+            with effort.at_most(MOST_WORK_OF_AN_END):
+                found = _end_of_stable(with_remedy(loop, remedy, size), remedy, swing, last, options)
+        except (NoOrbit, effort.PartGivenUp) as refusal:
+            evidence = str(refusal)
+            break
+        beyond = _beyond(loop, remedy, found)
+        if beyond is None:
+            return replace(found, first=first, fold=next(iter(folds), found.fold))
+        folds += [found.size] if found.kind == "fold" else []
+        size, swing = beyond
+    seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW)
+    hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
+    why = f"cycles were not followed to their end: {hunt}, and none does at {seen.ended:.4g}"
+    return Border("motions", seen.ended, MOTIONS_ERROR * abs(seen.ended), first, None, why=why, evidence=evidence,
+                  swing=seen.swing or swing, fold=next(iter(folds), math.nan))  # fmt: skip
+
+
+def _with_a_little(
+    loop: Loop, remedy: Remedy, start: dict[str, float], unit: float, options: Options
+) -> SystemOrbit | Border:
+    """The cycle with little of the remedy on which a motion settles; what is known where there is none."""
     sizes = [
         unit * (1 - (1 - remedy.first) * factor if remedy.starts_at_one else remedy.first * factor)
         for factor in SMALLER_AND_LARGER
     ]
-    for first in sizes:
-        mended = with_remedy(loop, remedy, first)
+    why = ""
+    for size in sizes:
         try:
-            cycle = loop_cycle(mended, remedy.size, start=start, options=options)
-        except NoOrbit as refusal:
+            with effort.at_most(MOST_WORK_OF_AN_END):
+                return loop_cycle(with_remedy(loop, remedy, size), remedy.size, start=start, options=options)
+        except (NoOrbit, effort.PartGivenUp) as refusal:
             why = why or str(refusal)
-            continue
-        way.append(cycle)
-        return _along(cycle, remedy, last, options, way)
-    tried = ", ".join(f"{size:.4g}" for size in sizes)
-    stopped = f"no cycle at {remedy.size} = {tried}: {why}"
-    return Border("not found", math.nan, math.nan, None, None, {}, NO_FIRST, stopped)
+    stopped = f"no cycle at {remedy.size} = {', '.join(f'{size:.4g}' for size in sizes)}: {why}"
+    return Border("not found", math.nan, why=NO_FIRST, evidence=stopped)
 
 
-def _went(first: float, last: float, remedy: Remedy) -> str:
-    """From where to where cycles were followed."""
-    return f"its cycles were followed from {first:.4g} to {last:.4g} {remedy.unit}".rstrip()
+def _without_end(remedy: Remedy, seen: EndOfMotions, size: float, last: float) -> Border:
+    """What is known where no end was seen: hunting goes on, or nobody knows.  size: at which it was begun with."""
+    if seen.swing is not None and seen.hunts == last:
+        return Border("none", last, swing=seen.swing)
+    if seen.swing is None and math.isfinite(seen.ended):
+        why = f"with {size:.4g} {remedy.unit} of it no motion hunts on the cycle that was found".replace("  ", " ")
+        return Border("not found", size, why=why)
+    up = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
+    return Border("not found", seen.hunts, why=f"{up}; whether any hunts beyond is not known", swing=seen.swing)
 
 
-def _along(
-    cycle: SystemOrbit, remedy: Remedy, last: float, options: Options, way: list[SystemOrbit]
-) -> Border:
-    """The border, from a cycle on."""
-    with suppress(NoOrbit):
-        fold = fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_CYCLES,
-                       progress=way.append)  # fmt: skip
-        if fold.value_error <= SIZE_KNOWN:
-            return Border("fold", fold.value, fold.absolute_error, cycle, fold.orbit, fold.sensitivities)
-    before = None
-    for tol in BRANCH_TOLERANCES:
-        if len(way) >= MOST_CYCLES:
-            return _given_up(remedy, way, f"given up after {len(way)} cycles")
-        branch = follow(cycle, remedy.size, to=last, monitors=(FOLD, GRAZING), options=replace(options, tol=tol),
-                        max_points=MOST_CYCLES, progress=way.append)  # fmt: skip
-        if (found := _told(branch, last, tol) or _turned(branch, remedy.sense)) is not None:
-            return replace(found, first=cycle)
-        same = before is not None and abs(branch.values[-1] - before.values[-1]) <= SIZE_KNOWN * abs(branch.values[-1])
-        before = branch
-        if same or branch.end.kind == "points":
+def end_of_motions(loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, known: float) -> EndOfMotions:
+    """Between which sizes hunting ends, from one on, known to a part of it.
+
+    A motion that hunts is handed on to the next size.  What is unclear is taken to hunt, but is not handed on.
+    swing: one to begin with.
+    """
+    hunts, low, high, found, unclear = size, size, math.nan, None, 0
+    trial = size
+    while True:
+        seen = scan(with_remedy(loop, remedy, trial), found or swing)
+        unclear = unclear + 1 if seen.verdict == "undecided" else 0
+        if seen.over:
+            high = trial
+        else:
+            low = trial
+            if seen.swing is not None:
+                hunts, found = trial, seen.swing
+        if high == size or (math.isnan(high) and (low == last or unclear > MOST_UNCLEAR)):
             break
-    why, last_cycle = f"{_went(branch.values[0], branch.values[-1], remedy)}, {NO_FARTHER}", branch.orbits[-1]
-    return Border("not found", float(branch.values[-1]), math.nan, cycle, last_cycle, {}, why, str(branch.end))
+        if math.isnan(high):
+            more = more_of(remedy, low, 1 + FIRST_MORE)
+            trial = last if remedy.sense * more > remedy.sense * last else more
+        elif abs(high - low) > abs(more_of(remedy, low, 1 + known) - low):
+            trial = (low + high) / 2
+        else:
+            break
+    return EndOfMotions(hunts, found, high, seen.verdict)
 
 
-def _turned(branch: Branch[SystemOrbit], sense: int) -> Border | None:
-    """The border where a branch comes back between two of its cycles, where no cycle is computed to its tolerance."""
-    values = branch.values
-    i = int(np.argmax(sense * values))
-    missed = next((each.meaning for each in branch.missed if each.kind == FOLD.kind), "")
-    if not missed or not 0 < i < values.size - 1:
-        return None
-    value, error = float(values[i]), float(np.abs(np.diff(values[i - 1 : i + 2])).max())
-    if error > TURN_KNOWN * abs(value):
-        return None
-    return Border("fold", value, error, None, branch.orbits[i], {}, missed)
+def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, options: Options) -> Border:
+    """Where the stable cycle on which a motion settles ends, or loses its stability, with more of the remedy.
+
+    loop: with some of it.  Raises NoOrbit, effort.PartGivenUp: it was not followed so far.
+    """
+    cycle = loop_cycle(loop, remedy.size, start=swing.state, options=options)
+    if cycle.seen_stable is False:
+        raise NoOrbit("the cycle next to a motion that hunts is not stable", Status.NOT_FOUND)
+    sizes, unstable, far, folds = [cycle.problem.value(remedy.size)], list[float](), last, math.nan
+
+    def followed(orbit: SystemOrbit) -> None:
+        size, ahead = orbit.problem.value(remedy.size), sizes[-1]
+        sizes.append(size)
+        if remedy.sense * (size - ahead) > 0 and (unstable or orbit.seen_stable is False):
+            unstable.append(size)  # or the first one behind a fold
+            if len(unstable) > MOST_UNSTABLE:
+                raise _Unstable
+
+    try:
+        fold = fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_CYCLES,
+                       progress=followed)  # fmt: skip
+        if fold.value_error <= SIZE_KNOWN and unstable in ([], sizes[-1:]) and not _lost(fold.orbit):
+            return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit, moves=fold.sensitivities)
+        folds = far = fold.value
+    except (_Unstable, NoOrbit):
+        pass
+    far = unstable[0] if unstable else far
+    finer = replace(options, tol=FINER * options.tol)
+    branch = follow(cycle, remedy.size, to=far, options=finer, max_points=MOST_CYCLES)
+    special = next((each for each in branch.special if each.kind in (*LOSSES, "fold")), None)
+    if special is not None:
+        error = max(np.nan_to_num(special.error), SIZE_KNOWN * abs(special.value))
+        kind: Kind = "fold" if special.kind == "fold" else "instability"
+        folds = math.nan if kind == "fold" else folds
+        return Border(kind, special.value, error, orbit=special.orbit, why=special.meaning, fold=folds)
+    end = branch.end
+    if end.kind not in ("grazing", "Hopf"):
+        raise NoOrbit(str(end), Status.NOT_FOUND)
+    error = max(end.error, 10 * finer.tol * abs(end.value))
+    return Border(cast(Kind, end.kind), end.value, error, orbit=branch.orbits[-1], why=str(end))
 
 
-def _told(branch: Branch[SystemOrbit], last: float, tol: float) -> Border | None:
-    """The border at the end of a branch; None where it tells none."""
-    end, orbit, value = branch.end, branch.orbits[-1], float(branch.values[-1])
-    for special in branch.special:
-        if special.kind == "fold" and special.orbit.parameter_error < SIZE_KNOWN:
-            error = max(special.orbit.parameter_error, tol) * abs(special.value)
-            return Border("fold", special.value, error, None, special.orbit, {}, special.meaning)
-    if end.kind in ("grazing", "Hopf"):
-        error = max(end.error, 10 * tol * abs(end.value))
-        return Border(cast(Kind, end.kind), end.value, error, None, orbit, {}, str(end))
-    if end.kind == "range" and abs(value - last) <= SIZE_KNOWN * abs(last):
-        return Border("none", last, 0.0, None, orbit, {}, "")
+def _lost(orbit: SystemOrbit) -> bool:
+    """Whether the cycle at a fold is unstable besides."""
+    mu = orbit.multipliers.half[1:]
+    others = np.delete(mu, np.argmin(np.abs(mu - 1)))
+    return bool((np.abs(others) > 1 + INSIDE).any())
+
+
+def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Swing] | None:
+    """A size beyond a border at which a motion hunts, and that; None where none does."""
+    before = Swing.of(cast(Orbit, found.orbit))
+    for factor in BESIDE[found.kind == "fold" :]:
+        at = more_of(remedy, found.size, 1 + factor)
+        seen = scan(with_remedy(loop, remedy, at), before)
+        if seen.swing is not None:
+            return at, seen.swing
     return None

@@ -16,7 +16,7 @@ from ...servo.hunting import Model
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Corners
 from .border import BORDERS
-from .price import ENDED, Verdict
+from .fate import ENDED, Verdict
 
 MARGIN_TO_CHOOSE = 0.1
 """What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""
@@ -31,8 +31,8 @@ class Cure(Result):
     Attributes
     ----------
     name, unit : what it is called, and the unit of its size.
-    kind : how hunting ends: "fold", "grazing", "Hopf" (border.py): up to `size` there are cycles, the last of which may
-        be unstable, so that hunting may end with less; "motions": up to `size` simulated motions hunt, cycles could not
+    kind : how hunting ends: "fold", "grazing", "Hopf", "instability" (border.py): up to `size` there are stable cycles;
+        "motions": up to `size` simulated motions hunt, cycles could not
         be followed so far; "none" where hunting goes on up to the last size that was looked at, "not found" where
         nobody knows, "does not fit" where it does not go with the loop's parts.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
@@ -55,6 +55,7 @@ class Cure(Result):
         which the slopes of the border point, from corner to corner, or where there are no slopes the size with which
         motions end at all of them, in `unit`; nan where none was asked for, or found.  A servo inside of the box that
         is worse than those may exist.
+    fold : where the branch of cycles folds, if hunting ends elsewhere; nan else.
     why : a sentence: why it is not seen to end hunting, or why it was not found.
     evidence : what stopped the search where it was not found, in the words of the trade; "" where nothing did.
     followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
@@ -73,7 +74,7 @@ class Cure(Result):
     )  # fmt: skip
     _details = (
         "size_error", "recommended", "recommended_rest_error [rad]", "rests", "peak_voltage [V]", "phase_margin [deg]",
-        "lowest_factor", "highest_factor", "beyond", "stays", "moves", "worst_size", "why", "evidence",
+        "lowest_factor", "highest_factor", "beyond", "stays", "moves", "worst_size", "fold", "why", "evidence",
         "followed_to",
     )  # fmt: skip
 
@@ -96,6 +97,7 @@ class Cure(Result):
     highest_factor: float = math.nan
     moves: dict[str, float] = field(default_factory=dict)
     worst_size: float = math.nan
+    fold: float = math.nan
     why: str = ""
     evidence: str = ""
     followed_to: float = math.nan

@@ -2,7 +2,7 @@
 
     hunting     a cycle was computed to which it goes on, from its end or from a later state
     at rest     nothing moves, no state at all, for as long again, or in the second half of it
-    decaying    it comes to rest behind its end; or, with a remedy, what is left of it is half as large `HALVED` times
+    decaying    it comes to rest behind its end; or, with a remedy, its swings shrink towards rest (fate.py)
     growing     it is so far away that a motion as built would be given up (`FAR_AWAY`), and goes ever farther
     undecided   none of these
 
@@ -23,12 +23,13 @@ from ...orbits import Options, Orbit, SystemOrbit, find_cycle
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import LoopMotion, loop_motion
 from ...servo.sampled.motion import FAR_AWAY
-from .price import OUTGROWN_BY, RESTS_WITHIN, ROUNDING_OF_A_STATE, TASK_STEP, fate
+from .fate import ROUNDING_OF_A_STATE, STILL, Swing, fate
+from .price import TASK_STEP
 
 LATE = 0.5
 """Part of the motion behind which nothing moves where it rests."""
-HALVED = 3
-"""Times that what is left of a motion is seen to become half as large, until it is taken to come to rest."""
+FARTHER_BY = 2.0
+"""Where a motion grows, its second half leads so many times as far as the first."""
 STANDS_FOR_GOOD = "it has come to rest, and nothing in the loop moves it again"
 COMES_TO_REST = "it is smaller from swing to swing, and comes to rest behind its end"
 NOT_FOLLOWED = "neither a cycle nor rest was found to which it goes on behind its end"
@@ -71,7 +72,7 @@ def grows(loop: Loop, found: LoopMotion) -> bool:
     farther than the first."""
     x, late = np.abs(found.states[loop.system.states.index("x1")]), found.times >= LATE * found.motion.duration
     start = max(TASK_STEP, float(np.abs(found.states[:, 0]).max()))
-    return bool(x[late].max() > max(FAR_AWAY * start, OUTGROWN_BY * x[~late].max()))
+    return bool(x[late].max() > max(FAR_AWAY * start, FARTHER_BY * x[~late].max()))
 
 
 def followed(loop: Loop, time: float, start: dict[str, float], tol: float) -> LoopMotion:
@@ -102,22 +103,17 @@ def _hunting(cycle: SystemOrbit) -> Outcome:
 
 
 def _followed_on(loop: Loop, found: LoopMotion, tol: float, bare: Orbit, why: str) -> Outcome:
-    """What becomes of a motion from whose end no cycle was found: smaller and smaller, or a cycle from a later state.
-
-    Smaller than half of the hunting is no rest: the cycle with a remedy may be so small, and half of that is asked for.
-    """
-    state, size = _end(found.motion), bare.amplitude
-    for _ in range(HALVED):
-        seen = fate(loop, state, size, bare.period)
-        state, late = seen.end, seen.times >= seen.times[-1] - 2 * bare.period
-        if seen.verdict == "rests":
-            return Outcome("decaying", COMES_TO_REST)
-        if seen.verdict != "decays":
-            with suppress(NoOrbit):
-                return _hunting(_cycle_from(loop, loop.mode_at(**state), state, tol))
-            return Outcome("undecided", NOT_FOLLOWED, evidence=why)
-        size = float(np.abs(seen.position[late]).max())
-    return Outcome("decaying", f"followed on, its swings become smaller and smaller, down to {size:.3g} rad")
+    """What becomes of a motion from whose end no cycle was found: ever smaller swings, or a cycle from later on."""
+    seen = fate(loop, _end(found.motion), Swing.of(bare))
+    if seen.verdict == "rests":
+        return Outcome("decaying", COMES_TO_REST)
+    if seen.verdict == "decays":
+        size = float(np.abs(np.diff(seen.turns[-3:])).max()) / 2
+        return Outcome("decaying", f"followed on, its swings become smaller and smaller, down to {size:.3g} rad")
+    if seen.swing is not None:
+        with suppress(NoOrbit):
+            return _hunting(_cycle_from(loop, loop.mode_at(**seen.swing.state), seen.swing.state, tol))
+    return Outcome("undecided", NOT_FOLLOWED, evidence=why)
 
 
 def _end(motion: Motion) -> dict[str, float]:
@@ -129,7 +125,7 @@ def _end(motion: Motion) -> dict[str, float]:
 def _still(motion: Motion, states: np.ndarray) -> bool:
     """Whether no state moves, the sum of an integrator neither: a servo that is stuck may wind up to its breakaway."""
     sizes = np.array([motion.sizes[name] for name in motion.system.states])
-    return bool(np.all(np.ptp(states, axis=1) <= RESTS_WITHIN * sizes))
+    return bool(np.all(np.ptp(states, axis=1) <= STILL * sizes))
 
 
 def _stays(loop: Loop, found: LoopMotion) -> bool:

@@ -41,16 +41,17 @@ from .border import (
     MOTIONS_KNOW,
     Border,
     Scales,
-    Swing,
     border,
     end_of_motions,
     more_of,
-    on_the_cycle,
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
-from .price import ENDED, LOOKED_PERIODS, MOST_WINDOWS, STARTS_BESIDE, task, verdict
+from .fate import Swing, on_the_cycle, scan
+from .price import task
 
+NEVER_SETTLES = 30.0
+"""Periods of the hunting that count for a step that does not settle."""
 LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
 RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
@@ -125,7 +126,7 @@ def remedies(
         if progress is not None:
             progress(rows[-1])
     loop, orbit = asked.loop, asked.orbit
-    rows.sort(key=_price(task(loop, orbit.amplitude, orbit.period, 0.0, orbit.amplitude).peak_torque, orbit))
+    rows.sort(key=_price(task(loop, Swing.of(orbit), 0.0).peak_torque, orbit))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
     own = loop.value("gain"), orbit.amplitude, orbit.period
     return Cures(loop, asked.model, *own, tuple(rows), best, margin, orbit.stable is not False)
@@ -219,7 +220,7 @@ def _price(today: float, orbit: Orbit) -> Callable[[Cure], tuple[bool, float]]:
     """
 
     def of(row: Cure) -> tuple[bool, float]:
-        settling = row.settling if math.isfinite(row.settling) else LOOKED_PERIODS * MOST_WINDOWS * orbit.period
+        settling = row.settling if math.isfinite(row.settling) else NEVER_SETTLES * orbit.period
         rest = row.recommended_rest_error if row.rests else 0.0  # of none of the rows it is known
         price = rest / orbit.amplitude + (row.peak_torque / today - 1) + settling / orbit.period
         return not row.ends_hunting, price if math.isfinite(price) else math.inf
@@ -240,39 +241,31 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     worst = _worst(asked, remedy, found)
     least = worst if math.isfinite(worst) else size
     beyond = tuple(more_of(remedy, least, factor) for factor in (1 + asked.margin, *LARGER_SIZES))
-    recommended, last = beyond[0], found.orbit or asked.orbit
+    recommended, before = beyond[0], found.swing or Swing.of(found.orbit or asked.orbit)
     mended = with_remedy(loop, remedy, recommended)
     corners = _rests(remedy, recommended, _numbers(asked.farthest_at_rest))
     rest, rests = _largest(_rests(remedy, size, numbers)), _largest(corners)
-    step = task(mended, last.amplitude, last.period, rests, asked.orbit.amplitude)
+    step = task(mended, Swing.of(asked.orbit), rests)
     linear = linear_margins(mended)
     return Cure(
         remedy.name, remedy.unit, found.kind, size, found.error, recommended,
         rests=corners, rest_error=rest, recommended_rest_error=rests,
         peak_torque=step.peak_torque, peak_voltage=step.peak_torque / loop.value("motor_gain"), settling=step.settling,
         beyond=beyond,
-        stays=tuple(verdict(with_remedy(loop, remedy, at), last.amplitude, last.period) for at in beyond),
+        stays=tuple(scan(with_remedy(loop, remedy, at), before).verdict for at in beyond),
         phase_margin=math.nan if linear is None else linear.phase_margin,
         lowest_factor=math.nan if linear is None else linear.lowest_factor,
         highest_factor=math.nan if linear is None else linear.highest_factor,
         moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
-        worst_size=worst, why=found.why, followed_to=size, first=found.first,
+        worst_size=worst, fold=found.fold, why=found.why, evidence=found.evidence, followed_to=size, first=found.first,
     )  # fmt: skip
 
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
-    """A remedy whose cycles go on: hunting does, if the last of them is stable or motions there hunt."""
-    loop, orbit, size = asked.loop, found.orbit, f"{found.size:.4g} {remedy.unit}".rstrip()
-    to = "up to" if remedy.sense > 0 else "down to"
-    if orbit is not None and not orbit.stable:
-        seen = verdict(with_remedy(loop, remedy, found.size), orbit.amplitude, orbit.period)
-        if seen not in ("hunts", "grows"):
-            goes = f"its cycle goes on {to} {size}, the last size looked at, but is not stable there"
-            did = "came to rest" if seen in ENDED else "could not be followed to their end"
-            why = f"{goes}, and motions {did}: whether hunting ends before is not known"
-            return Cure(remedy.name, remedy.unit, "not found", why=why, followed_to=found.size, first=found.first)
+    """A remedy with which motions hunt at the last size."""
+    size, to = f"{found.size:.4g} {remedy.unit}".rstrip(), "up to" if remedy.sense > 0 else "down to"
     why = f"hunting goes on {to} {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
-    return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(loop)), why=why,
+    return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(asked.loop)), why=why,
                 followed_to=found.size, first=found.first)  # fmt: skip
 
 
@@ -343,11 +336,11 @@ def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:
         return math.nan
     for corner in filter(asked.has, product(*asked.box.values())):
         begin = more_of(remedy, size, 1 - MOTIONS_KNOW)
-        more = end_of_motions(asked.at(corner), remedy, swing, begin, last, STARTS_BESIDE)
-        if more is None:
+        more = end_of_motions(asked.at(corner), remedy, swing, begin, last, MOTIONS_KNOW)
+        if math.isnan(more.ended):
             return math.nan
-        if more[0] * remedy.sense > size * remedy.sense:
-            size, swing = more
+        if more.ended * remedy.sense > size * remedy.sense:
+            size, swing = more.ended, more.swing or swing
     return size
 
 

@@ -263,6 +263,11 @@ def loop_motion(
     motion = simulate(
         loop.system, mode or loop.mode_at(**state), start=state, duration=duration, sizes=sizes, tol=tol
     )
+    return along(loop, motion, per_interval)
+
+
+def along(loop: Loop, motion: Motion, per_interval: int = 4) -> LoopMotion:
+    """A motion of a loop that has been followed, at points, with its torque."""
     times, states = motion.sample(per_interval)
     modes = modes_along(motion, times)
     torque, moving = np.empty((2, times.size))

@@ -19,7 +19,8 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
-from ...design.remedies.price import ENDED, TASK_STEP
+from ...design.remedies.fate import ENDED
+from ...design.remedies.price import TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...errors import InputError
 from ...export import plain

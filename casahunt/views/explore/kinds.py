@@ -17,7 +17,8 @@ import numpy as np
 from ... import effort
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
-from ...design.remedies.border import BORDERS, Border, Scales, border, on_the_cycle
+from ...design.remedies.border import BORDERS, Border, Scales, border
+from ...design.remedies.fate import on_the_cycle
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque

@@ -9,7 +9,7 @@ from contextlib import suppress
 import numpy as np
 
 from ...design.remedies.cures import Cure, Cures
-from ...design.remedies.price import ENDED
+from ...design.remedies.fate import ENDED
 from ...errors import InputError, NoOrbit
 from .fold_curve import HEADROOM
 from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, png

@@ -24,7 +24,8 @@ from casahunt import (
 from casahunt.design.remedies import remedies as module
 from casahunt.design.remedies.border import MOTIONS_KNOW
 from casahunt.design.remedies.cures import Cure
-from casahunt.design.remedies.price import ENDED, task
+from casahunt.design.remedies.fate import ENDED, Swing
+from casahunt.design.remedies.price import task
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.views.commands.remedies import advice_of
 
@@ -262,7 +263,7 @@ def test_motions_that_come_to_rest_are_followed_with_the_sizes_that_they_had():
 def test_a_servo_that_hunts_has_not_settled():
     """With 0.0177 rad, which is less than 2 % of the step; nor has one whose error is as large."""
     orbit, loop = find_orbit(Servo(), "switch", 0.1), loop_of(Servo(), "switch", 0.1)
-    step = task(loop, orbit.amplitude, orbit.period, 0.0, orbit.amplitude)
+    step = task(loop, Swing.of(orbit), 0.0)
     assert step.verdict == "hunts" and math.isnan(step.settling) and orbit.amplitude < 0.02
-    calm = task(loop.replace(gain=0.8), orbit.amplitude, orbit.period, 0.0, orbit.amplitude)
+    calm = task(loop.replace(gain=0.8), Swing.of(orbit), 0.0)
     assert calm.verdict in ENDED and calm.settling > 0

@@ -1,0 +1,386 @@
+"""What becomes of a motion of a loop, event by event: it rests, decays, hunts, or grows.
+
+    turns      places t_k at which x1 turns back;   swings s_k = |t_k - t_(k-1)|
+
+    rests      nothing moves any more: a phase without an end, or no state in the second half of a look; or it is at the
+               set point, but for rounding
+    decays     the swings shrank geometrically down their last decade, whatever their size: towards a smaller cycle they
+               would shrink ever more slowly
+    hunts      the turns repeat, n by n or mirrored, of whatever size they are; or what they still change by shrinks
+               geometrically, and leaves them their size; or they neither repeat nor shrink, for `MOST_TURNS`
+    grows      its swings have become so large that they are beyond any hunting
+    undecided  none of these with the work that is allowed, or it cannot be followed
+
+A motion is followed once, in looks that become longer; where it has events, its fate ends it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ... import effort
+from ...motion import MarchFailure, Motion, Segment, march
+from ...orbits import Orbit
+from ...servo.parts.loop import Loop
+
+Array = np.ndarray
+Kind = Literal["gauss", "radau"]
+Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
+
+BY_SEVERITY: tuple[Verdict, ...] = ("rests", "decays", "undecided", "hunts", "grows")
+ENDED: tuple[Verdict, ...] = ("rests", "decays")
+"""Verdicts of motions that hunt no more."""
+FIRST_LOOK, MOST_LOOKS = 8.0, 16
+"""Periods of the first look at a motion; each next one is twice as long."""
+MOST_WORK = 5e4
+"""Work (effort.py) of a motion; most take a tenth."""
+MARCH_TOLERANCE = 1e-9
+"""Error of an interval: series march as fast to 1e-9 as to 1e-4."""
+STILL = 1e-7
+"""A state that moves by less than this part of its size stands still."""
+ROUNDING_OF_A_STATE = 1e-12
+"""A state that is so small a part of its size is zero."""
+DECADE, LEAST_SWINGS = 10.0, 5
+"""The way along which swings shrink geometrically, and how many they are at least."""
+PATTERN, REPEATS, MOST_TURNS = 8, 1e-6, 240
+"""Turns of a pattern at most; how well it repeats; turns after which a motion repeats in none."""
+IRREGULAR = 0.1
+"""Swings that differ by more than this part for so long, without becoming smaller, repeat in no pattern."""
+SETTLED, LEFT = 0.02, 0.05
+"""Changes shrink geometrically where their ratio r is known to so much of 1 - r; what is left of them, in swings."""
+OUTGROWN = 50.0
+"""So many times as large as the hunting before, and as at its start, a motion grows."""
+NO_TURN = 1e-10
+"""What turns back by less, in sizes of the state, does so by rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """Hunting: a state on it, its amplitude [rad] and period [s], and the sizes of the states."""
+
+    state: dict[str, float]
+    amplitude: float
+    period: float
+    sizes: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, cycle: Orbit) -> Swing:
+        """That of a cycle."""
+        sizes = dict(zip(cycle.problem.system.states, cycle.scale.tolist(), strict=False))
+        return cls(on_the_cycle(cycle), cycle.amplitude, cycle.period, sizes)
+
+
+def on_the_cycle(orbit: Orbit) -> dict[str, float]:
+    """A state of a cycle away from events: where something has just stopped, or in mid-slip."""
+    stuck = next((arc for arc in orbit.arcs if "stick" in arc.mode), None)
+    states = (stuck or orbit.arcs[0]).states
+    largest = np.max([np.abs(arc.states).max(axis=(0, 1)) for arc in orbit.arcs], axis=0)
+    state = states[0, states.shape[1] // 2]
+    state = np.where(np.abs(state) > ROUNDING_OF_A_STATE * largest, state, 0.0)  # a rounding of zero would slip
+    return dict(zip(orbit.problem.system.states, state.tolist(), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Fate:
+    """What became of a motion.
+
+    Attributes
+    ----------
+    verdict : see the module.
+    turns : (k,) places at which x1 turned back [rad].
+    motion : its phases.
+    swing : where it hunts, that.
+    """
+
+    verdict: Verdict
+    turns: Array
+    motion: Motion
+    swing: Swing | None = None
+
+
+class _Undecided(Exception):
+    """No look tells more."""
+
+
+@dataclass
+class _Watched:
+    """A motion that is being followed, of which more is known with each phase."""
+
+    loop: Loop
+    before: Swing
+    scale: Array
+    start: float
+    phases: list[Segment] = field(default_factory=list)
+    time: float = 0.0
+    turns: list[float] = field(default_factory=list)
+    at: list[float] = field(default_factory=list)
+    """Times of the turns."""
+    way: float = 0.0
+    """The direction of x1, 0 as long as it has not moved."""
+    farthest: tuple[float, float] = (0.0, 0.0)
+    """Time and x1 of the last place."""
+    verdict: Verdict | None = None
+    repeats: tuple[int, bool] = (0, False)
+    """Turns of the pattern, and whether its mirror image follows."""
+
+    def __post_init__(self) -> None:
+        self.system = self.loop.system
+        self.place = self.system.states.index("x1")
+        self.farthest = 0.0, self.start
+        self.kind: Kind = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
+
+    def motion(self, phases: list[Segment]) -> Motion:
+        """Phases as a motion."""
+        return Motion(self.system, self.system.values(None), tuple(phases), math.nan, self.scale, self.kind)
+
+    def seen(self, segment: Segment) -> bool:
+        """A phase more; whether it decides."""
+        self.phases.append(segment)
+        if math.isinf(segment.duration):  # what is kept of it is as long as a look at first
+            self.phases[-1] = replace(segment, duration=FIRST_LOOK * self.before.period)
+            self.verdict = "rests"
+            return True
+        many = len(self.turns)
+        for t, x in self._places(segment):
+            self._place(self.time + t, x)
+        self.time += segment.duration
+        if len(self.turns) > many:
+            self.verdict = self._told()
+        if self.verdict is None and segment.event and self._is_there(segment.end[:, None]):
+            self.verdict = "rests"
+        return self.verdict is not None
+
+    def _is_there(self, states: Array) -> bool:
+        """Whether states (n, m) are those at the set point, but for rounding."""
+        rate = self.system.states.index("x2") if "x2" in self.system.states else self.place
+        near = np.abs(states[self.place]).max() <= STILL * self.before.amplitude
+        return bool(near and np.abs(states[rate]).max() <= STILL * self.scale[rate])
+
+    def _places(self, segment: Segment) -> list[tuple[float, float]]:
+        """Time and x1 of the end of a phase, and of where it turns inside."""
+        ends = float(segment.start[self.place]), float(segment.end[self.place])
+        if segment.w.shape[0] > 1:
+            inside = segment.w[:, self.place]
+            if inside.max() > max(ends) or inside.min() < min(ends):
+                times, states = self.motion([segment]).sample()
+                x = states[self.place]
+                return [_top(times, x, i) for i in _tops(x)] + [(segment.duration, ends[1])]
+        return [(segment.duration, ends[1])]
+
+    def _place(self, t: float, x: float) -> None:
+        """The next place on the way of x1."""
+        moved = x - self.farthest[1]
+        if abs(moved) <= NO_TURN * self.scale[self.place]:
+            return
+        if moved * self.way < 0:
+            self.at.append(self.farthest[0])
+            self.turns.append(self.farthest[1])
+        self.way, self.farthest = math.copysign(1.0, moved), (t, x)
+
+    def _told(self) -> Verdict | None:
+        """What the turns tell."""
+        turns = np.array(self.turns)
+        swings = np.abs(np.diff(turns))
+        if swings.size < 3:
+            return None
+        if np.abs(turns[-2:]).max() > OUTGROWN * max(self.before.amplitude, abs(self.start)):
+            return "grows"
+        for n in range(1, min(PATTERN, (turns.size - 1) // 4) + 1):
+            for mirror in (-1.0, 1.0):
+                if _settles(turns, n, mirror):
+                    self.repeats = n, mirror < 0
+                    return "hunts"
+        if _shrinks(swings):
+            return "decays"
+        if swings.size < MOST_TURNS:
+            return None
+        late, earlier = swings[-MOST_TURNS // 4 :], swings[-MOST_TURNS // 2 : -MOST_TURNS // 4]
+        self.repeats = MOST_TURNS // 4, False
+        irregular = np.ptp(late) > IRREGULAR * late.max()  # one that leaves an unstable cycle is not, as yet
+        return "hunts" if irregular and late.max() > (1 - LEFT) * earlier.max() else "undecided"
+
+    def stands(self, since: int) -> bool:
+        """Whether no state moved in the second half of the last look, or it is at the set point."""
+        times, states = self.motion(self.phases[since:]).sample(4)
+        many = len(self.system.states)
+        late = states[:many, times >= times[-1] / 2]
+        if np.all(np.ptp(late, axis=1) <= STILL * self.scale[:many]):
+            return True
+        return self._is_there(late)
+
+    def swing(self) -> Swing:
+        """The hunting that it has come to."""
+        n, mirrored = self.repeats
+        turns, period = np.array(self.turns[-2 * n - 1 :]), self.at[-1] - self.at[-1 - n]
+        stopped = next((s for s in reversed(self.phases) if "stick" in s.mode), self.phases[-1])
+        sizes = dict(zip(self.system.states, self.scale.tolist(), strict=False))
+        return Swing(self.named(stopped.start), float(np.ptp(turns)) / 2, period * (2 if mirrored else 1), sizes)
+
+    def named(self, x: Array) -> dict[str, float]:
+        """States by name; nothing, where rounding has left something."""
+        kept = np.where(np.abs(x) > ROUNDING_OF_A_STATE * self.scale, x, 0.0)
+        return dict(zip(self.system.states, kept.tolist(), strict=False))
+
+
+def fate(loop: Loop, start: Mapping[str, float], before: Swing) -> Fate:
+    """What becomes of a motion.
+
+    start: its states at the start, by name, all others zero; before: the hunting that is to end, which measures it.
+    """
+    state = loop.state(**start)
+    sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
+    watched = _Watched(loop, before, np.array(sizes), state["x1"])
+    x, mode, length = np.array(list(state.values())), loop.mode_at(**state), FIRST_LOOK * before.period
+    try:
+        with effort.at_most(MOST_WORK):
+            for _ in range(MOST_LOOKS):
+                x, mode, length = _look(watched, x, mode, length)
+                if watched.verdict is not None:
+                    break
+    except (MarchFailure, effort.PartGivenUp):
+        watched.verdict = None
+    verdict = watched.verdict or "undecided"
+    swing = watched.swing() if verdict == "hunts" else None
+    return Fate(verdict, np.array([*watched.turns, watched.farthest[1]]), watched.motion(watched.phases), swing)
+
+
+def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array, str, float]:
+    """A look at a motion: where the next one begins, and how long it is.  Raises MarchFailure, effort.PartGivenUp."""
+    since = len(watched.phases)
+    phases = march(
+        watched.system.vector_form, mode, x, watched.system.values(None), scale=watched.scale, until=watched.seen,
+        tol=MARCH_TOLERANCE, kind=watched.kind, max_time=length, strict=True,
+    )  # fmt: skip
+    if watched.verdict is not None:
+        return x, mode, length
+    last, came_to_rest = phases[-1], len(phases) <= len(watched.phases) - since
+    if not last.event and not came_to_rest:
+        watched.seen(last)
+    if not last.event:
+        if watched.verdict not in ("hunts", "grows") and (came_to_rest or watched.stands(since)):
+            watched.verdict = "rests"
+        return last.end, last.mode, 2 * length
+    # a phase in closed form does not see the time: it is followed again, in a longer look
+    del watched.phases[-1]
+    watched.time -= last.duration
+    return last.start, last.mode, 2 * max(length, last.duration)
+
+
+def _tops(x: Array) -> Array:
+    """Places (k,) of a polyline x (m,) at which it turns."""
+    rising = np.sign(np.diff(x))
+    return 1 + np.flatnonzero(rising[1:] * rising[:-1] < 0)
+
+
+def _top(times: Array, x: Array, i: int) -> tuple[float, float]:
+    """Time and value of the top of the parabola through three points of a motion."""
+    (a, b), (d, e) = np.diff(times[i - 1 : i + 2]), np.diff(x[i - 1 : i + 2])
+    if not min(a, b) > 0:
+        return float(times[i]), float(x[i])
+    slope, curve = (b * b * d + a * a * e) / (a * b * (a + b)), (e / b - d / a) / (a + b)
+    back = -slope / (2 * curve) if curve else 0.0
+    return float(times[i] + back), float(x[i] - curve * back * back)
+
+
+def _settles(turns: Array, n: int, mirror: float) -> bool:
+    """Whether turns repeat, n by n, or change by ever less, geometrically, towards some as large as they are."""
+    last, *before = (mirror**k * turns[turns.size - (k + 1) * n : turns.size - k * n] for k in range(4))
+    changes = [a - b for a, b in zip((last, *before), before, strict=False)]
+    moved = [float(np.abs(change).max()) for change in changes]
+    size = float(np.ptp(np.concatenate([last, mirror * last])))
+    if max(moved[:2]) <= REPEATS * size:
+        return True
+    if not 0 < moved[0] < moved[1] < moved[2]:
+        return False
+    r, r_before = moved[0] / moved[1], moved[1] / moved[2]
+    left = changes[0] * r / (1 - r)
+    size = float(np.ptp(np.concatenate([last + left, mirror * (last + left)])))
+    return abs(r - r_before) <= SETTLED * (1 - r) and float(np.abs(left).max()) <= LEFT * size
+
+
+def _shrinks(swings: Array) -> bool:
+    """Whether swings went down their last decade geometrically, towards nothing: towards anything that is left they
+    would do so ever more slowly.  Of a lopsided motion every second one is compared."""
+    larger = np.flatnonzero(swings >= DECADE * swings[-1])
+    if not larger.size or swings.size < LEAST_SWINGS:
+        return False
+    late = swings[min(larger[-1], swings.size - LEAST_SWINGS) :]
+    ratios = late[2:] / late[:-2]
+    return bool(np.ptp(ratios) <= SETTLED * (1 - ratios.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What becomes of motions from a scan of starts: the worst of them, and the first that hunts."""
+
+    verdict: Verdict
+    swing: Swing | None = None
+
+    @property
+    def over(self) -> bool:
+        """Whether none hunts: they come to rest, or grow."""
+        return self.verdict in (*ENDED, "grows")
+
+
+OFF = 0.97
+"""Part of a state on a cycle from which a motion begins: on the cycle it stays, whether or not that attracts."""
+LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
+"""Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
+MOST_UNDECIDED, MOST_TURNS_OF_ALL = 3, 1200
+"""Motions of which nobody knows what becomes of them, behind which no other one is followed; and turns of all."""
+
+
+def scan(loop: Loop, *before: Swing) -> Scan:
+    """Motions from states of hunting that was seen at other sizes, and from rest beside the set point.
+
+    The latter begin in the gaps between the places at which any motion has turned, or would do on its way to nothing,
+    until there is none left: a cycle that attracts from nowhere but such a gap is not seen.
+    """
+    seen: list[Verdict] = []
+    ways: list[tuple[float, float]] = []
+    first, turns = before[0], 0
+    starts = [{name: OFF * x for name, x in each.state.items()} for each in before]
+    starts += [loop.at_rest(-place * first.amplitude) for place in (LEAST_START, LARGEST_START)]
+    while len(seen) < MOST_STARTS and seen.count("undecided") < MOST_UNDECIDED:
+        if not starts:
+            where = _gap(np.array(ways) / first.amplitude)
+            if where is None:
+                break
+            starts = [loop.at_rest(-where * first.amplitude)]
+        start = starts.pop(0)
+        found = fate(loop, start, first)
+        if found.verdict == "hunts":
+            return Scan("hunts", found.swing)
+        seen.append(found.verdict if turns <= MOST_TURNS_OF_ALL else "undecided")
+        turns += found.turns.size
+        ways += _way(abs(start.get("x1", 0.0)), found)
+    return Scan(max(seen, key=BY_SEVERITY.index))
+
+
+def _way(start: float, found: Fate) -> list[tuple[float, float]]:
+    """Places of a motion, and the next one of each: where it rests, that; where it decays, those of a decade more."""
+    places = [start, *np.abs(found.turns).tolist()]
+    if found.verdict == "decays":
+        ratio = math.sqrt(places[-2] / places[-4])
+        places += (places[-2] * np.geomspace(ratio, 1 / DECADE, 1 + int(math.log(DECADE) / -math.log(ratio)))).tolist()
+    return list(zip(places, [*places[1:], places[-1] if found.verdict == "rests" else math.nan], strict=True))
+
+
+def _gap(ways: Array) -> float | None:
+    """The middle of the widest gap between places (m, 2), in amplitudes; None where none is wide enough.
+
+    Places whose next ones are near to each other, and not between them, leave no gap: what is between leads there too.
+    """
+    inside = ways[(ways[:, 0] > LEAST_START / 2) & (ways[:, 0] < 2 * LARGEST_START)]
+    places, nexts = inside[np.argsort(inside[:, 0])].T
+    ratios = places[1:] / places[:-1]
+    stay, near = nexts == places, np.abs(np.log(nexts[1:] / nexts[:-1])) <= math.log(NO_GAP)
+    between = (nexts[:-1] > places[:-1]) & (nexts[1:] < places[1:])
+    open_ = ~(near & ~between | stay[1:] & stay[:-1]) & (ratios > NO_GAP)
+    i = int(np.argmax(np.where(open_, ratios, 0.0)))
+    return float(np.sqrt(places[i] * places[i + 1])) if open_.any() else None
