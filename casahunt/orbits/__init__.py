@@ -18,6 +18,7 @@ restart.py   starting points for another phase sequence
 options.py   how orbits are computed
 bordering.py the row under which the parameter is free
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
+one_of_many.py whether a cycle is one of many at the same parameters
 fold_side.py on which side of a fold a cycle lies
 ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known

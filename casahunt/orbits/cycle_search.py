@@ -36,6 +36,7 @@ from .closure import turns, with_sections
 from .family import Family, measured_of
 from .first_return import FirstReturn, Guess, reversed_in_time
 from .floquet import clearly_attracts
+from .one_of_many import one_of_many
 from .orbit import unknowns_of
 from .recurrence import EXACTLY, Recurrence, recurrences
 from .restart import from_segments, in_scheme
@@ -53,6 +54,8 @@ FARTHER = 10.0
 SEVERAL_TIMES = 1e-7
 """A cycle that is this near to itself, in units of the state scale, after a part of its phases, has a part of its
 period."""
+LEADS_ASTRAY = (Status.SINGULAR, Status.NOT_CONVERGED, Status.FAR_FROM_GUESS)
+"""How it may end to solve for a cycle that is one of many."""
 MOST_LONG = 2
 """Long recurrences that are tried."""
 
@@ -246,6 +249,9 @@ class _CycleSearch(Returning):
         try:
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
         except NoOrbit as refusal:
+            many = one_of_many(begin, self.system.names.states) if refusal.status in LEADS_ASTRAY else ""
+            if many:
+                raise self.not_met(f"the motion repeats after {_phases_of(r)}, but {many}") from None
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
             self.refused(r, str(refusal) + (self.hidden if unsettled else ""))
             return None

@@ -164,3 +164,10 @@ def test_what_passes_too_flatly_is_said(power):
     assert abs(one.value - 0.37) <= 3 * one.error
     branch = followed(("a", "b"), lambda x, p: turning(x, "", (p.r - 0.37) ** power, 1.0))
     assert branch.missed or abs(branch.special[0].value - 0.37) <= 3 * branch.special[0].error
+
+
+def test_what_rounding_hides_for_several_steps_is_missed():
+    """The rate (r - 0.37)^5 of a pair is rounding from 0.368 to 0.372."""
+    system = System("flat", ("a", "b"), {"r": 0.36}, (Mode("m", lambda x, p: turning(x, "", (p.r - 0.37) ** 5, 1.0)),))
+    branch = equilibria(system, vary="r", to=0.38, largest_step=5e-4, a=0.0, b=0.0)
+    assert not branch.special and [one.kind for one in branch.missed] == ["change of stability"]
