@@ -62,4 +62,4 @@ def test_an_event_leads_past_a_phase_where_it_may_lead_to_the_next(behind, last,
     modes = ["up", "short", *([last] if last else [])]
     x = [*behind, 0.0]
     segments = [SimpleNamespace(mode=m, event="an event", behind=np.array([v])) for m, v in zip(modes, x, strict=False)]
-    assert sequences._leads_past(posed, segments, 1, SimpleNamespace(p=None, scale=None)) is past
+    assert sequences._leads_past(posed, segments, 1, SimpleNamespace(p=None, scale=np.ones(1))) is past
