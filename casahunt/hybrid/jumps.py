@@ -7,9 +7,10 @@ two modes, with what it does to neighbours there.  A step makes no jump of the w
 saturation by if_else), so that the expression is written as f(x, s) with the steps for themselves, and on lines through
 the states on which steps change, at the places where they do, both sides are compared:
 
-    |f(x, s_behind) - f(x, s_before)| <= ONE_PART (|f| + |f|) + STEP_PLACE |d(f - f)/dx| (length of the line)
+    |f(x, s_behind) - f(x, s_before)| <= ONE_PART (|f| + |f|) + (STEP_PLACE |d(f - f)/dx| + ENDS_ROUNDING |df/dx|) |x|
 
-The second term is what the place is not known to.  Parameters are tried at their values and next to them.
+The second term is what the place is not known to, the third rounding of the states, as in an angle of many turns.
+Parameters are tried at their values and next to them.
 """
 
 from __future__ import annotations
@@ -194,15 +195,17 @@ def check_jumps(looked: list[Looked], given: tuple[ca.SX, ...], names: Names, p:
     value = ca.Function("value", [z, *others, parts.symbols], [ca.densify(parts.values)])
     s = ca.SX.sym("s", parts.symbols.numel())
     slopes = ca.jacobian(value(z, *others, s) - parts.values, z)
-    slope = ca.Function("slope", [z, *others, parts.symbols, s], ca.horzsplit(ca.densify(slopes)))
+    # What is beside a step is known to the rounding of the states, and where they meet to that of the place.
+    weighed = ca.horzcat(STEP_PLACE * slopes, ENDS_ROUNDING * ca.jacobian(parts.values, z))
+    slope = ca.Function("slope", [z, *others, parts.symbols, s], ca.horzsplit(ca.densify(weighed)))
     f, g, first, last = (
         np.array(value(where, at, sign, steps))
         for where, steps in ((place, before), (place, behind), (a, ends[0]), (b, ends[1]))
     )
     with np.errstate(all="ignore"):
-        by_state = zip(slope(place, at, sign, before, behind), np.abs(a), np.abs(b), strict=True)
+        by_state = zip(slope(place, at, sign, before, behind), 2 * [*np.abs(a)], 2 * [*np.abs(b)], strict=True)
         unknown = sum(np.abs(np.array(rate)) * np.maximum(*sizes) for rate, *sizes in by_state)
-        least = STEP_PLACE * unknown + ENDS_ROUNDING * (np.abs(first) + np.abs(last)) + NO_JUMP
+        least = unknown + ENDS_ROUNDING * (np.abs(first) + np.abs(last)) + NO_JUMP
         jumps = np.isfinite(least) & (np.abs(g - f) > ONE_PART * (np.abs(f) + np.abs(g)) + least)
     jumps &= np.any(before != behind, axis=0)
     jumps &= np.array([not one.event for one in looked])[:, None] | (f * g <= 0)

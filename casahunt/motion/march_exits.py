@@ -28,7 +28,7 @@ Array = np.ndarray
 EVENT_TOLERANCE = 1e-13  # on events scaled to order one
 EXIT_ROUNDING = 1e-14  # of an event, in units of its size: some ten times the rounding of the states in it
 EXACT = 1e-22  # what Newton leaves of an interval's equations where an event is located
-POLISHED = 12  # secant steps to the end of a closed form: of a slow event the place goes on getting better
+SECANTS_AT_MOST = 12  # secant steps to the end of a closed form: of a slow event the place goes on getting better
 FLOW_LIMIT = 1e-9  # the same at the end of a closed form that is known nearly, or as a part of what it was
 
 
@@ -127,7 +127,7 @@ def flow_to(
     if way_out is not None:
         i = exits.index(way_out)
         value = lambda t: float(motion(x, t, p)[1][i])  # noqa: E731
-        near, left = secant(value, T, T * (1 - 1e-6), tolerance=0.0, rounds=POLISHED)
+        near, left = secant(value, T, T * (1 - 1e-6), tolerance=0.0, rounds=SECANTS_AT_MOST)
         T = near if abs(left) <= FLOW_LIMIT else T
     return T, motion(x, T, p)[0].copy()
 

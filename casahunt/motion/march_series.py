@@ -52,7 +52,7 @@ or than it may be off, as a part of the second difference: the middle one of thr
 INNER_PART, TOP_SECTIONS, TOP_PARABOLAS = 0.5 * (5**0.5 - 1), 12, 2
 """Golden section; so many of them leave 3e-3 of the place between two looks at which an event may come to zero, and so
 many parabolas through what is left and a tenth of it leave rounding of its height."""
-IN_A_ROW, BESIDE_IT = 2, 1e-9
+VAINLY_IN_A_ROW, BESIDE_ITS_ZERO = 2, 1e-9
 """After so many steps that leave more of an event which all but vanishes, what is left is rounding, where its sign
 changes within this part of the step."""
 FIRST_TRIAL, STIFF = 32, 100.0
@@ -353,10 +353,10 @@ def _root(
             best, left = s, abs(f)
         if f == 0 or bracket.width < 1e-15:
             break
-        if worse == IN_A_ROW and value(best - BESIDE_IT) < 0 < value(best + BESIDE_IT):
+        if worse == VAINLY_IN_A_ROW and value(best - BESIDE_ITS_ZERO) < 0 < value(best + BESIDE_ITS_ZERO):
             break
         bracket = bracket.told(s, f)
-        s = bracket.illinois if worse < IN_A_ROW else bracket.middle  # an event that all but stands tells no place
+        s = bracket.illinois if worse < VAINLY_IN_A_ROW else bracket.middle  # of one that all but stands
     return best if left <= EVENT_LIMIT else None
 
 

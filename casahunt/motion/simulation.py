@@ -214,9 +214,8 @@ def simulate(
     require("duration", duration, above=0.0)
     require("tol", tol, above=0.0)
     p, x = system.values(parameters), system.state(given_once(start, states), parameters)
-    name = system.mode(mode).name if mode is not None else system.modes[0].name
+    name, form = (system.modes[0] if mode is None else system.mode(mode)).name, system.vector_form
     kind: Kind = "radau" if any(m.stiff for m in system.modes) else "gauss"
-    form = system.vector_form
     check_closed_forms(system, x, p)
     try:
         if sizes is None:

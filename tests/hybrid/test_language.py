@@ -167,6 +167,8 @@ MEETS: dict[str, Callable[[Any, Any], Any]] = {
     "contact": lambda x, p: 1e6 * ca.if_else(x.x > 0.1, (x.x - 0.1) ** 1.5, 0),
     "steep": lambda x, p: ca.if_else(x.x > 1, 1e9 * (x.x - 1), 0),
     "sine of an angle": lambda x, p: ca.sin(ca.atan2(x.v, x.x)) + ca.cos(ca.remainder(x.x, 2 * ca.pi)),
+    "remainder of an angle": lambda x, p: ca.sin(ca.fmod(x.x, 2 * ca.pi)),
+    "sign of another": lambda x, p: ca.copysign(x.v**2, x.v),
     "no division by zero": lambda x, p: ca.if_else(x.x == 0, 1, ca.sin(x.x) / x.x),
     "by a parameter": lambda x, p: ca.if_else(p.mu > 0.5, 1, -1) * x.x,
     "tanh": lambda x, p: ca.if_else(ca.fabs(x.x) > 25, ca.sign(x.x), ca.tanh(x.x)),
@@ -183,6 +185,11 @@ def test_what_is_asked_at_an_event_alone_may_jump():
     hits = Event("hits", height, -1, to="free", reset=lambda x, p: {"v": -0.8 * x.v - ca.sign(x.v)})
     mode = Mode("free", van_der_pol, holds=lambda x, p: ca.sign(x.x), feature=lambda x, p: x.v > 0, ends=(hits,))
     assert system(mode).mode("free") == mode
+
+
+def test_an_event_may_jump_where_it_is_not_zero():
+    """Its zeros are where they are without."""
+    assert with_event(function=lambda x, p: ca.if_else(x.v > 0, 2, 1) * x.x)().states == ("x", "v")
 
 
 @pytest.mark.parametrize("name", BAD)
