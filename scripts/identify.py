@@ -181,6 +181,7 @@ def examined(
         "settled": [answer.status.ok for answer in answers], "same": len(answers) == 2 and same(*answers),
         "explained": found.judgement.explained, "misfit": found.judgement.misfit, "factor": found.judgement.factor,
         "deviances": [answer.deviance for answer in answers], "noise": found.noises[0].sigma,
+        "unsteady": found.judgement.unsteady, "systematic": found.judgement.systematic,
     }  # fmt: skip
 
 

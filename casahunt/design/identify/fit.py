@@ -92,6 +92,11 @@ class Data:
         return swings_of(self.shape, self.amplitude)
 
     @property
+    def count(self) -> float:
+        """Of the encoder that the controller reads [rad]: that of the record, or of its drive."""
+        return max(self.quantum, self.lags.reads if self.lags is not None else 0.0)
+
+    @property
     def size(self) -> float:
         """Noise and rounding as one standard deviation [rad]."""
         return math.hypot(self.noise, self.quantum / math.sqrt(12), 1e-6 * self.amplitude)

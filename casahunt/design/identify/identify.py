@@ -32,12 +32,13 @@ from ..uncertainty.set import Uncertainty
 from .best import best_of_starts, cut_off, explained_from, gain_that_fits
 from .climb import climb, expected
 from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
-from .fit import Array, Data, Point, Question, sharpened
+from .fit import NEXT_TO_NOTHING, Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
 from .lags import lags_taken
 from .likelihood import Noise
 from .noise import with_noise
+from .readings import unread, widened
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
 from .suitable import data_of, gains_of, in_a_pattern, of_few_steps, suitable
 from .torque import residual
@@ -293,14 +294,16 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
             best, noises = with_noise(question, climb(question, better.point, noises), noises)
     else:
         ends = None
-    J = marginal_information(question, best)
+    J, off = marginal_information(question, best), unread(question, best)
+    ends = None if ends is None else widened(ends, question.numbers(best.z), off)
+    relative = off / np.maximum(question.numbers(best.z), NEXT_TO_NOTHING * question.scales)
     nowhere = [Interval(math.nan, math.nan)] * len(question.free)
     return Identification(
         status=Status.FIT_NOT_CONVERGED if ends is None else Status.CONVERGED,
         model=question.model,
         servo=question.servo_at(best.z),
         intervals={name: (end.low, end.high) for name, end in zip(question.free, ends or nowhere, strict=True)},
-        covariance=np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))) * judgement.factor,
+        covariance=np.linalg.inv(J + LEAST_TOLD * np.eye(len(J))) * judgement.factor + relative.T @ relative,
         judgement=judgement,
         untold=untold(question, J, judgement.factor),
         further=further_gain(question, best, noises, ends) if advise and ends and judgement.explained else None,

@@ -15,8 +15,8 @@ What is left is of second order: of Table 1 and seven other servos amplitude and
 0.3 to 0.85 (omega d_v)^2, omega^2 = kp/J, with delays or filters from 0.05 to 0.2/omega.  Half of that square counts as
 an error that no record is free of (judgement.py), and where it is more than `MOST_LEFT_OUT` the record is refused.
 
-What quantisation does is not in it: the derivative makes of each count a step of the torque, which shakes a servo loose
-that sticks, so that what is found is the friction of the shaken one.
+What quantisation does is not in it (readings.py says what that leaves unknown): the derivative makes of each count a
+step of the torque, which shakes a servo loose that sticks, so that what is found is the friction of the shaken one.
 """
 
 from __future__ import annotations
@@ -40,12 +40,14 @@ SHAKEN = 0.02
 
 
 class Lags(NamedTuple):
-    """How late the controller sees position, velocity and its sum [s]; and what that leaves out, in amplitudes."""
+    """How late the controller sees position, velocity and its sum [s]; what that leaves out, in amplitudes; and the
+    count of the encoder that it reads [rad]."""
 
     position: float
     velocity: float
     sum: float
     left_out: float
+    reads: float = 0.0
 
 
 def lags_of(drive: Drive, servo: Servo, gain: float) -> Lags:
@@ -53,7 +55,8 @@ def lags_of(drive: Drive, servo: Servo, gain: float) -> Lags:
     half = drive.sample_time / 2
     d = drive.delay + half + drive.error_filter_time
     d_v, kp = d + half + drive.filter_of(servo.controller), servo.torque_gains(gain)[0]
-    return Lags(d, d_v, d if drive.integration == "trapezoid" else d - half, kp / servo.inertia * d_v**2 / 2)
+    d_w, left_out = d if drive.integration == "trapezoid" else d - half, kp / servo.inertia * d_v**2 / 2
+    return Lags(d, d_v, d_w, left_out, drive.count)
 
 
 def as_continuous(servo: Servo, gain: float, lags: Lags) -> Servo:

@@ -1,0 +1,59 @@
+"""What rounded readings leave unknown of the controller, and so of friction: no sample says so.
+
+The controller of a drive sums what its encoder reads: a servo that sticks at x is read as x + r, |r| <= q/2, and the
+same r may come back in each swing.  So friction is overcome at a time that is off by r/x, and torques are those of
+gains that are off by as much.  With the gains g = (kp, kd, ki) each wrong by its own e = q/(a sqrt(12)), the amplitude
+a, the optimum z of records with the weights W and the derivatives J moves by
+
+    dz_g = (J'WJ)^-1 J'W (dx/d log g) e,        variance of z:  sum over gains and records of dz_g dz_g'
+
+to which the periods of a record add nothing: it is no noise.  Of a controller by times these and the motor gain, with
+which all torque goes, stand for the gains, whose slopes have no limit where both times are equal.
+
+Symbols: k parameters, m samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...orbits import state_sensitivity
+from ...servo.servo import Pid, flatten
+from .fit import Array, Point, Question
+from .intervals import NORMAL_95, Interval
+from .start import MOTOR_GAIN
+from .torque import torque_of
+
+
+def unread(question: Question, point: Point) -> Array:
+    """(n, k) by how much the parameters may be off, a row for each gain of the controller and each record."""
+    found, k = [np.zeros((0, len(question.free)))], len(question.free)
+    rows = iter(point.rows)
+    for i, (data, orbit) in enumerate(zip(question.records, point.orbits, strict=True)):
+        own = [next(rows) for _ in range(1 if data.torque is None else 2)]
+        if not data.count:
+            continue
+        servo = orbit.servo
+        names = (*(() if isinstance(servo.controller, Pid) else (MOTOR_GAIN,)), *servo.controller_names)
+        laid = state_sensitivity(orbit, data.times - point.z[question.own(i)][0] * data.period, names)
+        moved = [laid.derivatives[:, 0]]
+        if data.torque is not None:
+            of_motor = torque_of(orbit, laid, names).derivatives
+            moved.append(of_motor - of_motor.mean(axis=1)[:, None])
+        pull = sum(each.J.T @ (each.weights[:, None] * by.T) for each, by in zip(own, moved, strict=True))
+        dz = np.linalg.lstsq(point.curvature, pull, rcond=None)[0][:k]
+        size = np.array([flatten(servo)[name] for name in names]) * data.count / (data.amplitude * math.sqrt(12))
+        found.append((question.slopes(point.z)[:, None] * dz * size).T)
+    return np.concatenate(found)
+
+
+def widened(ends: Sequence[Interval], q: Array, off: Array) -> list[Interval]:
+    """Intervals of parameters q (k,) that may also be off by `off` (n, k)."""
+    by = NORMAL_95 * np.linalg.norm(off, axis=0)
+    return [
+        Interval(max(float(at - math.hypot(at - end.low, each)), 0.0), float(at + math.hypot(end.high - at, each)))
+        for end, at, each in zip(ends, q, by, strict=True)
+    ]
