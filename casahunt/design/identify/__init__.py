@@ -11,6 +11,7 @@ noise.py      the likeliest noise, and the model with it
 matched.py    friction with which one swing is that of a record
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood
+readings.py   what rounded readings leave unknown of the controller, and so of friction
 judgement.py  misfit, what a record cannot tell, which further one would
 clipped.py    positions that are cut off at an end
 best.py       the likeliest model of all starts, and whether another gain, or a cut, explains records
