@@ -23,7 +23,7 @@ from ...orbits import Options, Orbit, SystemOrbit, find_cycle
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import LoopMotion, loop_motion
 from ...servo.sampled.motion import FAR_AWAY
-from .fate import ROUNDING_OF_A_STATE, MOVES_NOT, Swing, fate
+from .fate import MOVES_NOT, ROUNDING_OF_A_STATE, Swing, fate
 from .price import TASK_STEP
 
 LATE = 0.5
