@@ -1,8 +1,8 @@
 """Which remedy stops the hunting, how large, at what price.
 
-price.py       what it costs: errors at rest, a step simulated, motions from several starts
-outcome.py     what a motion of a loop goes on to
 fate.py        what becomes of a motion, and of motions from a scan of starts
+price.py       what it costs: errors at rest, a step simulated
+outcome.py     what a motion of a loop goes on to
 border.py      the smallest size that ends it: where stable cycles in that size end, behind which no motion hunts
 cures.py       a row of the table, and the table
 remedies.py    the table of all remedies, and the sentence that names one

@@ -43,7 +43,7 @@ SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
 end hunting already."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
-FINER = 0.1
+FINER_FOR_GRAZINGS = 0.1
 """Of the tolerance of folds, that of cycles whose branch ends at an event that is met for the first time."""
 MOST_UNSTABLE = 20
 """Cycles that are followed on to a fold where they have lost their stability before."""
@@ -55,12 +55,12 @@ FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
 followed; and where motions alone tell the size."""
 MOTIONS_ERROR = 0.02
 """Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late."""
-BESIDE, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
+LOOKED_AT_BEYOND, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
 """So much beyond a border, relatively, motions are looked at, next to a fold, where they take long to leave, from the
 second on; where they hunt, cycles are followed from there, so many times at most."""
 MOST_UNCLEAR = 2
 """Sizes one after the other with which nobody knows whether motions hunt, behind which no more is looked at."""
-INSIDE = 1e-4
+OUTSIDE_BY = 1e-4
 """A multiplier that is larger than 1 by more makes a cycle unstable."""
 NO_FIRST = "no cycle with a little of it was found"
 """Where nothing can be followed."""
@@ -268,7 +268,7 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
     except (_Unstable, NoOrbit):
         pass
     far = unstable[0] if unstable else far
-    finer = replace(options, tol=FINER * options.tol)
+    finer = replace(options, tol=FINER_FOR_GRAZINGS * options.tol)
     branch = follow(cycle, remedy.size, to=far, options=finer, max_points=MOST_CYCLES)
     special = next((each for each in branch.special if each.kind in (*LOSSES, "fold")), None)
     if special is not None:
@@ -287,13 +287,13 @@ def _lost(orbit: SystemOrbit) -> bool:
     """Whether the cycle at a fold is unstable besides."""
     mu = orbit.multipliers.half[1:]
     others = np.delete(mu, np.argmin(np.abs(mu - 1)))
-    return bool((np.abs(others) > 1 + INSIDE).any())
+    return bool((np.abs(others) > 1 + OUTSIDE_BY).any())
 
 
 def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Swing] | None:
     """A size beyond a border at which a motion hunts, and that; None where none does."""
     before = Swing.of(cast(Orbit, found.orbit))
-    for factor in BESIDE[found.kind == "fold" :]:
+    for factor in LOOKED_AT_BEYOND[found.kind == "fold" :]:
         at = more_of(remedy, found.size, 1 + factor)
         seen = scan(with_remedy(loop, remedy, at), before)
         if seen.swing is not None:

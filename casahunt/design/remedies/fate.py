@@ -7,7 +7,7 @@
     decays     the swings shrank geometrically down their last decade, whatever their size: towards a smaller cycle they
                would shrink ever more slowly
     hunts      the turns repeat, n by n or mirrored, of whatever size they are; or what they still change by shrinks
-               geometrically, and leaves them their size; or they neither repeat nor shrink, for `MOST_TURNS`
+               geometrically, and leaves them their size; or they neither repeat nor shrink, for `TURNS_OF_A_FATE`
     grows      its swings have become so large that they are beyond any hunting
     undecided  none of these with the work that is allowed, or it cannot be followed
 
@@ -35,25 +35,25 @@ Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
 BY_SEVERITY: tuple[Verdict, ...] = ("rests", "decays", "undecided", "hunts", "grows")
 ENDED: tuple[Verdict, ...] = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
-FIRST_LOOK, MOST_LOOKS = 8.0, 16
+LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 16
 """Periods of the first look at a motion; each next one is twice as long."""
-MOST_WORK = 5e4
+WORK_OF_A_FATE = 5e4
 """Work (effort.py) of a motion; most take a tenth."""
-MARCH_TOLERANCE = 1e-9
+TOLERANCE_OF_A_FATE = 1e-9
 """Error of an interval: series march as fast to 1e-9 as to 1e-4."""
-STILL = 1e-7
+MOVES_NOT = 1e-7
 """A state that moves by less than this part of its size stands still."""
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its size is zero."""
 DECADE, LEAST_SWINGS = 10.0, 5
 """The way along which swings shrink geometrically, and how many they are at least."""
-PATTERN, REPEATS, MOST_TURNS = 8, 1e-6, 240
+PATTERN, REPEATS, TURNS_OF_A_FATE = 8, 1e-6, 240
 """Turns of a pattern at most; how well it repeats; turns after which a motion repeats in none."""
-IRREGULAR = 0.1
+REPEATS_NOT = 0.1
 """Swings that differ by more than this part for so long, without becoming smaller, repeat in no pattern."""
-SETTLED, LEFT = 0.02, 0.05
+RATIO_KNOWN, LEFT_OF_A_SWING = 0.02, 0.05
 """Changes shrink geometrically where their ratio r is known to so much of 1 - r; what is left of them, in swings."""
-OUTGROWN = 50.0
+GROWN_BY = 50.0
 """So many times as large as the hunting before, and as at its start, a motion grows."""
 NO_TURN = 1e-10
 """What turns back by less, in sizes of the state, does so by rounding."""
@@ -142,7 +142,7 @@ class _Watched:
         """A phase more; whether it decides."""
         self.phases.append(segment)
         if math.isinf(segment.duration):  # what is kept of it is as long as a look at first
-            self.phases[-1] = replace(segment, duration=FIRST_LOOK * self.before.period)
+            self.phases[-1] = replace(segment, duration=LOOK_OF_A_FATE * self.before.period)
             self.verdict = "rests"
             return True
         many = len(self.turns)
@@ -158,8 +158,8 @@ class _Watched:
     def _is_there(self, states: Array) -> bool:
         """Whether states (n, m) are those at the set point, but for rounding."""
         rate = self.system.states.index("x2") if "x2" in self.system.states else self.place
-        near = np.abs(states[self.place]).max() <= STILL * self.before.amplitude
-        return bool(near and np.abs(states[rate]).max() <= STILL * self.scale[rate])
+        near = np.abs(states[self.place]).max() <= MOVES_NOT * self.before.amplitude
+        return bool(near and np.abs(states[rate]).max() <= MOVES_NOT * self.scale[rate])
 
     def _places(self, segment: Segment) -> list[tuple[float, float]]:
         """Time and x1 of the end of a phase, and of where it turns inside."""
@@ -188,7 +188,7 @@ class _Watched:
         swings = np.abs(np.diff(turns))
         if swings.size < 3:
             return None
-        if np.abs(turns[-2:]).max() > OUTGROWN * max(self.before.amplitude, abs(self.start)):
+        if np.abs(turns[-2:]).max() > GROWN_BY * max(self.before.amplitude, abs(self.start)):
             return "grows"
         for n in range(1, min(PATTERN, (turns.size - 1) // 4) + 1):
             for mirror in (-1.0, 1.0):
@@ -197,19 +197,19 @@ class _Watched:
                     return "hunts"
         if _shrinks(swings):
             return "decays"
-        if swings.size < MOST_TURNS:
+        if swings.size < TURNS_OF_A_FATE:
             return None
-        late, earlier = swings[-MOST_TURNS // 4 :], swings[-MOST_TURNS // 2 : -MOST_TURNS // 4]
-        self.repeats = MOST_TURNS // 4, False
-        irregular = np.ptp(late) > IRREGULAR * late.max()  # one that leaves an unstable cycle is not, as yet
-        return "hunts" if irregular and late.max() > (1 - LEFT) * earlier.max() else "undecided"
+        late, earlier = swings[-TURNS_OF_A_FATE // 4 :], swings[-TURNS_OF_A_FATE // 2 : -TURNS_OF_A_FATE // 4]
+        self.repeats = TURNS_OF_A_FATE // 4, False
+        irregular = np.ptp(late) > REPEATS_NOT * late.max()  # one that leaves an unstable cycle is not, as yet
+        return "hunts" if irregular and late.max() > (1 - LEFT_OF_A_SWING) * earlier.max() else "undecided"
 
     def stands(self, since: int) -> bool:
         """Whether no state moved in the second half of the last look, or it is at the set point."""
         times, states = self.motion(self.phases[since:]).sample(4)
         many = len(self.system.states)
         late = states[:many, times >= times[-1] / 2]
-        if np.all(np.ptp(late, axis=1) <= STILL * self.scale[:many]):
+        if np.all(np.ptp(late, axis=1) <= MOVES_NOT * self.scale[:many]):
             return True
         return self._is_there(late)
 
@@ -235,9 +235,9 @@ def fate(loop: Loop, start: Mapping[str, float], before: Swing) -> Fate:
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
     watched = _Watched(loop, before, np.array(sizes), state["x1"])
-    x, mode, length = np.array(list(state.values())), loop.mode_at(**state), FIRST_LOOK * before.period
+    x, mode, length = np.array(list(state.values())), loop.mode_at(**state), LOOK_OF_A_FATE * before.period
     try:
-        with effort.at_most(MOST_WORK):
+        with effort.at_most(WORK_OF_A_FATE):
             for _ in range(MOST_LOOKS):
                 x, mode, length = _look(watched, x, mode, length)
                 if watched.verdict is not None:
@@ -254,7 +254,7 @@ def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array,
     since = len(watched.phases)
     phases = march(
         watched.system.vector_form, mode, x, watched.system.values(None), scale=watched.scale, until=watched.seen,
-        tol=MARCH_TOLERANCE, kind=watched.kind, max_time=length, strict=True,
+        tol=TOLERANCE_OF_A_FATE, kind=watched.kind, max_time=length, strict=True,
     )  # fmt: skip
     if watched.verdict is not None:
         return x, mode, length
@@ -300,7 +300,7 @@ def _settles(turns: Array, n: int, mirror: float) -> bool:
     r, r_before = moved[0] / moved[1], moved[1] / moved[2]
     left = changes[0] * r / (1 - r)
     size = float(np.ptp(np.concatenate([last + left, mirror * (last + left)])))
-    return abs(r - r_before) <= SETTLED * (1 - r) and float(np.abs(left).max()) <= LEFT * size
+    return abs(r - r_before) <= RATIO_KNOWN * (1 - r) and float(np.abs(left).max()) <= LEFT_OF_A_SWING * size
 
 
 def _shrinks(swings: Array) -> bool:
@@ -311,7 +311,7 @@ def _shrinks(swings: Array) -> bool:
         return False
     late = swings[min(larger[-1], swings.size - LEAST_SWINGS) :]
     ratios = late[2:] / late[:-2]
-    return bool(np.ptp(ratios) <= SETTLED * (1 - ratios.max()))
+    return bool(np.ptp(ratios) <= RATIO_KNOWN * (1 - ratios.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,7 +327,7 @@ class Scan:
         return self.verdict in (*ENDED, "grows")
 
 
-OFF = 0.97
+OFF_THE_CYCLE = 0.97
 """Part of a state on a cycle from which a motion begins: on the cycle it stays, whether or not that attracts."""
 LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
 """Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
@@ -344,7 +344,7 @@ def scan(loop: Loop, *before: Swing) -> Scan:
     seen: list[Verdict] = []
     ways: list[tuple[float, float]] = []
     first, turns = before[0], 0
-    starts = [{name: OFF * x for name, x in each.state.items()} for each in before]
+    starts = [{name: OFF_THE_CYCLE * x for name, x in each.state.items()} for each in before]
     starts += [loop.at_rest(-place * first.amplitude) for place in (LEAST_START, LARGEST_START)]
     while len(seen) < MOST_STARTS and seen.count("undecided") < MOST_UNDECIDED:
         if not starts:

@@ -23,7 +23,7 @@ from ...orbits import Options, Orbit, SystemOrbit, find_cycle
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import LoopMotion, loop_motion
 from ...servo.sampled.motion import FAR_AWAY
-from .fate import ROUNDING_OF_A_STATE, STILL, Swing, fate
+from .fate import MOVES_NOT, ROUNDING_OF_A_STATE, Swing, fate
 from .price import TASK_STEP
 
 LATE = 0.5
@@ -125,7 +125,7 @@ def _end(motion: Motion) -> dict[str, float]:
 def _still(motion: Motion, states: np.ndarray) -> bool:
     """Whether no state moves, the sum of an integrator neither: a servo that is stuck may wind up to its breakaway."""
     sizes = np.array([motion.sizes[name] for name in motion.system.states])
-    return bool(np.all(np.ptp(states, axis=1) <= STILL * sizes))
+    return bool(np.all(np.ptp(states, axis=1) <= MOVES_NOT * sizes))
 
 
 def _stays(loop: Loop, found: LoopMotion) -> bool:

@@ -67,10 +67,7 @@ HEADINGS = (
 )
 NONE_AS_BUILT = "none of those that were checked brings every motion to rest (see below)"
 """Said where no remedy holds in the loop as built."""
-AFTERWARDS = {
-    "hunts": "hunts on", "grows": "grows without bound",
-    "undecided": "could not be followed to its end",
-}  # fmt: skip
+AFTERWARDS = {"hunts": "hunts on", "grows": "grows without bound", "undecided": "could not be followed to its end"}
 """What any other motion does, by its verdict."""
 
 
