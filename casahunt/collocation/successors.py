@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from .resolution import RESOLUTION
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
 
 DECIDED_BEYOND = 1e-6
-"""How far from x `to` is asked, in units of the state scale; or as far as the polynomials next to x are known."""
+"""How far from x `to` is asked, in units of the state scale."""
 
 
 def behind(t: Transcription, u: Array, setting: Setting, k: int) -> Array:
@@ -37,11 +36,8 @@ def contradicted(t: Transcription, u: Array, setting: Setting, k: int) -> str:
     name = phase.leads_to(x, setting.p)
     if not name or name in phase.follows:
         return ""
-    reach = DECIDED_BEYOND * setting.scale
-    if t.counts[k]:
-        last = t.intervals_of(u)[t.phase_intervals(k)][-1].reshape(t.degree + 1, t.n)
-        reach = np.maximum(reach, RESOLUTION * np.abs(t.scheme.last_mode @ last) * setting.scale)
-    return "" if any(phase.leads_to(y, setting.p) in phase.follows for y in around(x, reach)) else name
+    beside = around(x, DECIDED_BEYOND * setting.scale)
+    return "" if any(phase.leads_to(y, setting.p) in phase.follows for y in beside) else name
 
 
 def around(x: Array, reach: Array) -> list[Array]:
