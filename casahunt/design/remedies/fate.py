@@ -327,8 +327,9 @@ class Scan:
         return self.verdict in (*ENDED, "grows")
 
 
-OFF_THE_CYCLE = 0.97
-"""Part of a state on a cycle from which a motion begins: on the cycle it stays, whether or not that attracts."""
+OFF_THE_CYCLE = (0.97, 1.03)
+"""Parts of a state on a cycle from which motions begin: on the cycle one stays, whether or not that attracts, and on
+the one side of it may be a band in which everything rests."""
 LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
 """Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
 MOST_UNDECIDED, MOST_TURNS_OF_ALL = 3, 1200
@@ -344,7 +345,7 @@ def scan(loop: Loop, *before: Swing) -> Scan:
     seen: list[Verdict] = []
     ways: list[tuple[float, float]] = []
     first, turns = before[0], 0
-    starts = [{name: OFF_THE_CYCLE * x for name, x in each.state.items()} for each in before]
+    starts = [{name: off * x for name, x in each.state.items()} for each in before for off in OFF_THE_CYCLE]
     starts += [loop.at_rest(-place * first.amplitude) for place in (LEAST_START, LARGEST_START)]
     while len(seen) < MOST_STARTS and seen.count("undecided") < MOST_UNDECIDED:
         if not starts:
