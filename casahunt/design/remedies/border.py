@@ -30,7 +30,7 @@ from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import fold_in, loop_cycle
-from .fate import Swing, scan
+from .fate import Scan, Swing, scan
 
 Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
@@ -80,6 +80,7 @@ class Border:
     evidence : what stopped the search, in the words of the trade; "" where nothing did.
     swing : the last motion that hunts, where motions show it.
     fold : where the branch folds, if hunting ends elsewhere.
+    beyond : what becomes of motions at the last of `LOOKED_AT_BEYOND`; None where they were not asked.
     """
 
     kind: Kind
@@ -92,6 +93,7 @@ class Border:
     evidence: str = ""
     swing: Swing | None = None
     fold: float = math.nan
+    beyond: Scan | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,11 +172,11 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
         except (NoOrbit, effort.PartGivenUp) as refusal:
             evidence = str(refusal)
             break
-        beyond = _beyond(loop, remedy, found)
-        if beyond is None:
-            return replace(found, first=first, fold=next(iter(folds), found.fold))
+        at, beyond = _beyond(loop, remedy, found)
+        if beyond.swing is None:
+            return replace(found, first=first, fold=next(iter(folds), found.fold), beyond=beyond)
         folds += [found.size] if found.kind == "fold" else []
-        size, swing = beyond
+        size, swing = at, beyond.swing
     seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW)
     hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
     why = f"cycles were not followed to their end: {hunt}, and none does at {seen.ended:.4g}"
@@ -290,12 +292,12 @@ def _lost(orbit: SystemOrbit) -> bool:
     return bool((np.abs(others) > 1 + OUTSIDE_BY).any())
 
 
-def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Swing] | None:
-    """A size beyond a border at which a motion hunts, and that; None where none does."""
+def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Scan]:
+    """The first size beyond a border at which a motion hunts, or the last one asked, and what becomes of motions."""
     before = Swing.of(cast(Orbit, found.orbit))
     for factor in LOOKED_AT_BEYOND[found.kind == "fold" :]:
         at = more_of(remedy, found.size, 1 + factor)
         seen = scan(with_remedy(loop, remedy, at), before)
         if seen.swing is not None:
-            return at, seen.swing
-    return None
+            break
+    return at, seen

@@ -52,7 +52,10 @@ PATTERN, REPEATS, TURNS_OF_A_FATE = 8, 1e-6, 240
 REPEATS_NOT = 0.1
 """Swings that differ by more than this part for so long, without becoming smaller, repeat in no pattern."""
 RATIO_KNOWN, LEFT_OF_A_SWING = 0.02, 0.05
-"""Changes shrink geometrically where their ratio r is known to so much of 1 - r; what is left of them, in swings."""
+"""Changes shrink geometrically where their ratio r is known to so much of 1 - r; swings that do not become smaller."""
+NEARLY_THERE = 1e-5
+"""What is left of a geometric change, in swings: on a longer way an event may end it, as where a stop becomes as long
+as the time after which an integrator is frozen."""
 GROWN_BY = 50.0
 """So many times as large as the hunting before, and as at its start, a motion grows."""
 NO_TURN = 1e-10
@@ -300,7 +303,7 @@ def _settles(turns: Array, n: int, mirror: float) -> bool:
     r, r_before = moved[0] / moved[1], moved[1] / moved[2]
     left = changes[0] * r / (1 - r)
     size = float(np.ptp(np.concatenate([last + left, mirror * (last + left)])))
-    return abs(r - r_before) <= RATIO_KNOWN * (1 - r) and float(np.abs(left).max()) <= LEFT_OF_A_SWING * size
+    return abs(r - r_before) <= RATIO_KNOWN * (1 - r) and float(np.abs(left).max()) <= NEARLY_THERE * size
 
 
 def _shrinks(swings: Array) -> bool:

@@ -38,6 +38,7 @@ from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, are_servos, check_box
 from .border import (
     BORDERS,
+    LOOKED_AT_BEYOND,
     MOTIONS_KNOW,
     Border,
     Scales,
@@ -47,7 +48,7 @@ from .border import (
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
-from .fate import Swing, on_the_cycle, scan
+from .fate import Swing, Verdict, on_the_cycle, scan
 from .price import task
 
 NEVER_SETTLES = 30.0
@@ -252,13 +253,20 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         rests=corners, rest_error=rest, recommended_rest_error=rests,
         peak_torque=step.peak_torque, peak_voltage=step.peak_torque / loop.value("motor_gain"), settling=step.settling,
         beyond=beyond,
-        stays=tuple(scan(with_remedy(loop, remedy, at), before).verdict for at in beyond),
+        stays=tuple(_stays(loop, remedy, found, at, before) for at in beyond),
         phase_margin=math.nan if linear is None else linear.phase_margin,
         lowest_factor=math.nan if linear is None else linear.lowest_factor,
         highest_factor=math.nan if linear is None else linear.highest_factor,
         moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
         worst_size=worst, fold=found.fold, why=found.why, evidence=found.evidence, followed_to=size, first=found.first,
     )  # fmt: skip
+
+
+def _stays(loop: Loop, remedy: Remedy, found: Border, at: float, before: Swing) -> Verdict:
+    """What becomes of motions at a size beyond a border, which the search for it may have asked already."""
+    asked = more_of(remedy, found.size, 1 + LOOKED_AT_BEYOND[-1])
+    seen = found.beyond if found.beyond is not None and at == asked else scan(with_remedy(loop, remedy, at), before)
+    return seen.verdict
 
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
