@@ -94,14 +94,13 @@ def test_the_story_ends_at_rest(tmp_path, monkeypatch, capsys):
     warned = float(re.search(r"above the nominal fold, K = ([0-9.]+)", TEXT).group(1))
     assert 1.1 * table1.REFERENCE["switch"]["fold"]["K"] == pytest.approx(warned, abs=1e-4)
     amplitude, period = switch_cycle(worst, warned, 0.0017)
-    # The start that is shown ends in that cycle; the step from 1 rad off comes to rest, and names the start.
-    (hunts,) = (shlex.split(c)[1:] for c in COMMANDS if c.startswith(f"casahunt simulate --gain {warned} "))
-    said = json_of(capsys, hunts)
+    # The step that is shown comes to rest, and names the start from which it hunts: on that cycle.
+    (step,) = (shlex.split(c)[1:] for c in COMMANDS if c.startswith(f"casahunt simulate --gain {warned} "))
+    rests = json_of(capsys, step)
+    assert rests["verdict"] == "at rest" and abs(1 - rests["other_end"]["start"]["position"]) < 0.01
+    said = json_of(capsys, [*step, "--position", str(rests["other_end"]["start"]["position"])])
     assert said["verdict"] == "hunting" and said["other_end"] is None
     assert said["amplitude"] == pytest.approx(amplitude, rel=1e-4) == pytest.approx(0.0017, abs=1e-5)
-    i = hunts.index("--position")
-    rests = json_of(capsys, hunts[:i] + hunts[i + 2 :])
-    assert rests["verdict"] == "at rest" and rests["other_end"]["start"]["position"] == float(hunts[i + 1])
     assert rests["other_end"]["amplitude"] == pytest.approx(amplitude, rel=1e-6)
     assert rests["other_end"]["period"] == pytest.approx(period, rel=1e-6)
 

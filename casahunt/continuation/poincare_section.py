@@ -63,6 +63,8 @@ _WATCHED = np.linspace(0.0, 1.0, 9)
 """Places in an interval at which the sides of a plane are told: no motion that is solved on it swings faster."""
 NEXT_TO_IT = 0.2
 """A plane is next to an event when the phase between them is shorter than this part of its longer neighbour."""
+SHORT_ALONE = 0.02
+"""The same of a phase that has but one neighbour: a servo's stop is a tenth of a slip where nothing vanishes."""
 
 
 class _Crossing(NamedTuple):
@@ -265,7 +267,8 @@ def beside_the_plane(orbit: Orbit) -> float:
     alone = len(marks) == 2 and not any(marks) and orbit.problem.system is not None
     if k is None or marks[k] == marks[k - 1] and not alone:
         return math.inf
-    return durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
+    part = durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
+    return part if orbit.problem.forced or not alone else part / SHORT_ALONE * NEXT_TO_IT
 
 
 def same_events(one: Orbit, other: Orbit) -> bool:

@@ -226,7 +226,7 @@ def simulate(
     except MarchFailure as failure:
         what = f"the motion of {system.name} cannot be followed"
         raise NotFollowed(what, Status.NOT_CONVERGED, evidence=str(failure), time=failure.time) from None
-    error = max(_difference(coarse, fine, scale, tol), _common(form, fine, p, scale))
+    error = max(_difference(coarse, fine, scale, tol), _common(form, fine, p, scale, tol))
     return Motion(system, p, tuple(fine), error, scale, kind)
 
 
@@ -367,15 +367,16 @@ def _difference(coarse: list[Segment], fine: list[Segment], scale: Array, tol: f
     return max(found, at_end)
 
 
-def _common(form: engine.VectorSystem, phases: list[Segment], p: Array, scale: Array) -> float:
+def _common(form: engine.VectorSystem, phases: list[Segment], p: Array, scale: Array, tol: float) -> float:
     """What is not known of the events although both runs agree: of all times, by the duration, or of a state, by size.
 
     An event is known to the shortest time in which it goes through zero as its rate says, to both sides; not where it
-    is met with no speed.
+    is met with no speed, nor where the motion comes to rest: when a slip that creeps there ends changes nothing.
     """
     times, states = 0.0, 0.0
+    lively = len(before_rest(phases, scale, tol / 2))
     steps = np.finfo(float).eps * 2.0 ** np.arange(HALVED_DIGITS)
-    for phase in phases:
+    for phase in phases[: lively if lively == len(phases) else max(lively - 1, 0)]:
         for way_out in form.ways_out(phase.mode, phase.event)[:1]:
             mode, x = form.modes[phase.mode], phase.end
             f = scale * field_at(mode.field, x / scale, mode.sign, p, scale)

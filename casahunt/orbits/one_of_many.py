@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..collocation.admissibility import stands_still
 from ..collocation.linearisation import Linearisation
 from ..collocation.newton import RESIDUAL_LIMIT, STEP_TOLERANCE, size_of_step
 from .restart import Start
@@ -35,7 +36,7 @@ def one_of_many(start: Start, names: tuple[str, ...]) -> str:
     start, names: transcription, unknowns and setting; names of the states.
     """
     here = _nearest(start)
-    if here is None:
+    if here is None or stands_still(*here[:2]):
         return ""
     t, u, setting = here
     lin = t.linearise(u, setting)
