@@ -64,7 +64,7 @@ _WATCHED = np.linspace(0.0, 1.0, 9)
 NEXT_TO_IT = 0.2
 """A plane is next to an event when the phase between them is shorter than this part of its longer neighbour."""
 SHORT_ALONE = 0.02
-"""The same of a phase that has but one neighbour: a servo's stop is a tenth of a slip where nothing vanishes."""
+"""The same of a phase that has but one neighbour, of which a tenth is nothing unusual."""
 
 
 class _Crossing(NamedTuple):

@@ -23,14 +23,14 @@ import numpy as np
 
 from ... import effort
 from ...continuation import follow
-from ...errors import NoOrbit, Status
+from ...errors import ComesToRest, NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import fold_in, loop_cycle
-from .fate import Scan, Swing, scan
+from .fate import LEFT_OF_A_SWING, NEARLY_THERE, Scan, Swing, scan
 
 Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
@@ -158,9 +158,9 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
     if isinstance(first, Border):
         return first
     swing, size, last = Swing.of(first), first.problem.value(remedy.size), remedy.last * unit
-    folds, evidence, families = list[float](), "", 0
+    folds, evidence, families, rest = list[float](), "", 0, LEFT_OF_A_SWING
     while True:
-        seen = end_of_motions(loop, remedy, swing, size, last, NEAR_ENOUGH)
+        begun, seen = (size, swing), end_of_motions(loop, remedy, swing, size, last, NEAR_ENOUGH, rest)
         if seen.swing is None or math.isnan(seen.ended):
             return replace(_without_end(remedy, seen, size, last), first=first)
         size, swing, families = seen.hunts, seen.swing, families + 1
@@ -170,6 +170,9 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
             with effort.at_most(MOST_WORK_OF_AN_END):
                 found = _end_of_stable(with_remedy(loop, remedy, size), remedy, swing, last, options)
         except (NoOrbit, effort.PartGivenUp) as refusal:
+            if isinstance(refusal, ComesToRest) and rest != NEARLY_THERE:  # on its way to hunting something ended it
+                (size, swing), rest, families = begun, NEARLY_THERE, families - 1
+                continue
             evidence = str(refusal)
             break
         at, beyond = _beyond(loop, remedy, found)
@@ -177,7 +180,7 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
             return replace(found, first=first, fold=next(iter(folds), found.fold), beyond=beyond)
         folds += [found.size] if found.kind == "fold" else []
         size, swing = at, beyond.swing
-    seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW)
+    seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW, rest)
     hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
     why = f"cycles were not followed to their end: {hunt}, and none does at {seen.ended:.4g}"
     return Border("motions", seen.ended, MOTIONS_ERROR * abs(seen.ended), first, None, why=why, evidence=evidence,
@@ -214,16 +217,18 @@ def _without_end(remedy: Remedy, seen: EndOfMotions, size: float, last: float) -
     return Border("not found", seen.hunts, why=f"{up}; whether any hunts beyond is not known", swing=seen.swing)
 
 
-def end_of_motions(loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, known: float) -> EndOfMotions:
+def end_of_motions(
+    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, known: float, rest: float = LEFT_OF_A_SWING
+) -> EndOfMotions:
     """Between which sizes hunting ends, from one on, known to a part of it.
 
     A motion that hunts is handed on to the next size.  What is unclear is taken to hunt, but is not handed on.
-    swing: one to begin with.
+    swing: one to begin with; rest: how near to a cycle a motion hunts, in its swings.
     """
     hunts, low, high, found, unclear = size, size, math.nan, None, 0
     trial = size
     while True:
-        seen = scan(with_remedy(loop, remedy, trial), found or swing)
+        seen = scan(with_remedy(loop, remedy, trial), found or swing, rest=rest)
         unclear = unclear + 1 if seen.verdict == "undecided" else 0
         if seen.over:
             high = trial

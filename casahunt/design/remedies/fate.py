@@ -52,10 +52,11 @@ PATTERN, REPEATS, TURNS_OF_A_FATE = 8, 1e-6, 240
 REPEATS_NOT = 0.1
 """Swings that differ by more than this part for so long, without becoming smaller, repeat in no pattern."""
 RATIO_KNOWN, LEFT_OF_A_SWING = 0.02, 0.05
-"""Changes shrink geometrically where their ratio r is known to so much of 1 - r; swings that do not become smaller."""
+"""Changes shrink geometrically where their ratio r is known to so much of 1 - r; what is left of them, in swings, of
+motions that are handed on."""
 NEARLY_THERE = 1e-5
-"""What is left of a geometric change, in swings: on a longer way an event may end it, as where a stop becomes as long
-as the time after which an integrator is frozen."""
+"""What is left of them elsewhere: on a longer way an event may end hunting, as where a stop becomes as long as the time
+after which an integrator is frozen."""
 GROWN_BY = 50.0
 """So many times as large as the hunting before, and as at its start, a motion grows."""
 NO_TURN = 1e-10
@@ -118,6 +119,7 @@ class _Watched:
     before: Swing
     scale: Array
     start: float
+    rest: float
     phases: list[Segment] = field(default_factory=list)
     time: float = 0.0
     turns: list[float] = field(default_factory=list)
@@ -195,7 +197,7 @@ class _Watched:
             return "grows"
         for n in range(1, min(PATTERN, (turns.size - 1) // 4) + 1):
             for mirror in (-1.0, 1.0):
-                if _settles(turns, n, mirror):
+                if _settles(turns, n, mirror, self.rest):
                     self.repeats = n, mirror < 0
                     return "hunts"
         if _shrinks(swings):
@@ -230,14 +232,15 @@ class _Watched:
         return dict(zip(self.system.states, kept.tolist(), strict=False))
 
 
-def fate(loop: Loop, start: Mapping[str, float], before: Swing) -> Fate:
+def fate(loop: Loop, start: Mapping[str, float], before: Swing, rest: float = NEARLY_THERE) -> Fate:
     """What becomes of a motion.
 
-    start: its states at the start, by name, all others zero; before: the hunting that is to end, which measures it.
+    start: its states at the start, by name, all others zero; before: the hunting that is to end, which measures it;
+    rest: how near to a cycle it hunts, in its swings.
     """
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
-    watched = _Watched(loop, before, np.array(sizes), state["x1"])
+    watched = _Watched(loop, before, np.array(sizes), state["x1"], rest)
     x, mode, length = np.array(list(state.values())), loop.mode_at(**state), LOOK_OF_A_FATE * before.period
     try:
         with effort.at_most(WORK_OF_A_FATE):
@@ -290,7 +293,7 @@ def _top(times: Array, x: Array, i: int) -> tuple[float, float]:
     return float(times[i] + back), float(x[i] - curve * back * back)
 
 
-def _settles(turns: Array, n: int, mirror: float) -> bool:
+def _settles(turns: Array, n: int, mirror: float, rest: float) -> bool:
     """Whether turns repeat, n by n, or change by ever less, geometrically, towards some as large as they are."""
     last, *before = (mirror**k * turns[turns.size - (k + 1) * n : turns.size - k * n] for k in range(4))
     changes = [a - b for a, b in zip((last, *before), before, strict=False)]
@@ -303,7 +306,7 @@ def _settles(turns: Array, n: int, mirror: float) -> bool:
     r, r_before = moved[0] / moved[1], moved[1] / moved[2]
     left = changes[0] * r / (1 - r)
     size = float(np.ptp(np.concatenate([last + left, mirror * (last + left)])))
-    return abs(r - r_before) <= RATIO_KNOWN * (1 - r) and float(np.abs(left).max()) <= NEARLY_THERE * size
+    return abs(r - r_before) <= RATIO_KNOWN * (1 - r) and float(np.abs(left).max()) <= rest * size
 
 
 def _shrinks(swings: Array) -> bool:
@@ -339,7 +342,7 @@ MOST_UNDECIDED, MOST_TURNS_OF_ALL = 3, 1200
 """Motions of which nobody knows what becomes of them, behind which no other one is followed; and turns of all."""
 
 
-def scan(loop: Loop, *before: Swing) -> Scan:
+def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE) -> Scan:
     """Motions from states of hunting that was seen at other sizes, and from rest beside the set point.
 
     The latter begin in the gaps between the places at which any motion has turned, or would do on its way to nothing,
@@ -357,7 +360,7 @@ def scan(loop: Loop, *before: Swing) -> Scan:
                 break
             starts = [loop.at_rest(-where * first.amplitude)]
         start = starts.pop(0)
-        found = fate(loop, start, first)
+        found = fate(loop, start, first, rest)
         if found.verdict == "hunts":
             return Scan("hunts", found.swing)
         seen.append(found.verdict if turns <= MOST_TURNS_OF_ALL else "undecided")
