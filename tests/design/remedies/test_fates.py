@@ -72,8 +72,10 @@ def test_turns_that_shrink_towards_a_cycle_do_not_die_out():
     signs = (-1.0) ** np.arange(120)
     assert not fate._shrinks(np.abs(np.diff(signs * (1e-4 + 0.9 ** np.arange(120)))))
     assert fate._shrinks(np.abs(np.diff(signs * 0.9 ** np.arange(120))))
-    assert not fate._settles(signs * 0.9 ** np.arange(120), 1, -1.0)
-    assert fate._settles(signs * (1 + 0.9 ** np.arange(120)), 1, -1.0)
+    assert not fate._settles(signs * 0.9 ** np.arange(120), 1, -1.0, 0.05)
+    for left, turns in ((0.05, 40), (1e-5, 120)):  # 0.9^40 is 0.015: beside the cycle, and not yet on it
+        assert fate._settles(signs[:turns] * (1 + 0.9 ** np.arange(turns)), 1, -1.0, left)
+    assert not fate._settles(signs[:40] * (1 + 0.9 ** np.arange(40)), 1, -1.0, 1e-5)
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
 def test_where_nobody_knows_the_row_says_so(monkeypatch):
     """No motion hunts beside the first cycle, or what becomes of it is unclear up to the last size."""
     for verdict, says in (("rests", "no motion hunts on the cycle"), ("undecided", "beyond is not known")):
-        monkeypatch.setattr(border, "scan", lambda *more, verdict=verdict: fate.Scan(verdict))
+        monkeypatch.setattr(border, "scan", lambda *more, rest=0.0, verdict=verdict: fate.Scan(verdict))
         row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
         assert row.kind == "not found" and says in row.why and row.first is not None
 
@@ -95,7 +95,7 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     monkeypatch.setattr(border, "with_remedy", lambda loop, remedy, size: size)
 
     def end(hunts, unclear=lambda size: False):
-        def scan(size, before):
+        def scan(size, before, rest):
             if not hunts(size):
                 return fate.Scan("rests")
             return fate.Scan("undecided") if unclear(size) else fate.Scan("hunts", fate.Swing({}, 1.0, 1.0))
