@@ -41,7 +41,7 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
     monkeypatch.setattr(border, "MOST_WORK_OF_AN_END", 300)
     row = asked()
     assert row.kind == "motions" and row.size == pytest.approx(end, rel=border.MOTIONS_ERROR)
-    assert "the work of 300 " in row.evidence
+    assert "no answer came after the work of 3" in row.evidence  # 300, and what was begun
     monkeypatch.setattr(border, "MOST_WORK_OF_AN_END", 20)
     row = asked()
     assert row.kind == "not found" and math.isnan(row.followed_to) and border.NO_FIRST in row.why
@@ -66,7 +66,7 @@ def test_where_cycles_are_followed_no_further_motions_tell_the_border(monkeypatc
     monkeypatch.setattr(border, "_end_of_stable", without_end_of_cycles)
     seen = remedies(Servo(), "switch", 0.1, only=[name]).remedies[0]
     assert exact.kind == "fold" and seen.kind == "motions" and seen.ends_hunting
-    assert seen.size == pytest.approx(exact.size, rel=2 * border.MOTIONS_KNOW)
+    assert seen.size == pytest.approx(exact.size, rel=border.MOTIONS_ERROR)
     assert seen.size_error == pytest.approx(border.MOTIONS_ERROR * seen.size) and "motions hunt up to" in seen.why
     assert seen.evidence == "its cycles are not to be followed"
 
