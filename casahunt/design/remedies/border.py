@@ -181,6 +181,8 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
         folds += [found.size] if found.kind == "fold" else []
         size, swing = at, beyond.swing
     seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW, rest)
+    if math.isnan(seen.ended):
+        return replace(_without_end(remedy, seen, size, last), first=first, evidence=evidence)
     hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
     why = f"cycles were not followed to their end: {hunt}, and none does at {seen.ended:.4g}"
     return Border("motions", seen.ended, MOTIONS_ERROR * abs(seen.ended), first, None, why=why, evidence=evidence,
@@ -229,7 +231,7 @@ def end_of_motions(
     trial = size
     while True:
         seen = scan(with_remedy(loop, remedy, trial), found or swing, rest=rest)
-        unclear = unclear + 1 if seen.verdict == "undecided" else 0
+        unclear = unclear + 1 if seen.swing is None and not seen.over else 0
         if seen.over:
             high = trial
         else:

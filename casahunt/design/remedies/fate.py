@@ -107,10 +107,6 @@ class Fate:
     swing: Swing | None = None
 
 
-class _Undecided(Exception):
-    """No look tells more."""
-
-
 @dataclass
 class _Watched:
     """A motion that is being followed, of which more is known with each phase."""
@@ -322,15 +318,16 @@ def _shrinks(swings: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """What becomes of motions from a scan of starts: the worst of them, and the first that hunts."""
+    """What becomes of motions from a scan of starts: the worst of them, the first that hunts, whether any is unclear."""
 
     verdict: Verdict
     swing: Swing | None = None
+    unclear: bool = False
 
     @property
     def over(self) -> bool:
-        """Whether none hunts: they come to rest, or grow."""
-        return self.verdict in (*ENDED, "grows")
+        """Whether none hunts: they come to rest, or grow.  One of which nobody knows may hunt, though others grow."""
+        return self.verdict in (*ENDED, "grows") and not self.unclear
 
 
 OFF_THE_CYCLE = (0.97, 1.03)
@@ -366,7 +363,7 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE) -> Scan:
         seen.append(found.verdict if turns <= MOST_TURNS_OF_ALL else "undecided")
         turns += found.turns.size
         ways += _way(abs(start.get("x1", 0.0)), found)
-    return Scan(max(seen, key=BY_SEVERITY.index))
+    return Scan(max(seen, key=BY_SEVERITY.index), unclear="undecided" in seen)
 
 
 def _way(start: float, found: Fate) -> list[tuple[float, float]]:

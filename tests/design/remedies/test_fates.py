@@ -130,3 +130,15 @@ def test_corners_that_are_no_servo_are_left_out(monkeypatch):
     monkeypatch.setattr(table, "border", lambda *given: replace(slopes, size=0.3, moves={}))
     assert math.isnan(table._worst(asked, leak, slopes))
     assert table._worst(asked, leak, replace(slopes, moves={"static": 1.0, "coulomb": -1.0})) == 0.3
+
+
+def test_what_grows_beside_what_nobody_knows_is_not_over(monkeypatch):
+    """A motion that is unclear may hunt: that others grow says nothing of it, and no border lies there."""
+    told = iter(["rests", "undecided", "rests", "grows"])
+    loop = loop_of(Servo(), "switch", 0.04)
+    seen = [fate.Fate(verdict, np.array([1.0, 1.0]), None) for verdict in told]
+    monkeypatch.setattr(fate, "fate", lambda *more: seen.pop(0) if len(seen) > 1 else seen[0])
+    monkeypatch.setattr(fate, "_gap", lambda ways: None)
+    found = fate.scan(loop, fate.Swing({"x1": 1.0}, 1.0, 1.0))
+    assert found.verdict == "grows" and found.unclear and not found.over
+    assert fate.Scan("grows").over and not fate.Scan("undecided").over

@@ -112,3 +112,16 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     assert found.hunts == 1.0 and math.isnan(found.ended)
     found = end(lambda size: size < 3.7, lambda size: size > 3.6)
     assert found.ended == pytest.approx(3.7, rel=2 * border.MOTIONS_KNOW) and found.hunts <= 3.6
+
+
+def test_no_size_is_told_where_motions_alone_do_not_show_the_end(monkeypatch):
+    """Cycles are not followed, and looked at more finely motions become unclear: it is not found, and not "at nan"."""
+    ends = iter([0.04, math.nan])
+    swing = fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
+    monkeypatch.setattr(
+        border, "end_of_motions", lambda *more: border.EndOfMotions(0.03, swing, next(ends), "undecided")
+    )
+    monkeypatch.setattr(border, "_end_of_stable", without_end_of_cycles)
+    row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
+    assert row.kind == "not found" and row.evidence == "its cycles are not to be followed"
+    assert "whether any hunts beyond is not known" in row.why
