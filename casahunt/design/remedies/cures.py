@@ -20,6 +20,8 @@ from .fate import ENDED, Verdict
 
 MARGIN_TO_CHOOSE = 0.1
 """What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""
+AROUND_A_FOLD = 1e-3
+"""So much farther than the border, as a part of the way there, cycles are drawn for pictures where that is a fold."""
 MOST_DRAWN = 250
 """Cycles of a branch for a picture: behind its fold it goes on."""
 
@@ -117,8 +119,10 @@ class Cure(Result):
         if self.first is None or not math.isfinite(self.size):
             raise InputError(f"{self.name}: no cycle was found from which a branch could begin")
         vary = self.first.problem.principal
+        # A fold to this tolerance may lie on either side of the size: its branch comes back from there all the same.
+        beyond = AROUND_A_FOLD * (self.size - self.first.problem.value(vary)) if self.kind == "fold" else 0.0
         return follow(
-            self.first, vary, to=self.size, options=Options(tol=1e-5), monitors=(), max_points=MOST_DRAWN
+            self.first, vary, to=self.size + beyond, options=Options(tol=1e-5), monitors=(), max_points=MOST_DRAWN
         )  # fmt: skip
 
     @property

@@ -318,7 +318,7 @@ def _shrinks(swings: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """What becomes of motions from a scan of starts: the worst of them, the first that hunts, whether any is unclear."""
+    """What becomes of motions from a scan of starts: the worst of them, the first that hunts, and if any is unclear."""
 
     verdict: Verdict
     swing: Swing | None = None

@@ -61,18 +61,20 @@ def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
 
 def _size(place: Axes, row: Cure) -> None:
     """Amplitude against size, up to the border and behind it."""
-    values, amplitudes = [], [1.0]
+    values, highest = [], 1.0
     try:
         branch = row.branch()
         values, amplitudes = list(branch.values), [orbit.amplitude for orbit in branch.orbits]
+        # Behind the border unstable cycles may become as large as anything.
+        highest = max(amplitudes[: 1 + int(np.argmax(np.abs(np.array(values) - values[0])))])
         place.plot(values, amplitudes, label="cycles")
     except NoOrbit:
         place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
-    place.axvline(row.size, color="C3", linestyle="--", label="no cycle beyond")
+    place.axvline(row.size, color="C3", linestyle="--", label="no stable cycle beyond")
     for ended, marker, colour, said in ((True, "o", RESTING, "motions end at rest"), (False, "x", "C3", "they do not")):
         sizes = [at for at, seen in zip(row.beyond, row.stays, strict=True) if (seen in ENDED) is ended]
         place.plot(sizes, [0.0] * len(sizes), marker, color=colour, label=said)
-    top = HEADROOM * max(amplitudes)
+    top = HEADROOM * highest
     place.set_ylim(-ROOM_BELOW * top, top)
     sizes = [row.size, *row.beyond, *values]
     if min(sizes) > 0 and max(sizes) > LOGARITHMIC_FROM * min(sizes):
