@@ -27,12 +27,13 @@ from ..collocation.admissibility import PASSED
 from ..collocation.joints import event_rate, flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Phase, VectorMode, VectorSystem
+from .march_extrapolated import Extrapolated, Lost
 from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
 from .march_intervals import collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
 from .march_watch import EventWatch
-from .rest import at_rest, at_rest_since, dies_out_at, is_noise, nodes_of
+from .rest import at_rest, at_rest_since, dies_out_at, is_noise
 from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
 
@@ -40,6 +41,8 @@ Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
+MOST_CALLS = 6
+"""Calls of some steps each after which a phase that wants no mesh is followed as any other one: it may be stiff."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
 HIDES = (
@@ -74,6 +77,7 @@ def march(
     strict: bool = False,
     met: str = "",
     after: Segment | None = None,
+    meshed: bool = True,
 ) -> list[Segment]:
     """Follow the motion from x in `mode` until `until(segment)` holds at a segment's end.
 
@@ -130,7 +134,10 @@ def march(
         if not np.all(np.isfinite(x)):
             wrong = system.states[int(np.argmin(np.isfinite(x)))]
             raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
-        segment, mode = _phase(system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals))
+        segment, following = _by_steps(system, mode, x, p, scale, tol, max_time - time) if not meshed else (None, mode)
+        if segment is None:
+            segment, following = _phase(system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals))
+        mode = following
         segments.append(segment)
         still = at_rest_since(segments, scale) if strict else len(segments)
         if strict and still == len(segments):
@@ -214,6 +221,26 @@ def _phase(
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
 
+def _by_steps(
+    system: VectorSystem, name: str, x: Array, p: Array, scale: Array, tol: float, max_time: float
+) -> tuple[Segment | None, str]:
+    """(segment, next mode) of a phase without a mesh; None where it has to be followed as any other one."""
+    mode, exits = system.modes[name], system.exits[name]
+    if mode.stiff or mode.flow is not None:
+        return None, name
+    try:
+        found = Extrapolated(mode.field, mode.sign, exits, p, scale, tol).run(x / scale, max_time, MOST_CALLS)
+    except Lost:
+        return None, name
+    states, duration = found.states * scale, float(found.times[-1])
+    jumped, successor, event = None, name, ""
+    if found.way_out is not None:
+        jumped, event = behind(found.way_out, states[-1], p), found.way_out.event.name
+        successor = found.way_out.successor(states[-1] if jumped is None else jumped, p)
+    breaks = found.times / duration if duration > 0 else np.array([0.0, 1.0])
+    return Segment(name, event, duration, breaks, states[: max(len(states) - 1, 1)], states[-1], jumped), successor
+
+
 def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:
     """Whether the last phase, begun at `time`, is a motion of its mode.  Raises MarchFailure where it is none."""
     last = segments[-1]
@@ -245,11 +272,17 @@ def _check_start(
         if segment.w.shape[1] > n:
             following = segment.w[0].reshape(-1, n)[1:]
             times = scheme(len(following)).stages
+        elif mode.flow is None:
+            following, times = segment.nodes[1:4], segment.breaks[1:4]
         else:
             times = FIRST_MOMENTS
             following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
         values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
-        at_speed = values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1]
+        if len(times) > 1:
+            at_speed = bool(values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1])
+        else:  # a phase of one step
+            rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
+            at_speed = way_out.direction * rate > LEFT_BEHIND * size
         left = at_speed and (way_out.event.name == met or _leads_on(system, way_out, x, p))
         if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
             raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
@@ -294,7 +327,7 @@ def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> N
     """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
     if mode.admissible is None or not np.isfinite(segment.duration):
         return
-    values = np.asarray(mode.admissible(nodes_of(segment).T, p, mode.sign))
+    values = np.asarray(mode.admissible(segment.nodes.T, p, mode.sign))
     wrong = np.flatnonzero(values < -mode.slack - PASSED)
     if wrong.size:
         at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]

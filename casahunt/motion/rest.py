@@ -29,7 +29,7 @@ def at_rest_since(segments: list[Segment], scale: Array) -> int:
         return len(segments)
     since = len(before_rest(segments, scale, STANDS))
     earlier, later = (
-        np.max(np.ptp(np.vstack([nodes_of(s) for s in half]), axis=0) / scale)
+        np.max(np.ptp(np.vstack([s.nodes for s in half]), axis=0) / scale)
         for half in (segments[many : -STANDS_FOR // 2], segments[-STANDS_FOR // 2 :])
     )
     return since if since <= many and later <= earlier else len(segments)
@@ -42,18 +42,13 @@ def dies_out_at(segments: list[Segment], scale: Array) -> int:
     none, or the one before has ended on an event that it was only near to.
     """
     rounding, brief = np.finfo(float).eps, np.finfo(float).tiny
-    moved = np.array([np.ptp(nodes_of(segment), axis=0) / scale for segment in segments])
+    moved = np.array([np.ptp(segment.nodes, axis=0) / scale for segment in segments])
     lasted = np.array([[max(segment.duration, brief)] for segment in segments])
     surely, at_most = np.maximum(moved - rounding, 0) / lasted, (moved + rounding) / lasted
     for k in (len(segments) - 1, len(segments) - 2):
         if k > 0 and np.all(at_most[k] <= BALANCED * surely[:k].max(axis=0)):
             return k
     return len(segments)
-
-
-def nodes_of(segment: Segment) -> Array:
-    """(N + 1, n) its states between the intervals and at both ends."""
-    return np.vstack([segment.w[:, : segment.end.size], segment.end])
 
 
 def is_noise(segment: Segment, x: Array, scale: Array) -> bool:
@@ -63,13 +58,13 @@ def is_noise(segment: Segment, x: Array, scale: Array) -> bool:
 
 def far_from(segments: list[Segment], x: Array, scale: Array) -> float:
     """How far phases lead from x; scale: (n,) sizes of the states that this is relative to."""
-    return max((float(np.max(np.abs(nodes_of(segment) - x) / scale)) for segment in segments), default=0.0)
+    return max((float(np.max(np.abs(segment.nodes - x) / scale)) for segment in segments), default=0.0)
 
 
 def far_after(segment: Segment, time: float, x: Array, scale: Array) -> float:
     """How far a phase leads from x, from the start on of that of its intervals which is under way at a time in it."""
     since = int(np.searchsorted(segment.breaks * segment.duration, time, "right")) - 1
-    return float(np.max(np.abs(nodes_of(segment)[max(since, 0) :] - x) / scale))
+    return float(np.max(np.abs(segment.nodes[max(since, 0) :] - x) / scale))
 
 
 def before_rest(segments: list[Segment], scale: Array, within: float) -> list[Segment]:

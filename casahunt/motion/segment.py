@@ -56,7 +56,8 @@ class Segment:
     mode, event : names; event is "" where the march ended without one.
     duration : length of the segment [s].
     breaks : (N + 1,) interval boundaries as fractions of the duration; (2,) for a closed-form mode.
-    w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode.
+    w : (N, R) start and stages of each interval, unscaled; (1, n) for a closed-form mode,
+        and starts (N, n) of steps where nobody wanted a mesh.
     end : (n,) state at the end.
     jumped : (n,) state behind the event where it jumps there, else None.
     length : [s] of the interval that would have come next; 0 where the phase was not followed by intervals.
@@ -140,6 +141,11 @@ class Segment:
     def count(self) -> int:
         """Number of its intervals, or of the steps in which it was followed."""
         return int(self.__dict__["_count"]) if "_count" in self.__dict__ else len(self.w)
+
+    @property
+    def nodes(self) -> Array:
+        """(N + 1, n) states between its intervals and at both ends."""
+        return np.vstack([self.w[:, : self.end.size], self.end])
 
     @property
     def start(self) -> Array:

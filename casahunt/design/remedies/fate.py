@@ -116,6 +116,7 @@ class _Watched:
     scale: Array
     start: float
     rest: float
+    meshed: bool
     phases: list[Segment] = field(default_factory=list)
     time: float = 0.0
     turns: list[float] = field(default_factory=list)
@@ -134,6 +135,7 @@ class _Watched:
         self.place = self.system.states.index("x1")
         self.farthest = 0.0, self.start
         self.kind: Kind = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
+        self.meshed |= not all(mode.ends for mode in self.system.modes)  # turns are no events there
 
     def motion(self, phases: list[Segment]) -> Motion:
         """Phases as a motion."""
@@ -168,10 +170,18 @@ class _Watched:
         if segment.w.shape[0] > 1:
             inside = segment.w[:, self.place]
             if inside.max() > max(ends) or inside.min() < min(ends):
-                times, states = self.motion([segment]).sample()
+                meshed = segment.w.shape[1] > segment.end.size
+                times, states = self.motion([segment] if meshed else self._again(segment)).sample()
                 x = states[self.place]
                 return [_top(times, x, i) for i in _tops(x)] + [(segment.duration, ends[1])]
         return [(segment.duration, ends[1])]
+
+    def _again(self, segment: Segment) -> list[Segment]:
+        """A phase with a mesh."""
+        return march(
+            self.system.vector_form, segment.mode, segment.start, self.system.values(None), scale=self.scale,
+            until=lambda _: True, tol=TOLERANCE_OF_A_FATE, kind=self.kind, max_time=segment.duration,
+        )  # fmt: skip
 
     def _place(self, t: float, x: float) -> None:
         """The next place on the way of x1."""
@@ -193,7 +203,7 @@ class _Watched:
             return "grows"
         for n in range(1, min(PATTERN, (turns.size - 1) // 4) + 1):
             for mirror in (-1.0, 1.0):
-                if _settles(turns, n, mirror, self.rest):
+                if _settles(self.turns, n, mirror, self.rest):
                     self.repeats = n, mirror < 0
                     return "hunts"
         if _shrinks(swings):
@@ -207,9 +217,12 @@ class _Watched:
 
     def stands(self, since: int) -> bool:
         """Whether no state moved in the second half of the last look, or it is at the set point."""
-        times, states = self.motion(self.phases[since:]).sample(4)
+        ends = np.cumsum([segment.duration for segment in self.phases[since:]])
+        times = [end - (1 - segment.breaks) * segment.duration
+                 for end, segment in zip(ends, self.phases[since:], strict=True)]  # fmt: skip
+        states = np.vstack([segment.nodes for segment in self.phases[since:]])
         many = len(self.system.states)
-        late = states[:many, times >= times[-1] / 2]
+        late = states[np.concatenate(times) >= ends[-1] / 2, :many].T
         if np.all(np.ptp(late, axis=1) <= MOVES_NOT * self.scale[:many]):
             return True
         return self._is_there(late)
@@ -228,15 +241,17 @@ class _Watched:
         return dict(zip(self.system.states, kept.tolist(), strict=False))
 
 
-def fate(loop: Loop, start: Mapping[str, float], before: Swing, rest: float = NEARLY_THERE) -> Fate:
+def fate(
+    loop: Loop, start: Mapping[str, float], before: Swing, rest: float = NEARLY_THERE, meshed: bool = False
+) -> Fate:
     """What becomes of a motion.
 
     start: its states at the start, by name, all others zero; before: the hunting that is to end, which measures it;
-    rest: how near to a cycle it hunts, in its swings.
+    rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled.
     """
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
-    watched = _Watched(loop, before, np.array(sizes), state["x1"], rest)
+    watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed)
     x, mode, length = np.array(list(state.values())), loop.mode_at(**state), LOOK_OF_A_FATE * before.period
     try:
         with effort.at_most(WORK_OF_A_FATE):
@@ -256,7 +271,7 @@ def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array,
     since = len(watched.phases)
     phases = march(
         watched.system.vector_form, mode, x, watched.system.values(None), scale=watched.scale, until=watched.seen,
-        tol=TOLERANCE_OF_A_FATE, kind=watched.kind, max_time=length, strict=True,
+        tol=TOLERANCE_OF_A_FATE, kind=watched.kind, max_time=length, strict=True, meshed=watched.meshed,
     )  # fmt: skip
     if watched.verdict is not None:
         return x, mode, length
@@ -289,20 +304,30 @@ def _top(times: Array, x: Array, i: int) -> tuple[float, float]:
     return float(times[i] + back), float(x[i] - curve * back * back)
 
 
-def _settles(turns: Array, n: int, mirror: float, rest: float) -> bool:
-    """Whether turns repeat, n by n, or change by ever less, geometrically, towards some as large as they are."""
-    last, *before = (mirror**k * turns[turns.size - (k + 1) * n : turns.size - k * n] for k in range(4))
-    changes = [a - b for a, b in zip((last, *before), before, strict=False)]
-    moved = [float(np.abs(change).max()) for change in changes]
-    size = float(np.ptp(np.concatenate([last, mirror * last])))
-    if max(moved[:2]) <= REPEATS * size:
+def _settles(turns: list[float], n: int, mirror: float, rest: float) -> bool:
+    """Whether turns repeat, n by n, or change by ever less, geometrically, towards some as large as they are.
+
+    In plain numbers: arrays of so few cost ten times as much.
+    """
+    last, *before = ([mirror**k * t for t in turns[len(turns) - (k + 1) * n : len(turns) - k * n]] for k in range(4))
+    changes = [[a - b for a, b in zip(x, y, strict=True)] for x, y in zip((last, *before), before, strict=False)]
+    moved = [max(map(abs, change)) for change in changes]
+    if max(moved[:2]) <= REPEATS * _width(last, mirror):
         return True
     if not 0 < moved[0] < moved[1] < moved[2]:
         return False
     r, r_before = moved[0] / moved[1], moved[1] / moved[2]
-    left = changes[0] * r / (1 - r)
-    size = float(np.ptp(np.concatenate([last + left, mirror * (last + left)])))
-    return abs(r - r_before) <= RATIO_KNOWN * (1 - r) and float(np.abs(left).max()) <= rest * size
+    if abs(r - r_before) > RATIO_KNOWN * (1 - r):
+        return False
+    left = [change * r / (1 - r) for change in changes[0]]
+    size = _width([a + b for a, b in zip(last, left, strict=True)], mirror)
+    return max(map(abs, left)) <= rest * size
+
+
+def _width(turns: list[float], mirror: float) -> float:
+    """Of turns, and of their mirror images where these follow."""
+    both = [*turns, *(mirror * t for t in turns)]
+    return max(both) - min(both)
 
 
 def _shrinks(swings: Array) -> bool:

@@ -43,7 +43,7 @@ def task(loop: Loop, before: Swing, rest_error: float) -> Task:
     before: the hunting that is to end: a servo that still hunts, or has that error, has not settled; rest_error: the
     largest at rest [rad]; nan where that is not known: then this step's.
     """
-    ended = fate(loop, loop.at_rest(-TASK_STEP), before)
+    ended = fate(loop, loop.at_rest(-TASK_STEP), before, meshed=True)
     if ended.verdict in ("undecided", "grows"):
         return Task(math.nan, math.nan, ended.verdict)
     seen = along(loop, ended.motion)

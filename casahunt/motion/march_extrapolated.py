@@ -1,0 +1,210 @@
+"""Marching without a mesh: a mode followed to its exit by extrapolated midpoint steps, compiled, many in a call.
+
+    m substeps      y_0 = x,  y_1 = x + d f(x),  y_(i+1) = y_(i-1) + 2 d f(y_i),  d = h/m,  S_m = y_m,    m = 2, 4, .., 2K
+    extrapolation   T_(j,k) = T_(j,k-1) + (T_(j,k-1) - T_(j-1,k-1)) / ((m_j/m_(j-k))^2 - 1),    order 2 K
+    error           |T_(K,K) - T_(K,K-1)| <= tol;  the next step is 0.7 (tol/error)^(1/(2 K - 1)) times as long
+
+For who only asks what becomes of a motion: states at the ends of steps, and the exit, located by steps that end on its
+event; no stages.  A tenth of the price of power series (march_series.py), which know what lies within a step.
+
+Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, section II.9.
+Symbols: n states, E exits, M steps of a call.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from .. import effort
+from ..compiled import Caller, caller, kept
+from ..hybrid.system import Exit, Field
+from ..roots import MOST_HALVINGS, Bracket
+from .march_exits import EVENT_TOLERANCE
+from .march_watch import EVENT_LIMIT, ON_EVENT
+
+Array = np.ndarray
+
+COLUMNS = 5
+"""K: steps of order 10."""
+STEPS_TOGETHER = 16
+SAFETY, LEAST_CHANGE, LARGEST_CHANGE = 0.7, 0.1, 3.0
+FIRST_STEP = 1e-3
+"""No state moves by a larger part of its size in the first step of a phase."""
+EPSILON = float(np.finfo(float).eps)
+JUST_BEHIND = 1e-3
+"""Part of the first step after which it is seen to which side an event is left."""
+
+
+class Followed(NamedTuple):
+    """A phase: times (M,) and scaled states (M, n) at the ends of its steps; the exit, None where the time is over."""
+
+    times: Array
+    states: Array
+    way_out: Exit | None
+
+
+class Lost(Exception):
+    """Steps became nothing, or an event is crossed and vanishes nowhere."""
+
+
+def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The end of a step, and by how much the last two of its approximations differ."""
+    counts, rows = [2 * j for j in range(1, COLUMNS + 1)], list[list[ca.SX]]()
+    for j, m in enumerate(counts):
+        d, before, y = h / m, x, x + h / m * rate
+        for _ in range(m - 1):
+            before, y = y, before + 2 * d * f(y)
+        row = [y]
+        for k in range(1, j + 1):
+            row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((m / counts[j - k]) ** 2 - 1))
+        rows.append(row)
+    return rows[-1][-1], rows[-1][-1] - rows[-1][-2]
+
+
+@kept(maxsize=64)
+def _compiled(field: Field, exits: tuple[Exit, ...], n: int, parameters: int) -> tuple[Caller, Caller]:
+    """`STEPS_TOGETHER` steps in a row; and one of a given length."""
+    x, sign, p, scale = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
+    t, h, left, tol = (ca.SX.sym(name) for name in ("t", "h", "left", "tol"))
+    field_at = ca.Function("f", [x, sign, p, scale], [ca.densify(ca.SX(field(scale * x, p, sign)) / scale)])
+
+    def f(y: ca.SX) -> ca.SX:
+        return field_at(y, sign, p, scale)
+
+    def watched(y: ca.SX, time: ca.SX) -> list[ca.SX]:
+        """Events, in the direction of their exits, and the rates at which they rise."""
+        at, T = ca.SX.sym("at", n), ca.SX.sym("T")
+        events = ca.densify(ca.vertcat(*[e.direction * e.event.function(scale * at, T, p) for e in exits], ca.SX(0, 1)))
+        rates = ca.jtimes(events, at, f(at)) + ca.jacobian(events, T)
+        return ca.substitute([events, ca.densify(rates)], [at, T], [y, time])
+
+    rate = f(x)
+    first = FIRST_STEP / ca.fmax(ca.mmax(ca.fabs(rate)), 1e-300)
+    tried = ca.fmin(ca.if_else(h > 0, h, first), left)
+    end, off = _midpoint(f, x, rate, tried)
+    error = ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(x))) / tol
+    good = ca.logic_and(error <= 1, ca.sum1(end * 0) == 0)
+    factor = SAFETY * ca.fmax(error, 1e-30) ** (-1 / (2 * COLUMNS - 1))
+    factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_CHANGE), LARGEST_CHANGE), LEAST_CHANGE)
+    taken = ca.if_else(good, tried, 0)
+    end = ca.if_else(good, end, x)
+    step = ca.Function("step", [x, t, h, left, tol, sign, p, scale],
+                       [end, t + taken, tried * factor, left - taken, taken, *watched(end, t + taken)])  # fmt: skip
+    X, P, S, G = ca.MX.sym("x", n), ca.MX.sym("p", parameters), ca.MX.sym("scale", n), ca.MX.sym("sign")
+    given = ca.MX.sym("given", 4)
+    state, found = [X, *ca.vertsplit(given)[:3]], list[list[ca.MX]]()
+    for _ in range(STEPS_TOGETHER):
+        *state, taken_, e, r = step(*state, given[3], G, P, S)
+        found.append([state[0], state[1], state[2], taken_, e, r])
+    many = ca.Function("steps", [X, given, G, P, S], [ca.horzcat(*columns) for columns in zip(*found, strict=True)])
+    exact, _ = _midpoint(f, x, rate, h)
+    one = ca.Function("one", [x, ca.vertcat(t, h), sign, p, scale], [exact, *watched(exact, t + h)])
+    M, E = STEPS_TOGETHER, len(exits)
+    return (caller(many, [n, 4, 1, parameters, n], [(M, n), M, M, M, (M, E), (M, E)]),
+            caller(one, [n, 2, 1, parameters, n], [n, E, E]))  # fmt: skip
+
+
+class Extrapolated:
+    """The steps of one mode."""
+
+    def __init__(self, field: Field, sign: float, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
+        many, one = _compiled(field, exits, scale.size, p.size)
+        self._many, self._one, self._fixed, self._exits, self._tol = many.buffers, one.buffers, (sign, p, scale), exits, tol
+
+    def run(self, x: Array, max_time: float, most: int) -> Followed:
+        """To the first exit, or to the end of the time.
+
+        x, most: (n,) scaled state; calls after which it is given up.  Raises Lost, effort.GivenUp.
+        """
+        times, states, t, h = [np.zeros(1)], [x[None]], 0.0, 0.0
+        e_last, r_last = self._at(x, t, 0.0)[1:]
+        on = np.abs(e_last) <= ON_EVENT
+        for _ in range(most):
+            effort.interval()
+            ends, after, lengths, taken, e, r = self._steps(x, t, h, max_time - t)
+            good = taken > 0
+            if not good.any():
+                raise Lost
+            ends, after, e, r = ends[good], after[good], e[good], r[good]
+            if on.any():  # to which side an event is left on which the phase begins; it is not looked at before
+                just = JUST_BEHIND * float(taken[good][0])
+                found = self._at(x, t, just)
+                ends, e, r = (np.vstack(both) for both in zip(found, (ends, e, r), strict=True))
+                after, e_last, on = np.append(t + just, after), np.where(on, np.nan, e_last), on & False
+            ends, after = np.vstack([x, ends]), np.append(t, after)
+            e, r = np.vstack([e_last, e]), np.vstack([r_last, r])
+            crossing = self._first(ends, after, e, r)
+            many = len(after) if crossing is None else crossing[0] + 1
+            times.append(after[1:many])
+            states.append(ends[1:many])
+            if crossing is not None:
+                _, place, end, way_out = crossing
+                return Followed(np.append(np.concatenate(times), place), np.vstack([*states, end]), way_out)
+            x, t, h, e_last, r_last = ends[-1], float(after[-1]), float(lengths[-1]), e[-1], r[-1]
+            if not np.isfinite(x).all():
+                raise Lost
+            if t >= max_time * (1 - 1e-15):
+                return Followed(np.concatenate(times), np.vstack(states), None)
+        raise Lost
+
+    def _steps(self, x: Array, t: float, h: float, left: float) -> list[Array]:
+        """The next steps."""
+        for store, value in zip(self._many.inputs, (x, (t, h, left, self._tol), *self._fixed), strict=True):
+            store[:] = value
+        self._many.trigger()
+        return [out.copy() for out in self._many.outputs]
+
+    def _at(self, x: Array, t: float, h: float) -> list[Array]:
+        """State, events and their rates after one step."""
+        for store, value in zip(self._one.inputs, (x, (t, h), *self._fixed), strict=True):
+            store[:] = value
+        self._one.trigger()
+        return [out.copy() for out in self._one.outputs]
+
+    def _first(self, states: Array, times: Array, e: Array, r: Array) -> tuple[int, float, Array, Exit] | None:
+        """The first exit: number of the step, time, state and exit; None where there is none.  Raises Lost.
+
+        An event that rises towards zero at the start of a step and falls at its end has its top in between.
+        """
+        crossed = (e[:-1] < 0) & (e[1:] >= 0)
+        tops = (e[:-1] < 0) & (e[1:] < 0) & (r[:-1] > 0) & (r[1:] < 0)
+        best: tuple[float, Array, Exit] | None = None
+        for k in np.flatnonzero((crossed | tops).any(axis=1)).tolist():
+            start, h = (states[k], float(times[k])), float(times[k + 1] - times[k])
+            for i in np.flatnonzero(crossed[k] | tops[k]).tolist():
+                high, f_high = h, float(e[k + 1, i])
+                if not crossed[k, i]:
+                    high, left, end = self._zero(start, 2, i, (0.0, float(r[k, i])), (h, float(r[k + 1, i])))
+                    f_high = float(end[1][i])
+                    if f_high <= 0:
+                        continue
+                s, left, end = self._zero(start, 1, i, (0.0, float(e[k, i])), (high, f_high))
+                if abs(left) > EVENT_LIMIT:
+                    raise Lost
+                if best is None or s < best[0]:
+                    best = s, end[0], self._exits[i]
+            if best is not None:
+                return k, start[1] + best[0], best[1], best[2]
+        return None
+
+    def _zero(
+        self, start: tuple[Array, float], which: int, i: int, low: tuple[float, float], high: tuple[float, float]
+    ) -> tuple[float, float, list[Array]]:
+        """Length of the step at whose end an event, or its rate, vanishes; what is left of it, and what is there."""
+        s, f = high
+        end = self._at(*start, s)
+        if f == 0:
+            return s, f, end
+        bracket, small = Bracket(*low, *high), EVENT_TOLERANCE * max(abs(low[1]), abs(f))
+        for _ in range(MOST_HALVINGS):
+            slope, before = float(end[2][i]) if which == 1 else 0.0, s
+            s = bracket.newton(s, f, slope) if slope and bracket.holds(s) else bracket.illinois
+            end = self._at(*start, s)
+            f = float(end[which][i])
+            if abs(f) <= small or abs(s - before) <= 4 * EPSILON * s or bracket.width <= 4 * EPSILON * s:
+                break
+            bracket = bracket.told(s, f)
+        return s, f, end
