@@ -41,7 +41,7 @@ Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
-MOST_CALLS = 6
+MOST_CALLS, OF_THE_TOLERANCE = 6, 1e-2
 """Calls of some steps each after which a phase that wants no mesh is followed as any other one: it may be stiff."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
@@ -229,7 +229,7 @@ def _by_steps(
     if mode.stiff or mode.flow is not None:
         return None, name
     try:
-        found = Extrapolated(mode.field, mode.sign, exits, p, scale, tol).run(x / scale, max_time, MOST_CALLS)
+        found = Extrapolated(mode.field, mode.sign, exits, p, scale, OF_THE_TOLERANCE * tol).run(x / scale, max_time, MOST_CALLS)
     except Lost:
         return None, name
     states, duration = found.states * scale, float(found.times[-1])

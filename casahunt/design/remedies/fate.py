@@ -39,7 +39,7 @@ LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 16
 """Periods of the first look at a motion; each next one is twice as long."""
 WORK_OF_A_FATE = 5e4
 """Work (effort.py) of a motion; most take a tenth."""
-TOLERANCE_OF_A_FATE = 1e-9
+TOLERANCE_OF_A_FATE = 1e-7
 """Error of an interval: series march as fast to 1e-9 as to 1e-4."""
 MOVES_NOT = 1e-7
 """A state that moves by less than this part of its size stands still."""
@@ -360,7 +360,7 @@ OFF_THE_CYCLE = (0.97, 1.03)
 the one side of it may be a band in which everything rests."""
 LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
 """Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
-MOST_UNDECIDED, MOST_TURNS_OF_ALL = 3, 1200
+MOST_UNDECIDED, MOST_TURNS_OF_ALL = 2, 1200
 """Motions of which nobody knows what becomes of them, behind which no other one is followed; and turns of all."""
 
 
