@@ -26,6 +26,7 @@ from .. import effort
 from ..checks import choice_of, of_kind, to_and_back
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
+from ..orbits.one_of_many import one_of_many
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
 from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
@@ -51,6 +52,8 @@ from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
 Array = np.ndarray
 
 NOT_ENDED = End("", "")
+NEXT_TO_MANY = 1e-3
+"""How far at most a multiplier is from 1, and in its unit the parameter from a bound, where a cycle is one of many."""
 
 
 class _Pause(Enum):
@@ -184,7 +187,7 @@ def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> En
         length = len(run.branch.orbits)
         outcome = _walked(run, steps, way.watched)
         if isinstance(outcome, Complaint):
-            outcome = comes_to(run.branch.orbits, run.branch.vary, stuck=True) or outcome
+            outcome = comes_to(run.branch.orbits, run.branch.vary, stuck=True) or _one_of_many(run) or outcome
         following = _after(run, outcome, way, len(run.branch.orbits) > length)
         if isinstance(following, End):
             return following
@@ -316,6 +319,20 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
             return _Pause.FIRST_SHRINKS
         if (gone := _phase_gone(run, before, after)) is not None:
             return gone
+
+
+def _one_of_many(run: Run[AnyOrbit]) -> End | None:
+    """The end of a branch whose cycle is one of many, or becomes so at a bound; None where it stands alone there."""
+    orbit, vary = run.last, run.branch.vary
+    (t, u, setting), problem = unknowns_of(orbit), orbit.problem
+    if problem.system is None or not np.any(abs(orbit.multipliers.half[1:] - 1) <= NEXT_TO_MANY):
+        return None
+    bounds = (run.how["low"], run.how["high"])
+    for value in (*(x for x in bounds if abs(problem.distance(vary, x)) <= NEXT_TO_MANY), run.value(orbit)):
+        there = replace(setting, p=problem.with_value(vary, value).vector())
+        if many := one_of_many((t, u, there), problem.system.names.entries):
+            return End("one of many", f"the branch ends at {vary} = {value:.6g}: {many}", value)
+    return None
 
 
 def _phase_gone(run: Run[AnyOrbit], before: AnyOrbit, after: AnyOrbit) -> AnyOrbit | _Pause | None:
