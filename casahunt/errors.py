@@ -40,8 +40,8 @@ class Status(Enum):
     )
     NOT_FINITE = "the iteration met NaN or infinity; the starting guess is too far away or a parameter is extreme"
     SINGULAR = (
-        "the linearised equations are singular: the orbit is at or past a fold, where no cycle continues "
-        "in this parameter"
+        "the linearised equations are singular: the orbit is at or past a fold, where no cycle continues in this "
+        "parameter, or it is one of many at the same parameters"
     )
     INADMISSIBLE = (
         "the solution of the equations is no motion of the system (its phases are not in this order); "

@@ -231,7 +231,8 @@ def status_of(t: Transcription, start: Array, u: Array, residual: float, small: 
         return Status.NOT_FINITE
     if not small:
         return Status.NOT_CONVERGED
-    if (t.durations_of(u) <= 0).any():
+    durations = t.durations_of(u)
+    if (durations <= np.finfo(float).eps * durations.sum()).any():  # no phase lasts for what is rounding of the period
         return Status.INADMISSIBLE
     if float(np.abs(t.nodes_of(u) - t.nodes_of(start)).max()) > largest_move:
         return Status.FAR_FROM_GUESS

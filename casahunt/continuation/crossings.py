@@ -37,7 +37,7 @@ from ..orbits.adapt import Options
 from ..orbits.batched_multipliers import ORBITS_AHEAD, know_multipliers
 from ..orbits.orbit import AnyOrbit
 from .bifurcations import BRANCH_POINT, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
-from .curve import arrived, ends, parameter_value, secant_direction
+from .curve import CurvePoint, arrived, ends, parameter_value, secant_direction
 from .locating import Located, locate_special_point
 from .poincare_section import apart_by_kinks
 from .special_points import ACCEPTED_TOLERANCES, FOLD, GRAZING, Missed, Monitor, SpecialPoint, in_order, special_point
@@ -145,9 +145,9 @@ class Crossings(Generic[AnyOrbit]):
         self._line.append(Station(after, there, self._line[-1].at + length))
 
     @property
-    def sense(self) -> float:
-        """+1 where the parameter grows at the last orbit, -1 where it falls; 0 where nothing is known."""
-        return float(np.sign(self._line[-1].point.row[-1])) if self._line else 0.0
+    def point(self) -> CurvePoint | None:
+        """The curve at the last orbit, oriented along the walk; None where nothing lies before that."""
+        return self._line[-1].point if self._line else None
 
     def rest(self) -> Passed[AnyOrbit]:
         """What lies in the last step."""

@@ -26,6 +26,7 @@ from .. import effort
 from ..checks import choice_of, of_kind, to_and_back
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
+from ..orbits.one_of_many import one_of_many
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from ..orbits.restart import in_scheme
 from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
@@ -34,11 +35,10 @@ from .branch import Branch, Run
 from .broken_symmetry import as_whole_as_needed
 from .closed_branch import came_round, met_itself, unseen_turns
 from .crossings import Crossings, Passed
-from .curve import parameter_value, solved_at
+from .curve import CurvePoint, curve_point, parameter_value, solved_at
 from .poincare_section import (
-    NEXT_TO_IT,
+    badly_cut,
     beside_the_plane,
-    cut_alike,
     cut_by_planes,
     cut_elsewhere,
     section_outgrown,
@@ -52,6 +52,8 @@ from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
 Array = np.ndarray
 
 NOT_ENDED = End("", "")
+NEXT_TO_MANY = 1e-3
+"""How far at most a multiplier is from 1, and in its unit the parameter from a bound, where a cycle is one of many."""
 
 
 class _Pause(Enum):
@@ -141,7 +143,7 @@ def follow(
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
     orbit = replace(orbit, problem=orbit.problem.over(span))
-    if beside_the_plane(orbit) < NEXT_TO_IT and (cut := cut_elsewhere(orbit, options)) is not None:
+    if not cut_by_planes(orbit) and badly_cut(orbit) and (cut := cut_elsewhere(orbit, options)) is not None:
         orbit, previous = cut, None
     elif not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
@@ -179,13 +181,13 @@ def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> En
     way: _Departure[AnyOrbit] = _Departure(sense, previous)
     while True:
         steps = walk(
-            run.last, vary=run.branch.vary, sense=way.sense, previous=way.previous, options=run.options,
-            max_points=run.max_points - len(run.branch.orbits), **run.how,
+            run.last, vary=run.branch.vary, sense=way.sense, previous=way.previous, heading=way.heading,
+            options=run.options, max_points=run.max_points - len(run.branch.orbits), **run.how,
         )  # fmt: skip
         length = len(run.branch.orbits)
         outcome = _walked(run, steps, way.watched)
         if isinstance(outcome, Complaint):
-            outcome = comes_to(run.branch.orbits, run.branch.vary, stuck=True) or outcome
+            outcome = comes_to(run.branch.orbits, run.branch.vary, stuck=True) or _one_of_many(run) or outcome
         following = _after(run, outcome, way, len(run.branch.orbits) > length)
         if isinstance(following, End):
             return following
@@ -194,11 +196,12 @@ def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> En
 
 @dataclass(frozen=True)
 class _Departure(Generic[AnyOrbit]):
-    """How a walk sets out: its sense, the orbit before or None; for cycles cut by planes, whether the plane is watched
-    and whether another was asked for in need."""
+    """How a walk sets out: its sense, the orbit before or None, its direction on the curve or None; for cycles cut by
+    planes, whether the plane is watched and whether another was asked for in need."""
 
     sense: float
     previous: AnyOrbit | None = None
+    heading: Array | None = None
     watched: bool = True
     insisted: bool = False
 
@@ -206,7 +209,7 @@ class _Departure(Generic[AnyOrbit]):
 def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bool) -> End | _Departure[AnyOrbit]:
     """How the branch goes on after a walk, or its end; `came` where the walk had led to any orbit at all."""
     if outcome is _Pause.FIRST_SHRINKS:
-        return replace(way, previous=_starting_elsewhere(run))
+        return _cut_anew(run, from_strongest(run.last, None, run.options)[0], way.sense)
     if outcome is _Pause.PHASE_GONE:
         return _Departure(way.sense, run.branch.orbits[-2])
     if outcome is _Pause.CUT_SHRINKS:
@@ -259,9 +262,9 @@ def _after_planes(
     insist = failed and outcome.status is Status.INADMISSIBLE and (came or not way.insisted)
     if failed and not insist:
         return End("stuck", str(outcome))
-    again = _cut_anew(run, insist)
-    if again is not None:
-        return _Departure(again[1], again[0], insisted=insist)
+    fresh = with_better_section(run.last, run.branch.vary, run.options, insist=insist)
+    if fresh is not None:
+        return replace(_cut_anew(run, fresh, way.sense), insisted=insist)
     if insist:
         return End("stuck", str(outcome))
     return _Departure(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
@@ -310,16 +313,32 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
             if watched and section_outgrown(after):
                 return _Pause.LEFT_BEHIND
             continue
-        if (part := beside_the_plane(after)) < NEXT_TO_IT <= beside_the_plane(before):
+        if badly_cut(after) and not badly_cut(before):
             return _Pause.CUT_SHRINKS
         if first_shrinks(before, after):
             return _Pause.FIRST_SHRINKS
-        if GRAZING in run.looked_for and part == math.inf and (gone := _phase_gone(run, before, after)) is not None:
+        if (gone := _phase_gone(run, before, after)) is not None:
             return gone
+
+
+def _one_of_many(run: Run[AnyOrbit]) -> End | None:
+    """The end of a branch whose cycle is one of many, or becomes so at a bound; None where it stands alone there."""
+    orbit, vary = run.last, run.branch.vary
+    (t, u, setting), problem = unknowns_of(orbit), orbit.problem
+    if problem.system is None or not np.any(abs(orbit.multipliers.half[1:] - 1) <= NEXT_TO_MANY):
+        return None
+    bounds = (run.how["low"], run.how["high"])
+    for value in (*(x for x in bounds if abs(problem.distance(vary, x)) <= NEXT_TO_MANY), run.value(orbit)):
+        there = replace(setting, p=problem.with_value(vary, value).vector())
+        if many := one_of_many((t, u, there), problem.system.names.entries):
+            return End("one of many", f"the branch ends at {vary} = {value:.6g}: {many}", value)
+    return None
 
 
 def _phase_gone(run: Run[AnyOrbit], before: AnyOrbit, after: AnyOrbit) -> AnyOrbit | _Pause | None:
     """Whether a phase vanishes behind the last two orbits: the branch has the contact then, and goes on without it."""
+    if GRAZING not in run.looked_for or beside_the_plane(after) < math.inf:
+        return None
     over = vanishing_soon(before, after, run.branch.vary, run.options, at_kinks=run.line.at_kinks)
     if over is None or not run.within(over[0]):
         return None
@@ -351,21 +370,12 @@ def _ended(run: Run[AnyOrbit], why: str) -> End | Complaint:
     return End(why.kind, str(why), run.value(run.last)) if isinstance(why, Stopped) else cast(Complaint, why)
 
 
-def _starting_elsewhere(run: Run[AnyOrbit]) -> AnyOrbit | None:
-    """The cycle before the last one, both from another phase on, where one serves: the branch has the last one so."""
-    *others, last = run.branch.orbits
-    turned, before = from_strongest(last, others[-1], run.options)
-    run.replaced(turned)
-    return before
-
-
 def _past_the_plane(run: Run[AnyOrbit], way: _Departure[AnyOrbit]) -> _Departure[AnyOrbit]:
     """On with the last cycle cut elsewhere, where it can be."""
-    last, sense = cut_elsewhere(run.last, run.options), run.line.sense
-    if last is None:
-        return replace(way, previous=run.branch.orbits[-2])
-    run.replaced(last)
-    return _Departure(sense or way.sense)
+    fresh = cut_elsewhere(run.last, run.options)
+    if fresh is None:
+        return replace(way, previous=run.branch.orbits[-2], heading=None)
+    return _cut_anew(run, fresh, way.sense)
 
 
 def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
@@ -378,19 +388,18 @@ def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
     return None if before is None else hopf_point(before, last, branch.vary)
 
 
-def _cut_anew(run: Run[AnyOrbit], insist: bool) -> tuple[AnyOrbit | None, float] | None:
-    """(the cycle before the last one cut alike or None, sense), the branch having the last one cut by another plane.
-
-    None where no other serves.
-    """
-    vary, (*others, last) = run.branch.vary, run.branch.orbits
-    fresh = with_better_section(last, vary, run.options, insist=insist) if cut_by_planes(last) else None
-    if fresh is None:
-        return None
-    before = cut_alike(others[-1], fresh, vary, run.options) if others and cut_by_planes(others[-1]) else None
-    sense = run.line.sense or (float(np.sign(run.value(last) - run.value(others[-1]))) if others else 1.0)
+def _cut_anew(run: Run[AnyOrbit], fresh: AnyOrbit, sense: float) -> _Departure[AnyOrbit]:
+    """On with the last orbit as it is cut now: period and parameter go as they did."""
+    was, now = run.line.point, curve_point(fresh, run.branch.vary, sense=sense)
     run.replaced(fresh)
-    return before, sense or 1.0
+    heading = now.row if was is None or float(_rates(was) @ _rates(now)) >= 0 else -now.row
+    return _Departure(float(np.sign(heading[-1])), heading=heading)
+
+
+def _rates(point: CurvePoint) -> Array:
+    """(2,) how the logarithm of the period and the parameter go along the curve."""
+    T, rate = (float(point.t.durations_of(u).sum()) for u in (point.u, point.du))
+    return np.array([rate / T, point.row[-1]])
 
 
 def _sense(branch: Branch[AnyOrbit], sense: float) -> float:

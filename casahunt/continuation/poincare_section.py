@@ -3,6 +3,7 @@
 A plane x_i = level is a good place to cut a cycle that meets no event where the cycle crosses it steeply,
 
     steepness = |x_i'| T / (max x_i - min x_i)        (pi for a sine through its middle, 0 where a plane is grazed)
+    T the duration of the phases on both sides
 
 Along a branch the cycle moves and changes its size, and a plane that stays where it was is left behind: then the cycle
 is cut by another one, and goes on.  The intervals are those of the orbit, in another order, some of them cut in two.
@@ -12,9 +13,11 @@ A cycle that meets events may be cut by a plane besides:
     A | plane | A | event | B      ->      A | event | B
 
 Along a branch the events move past the plane, and the phase between the two shrinks to nothing: no phase of the motion
-does.  Then the plane goes, for events are anchors enough.  Only a forced cycle keeps one, at a time in the middle of
-its longest phase.  Any cycle gets one where two phases are all that it has, and one of them may vanish: if its events
-vanish with that it is a cycle still, cut by nothing else.
+does.  Or the motion reaches the plane no more: where it grazes that, the curve of the cycle turns round without a fold,
+and comes back along itself, cut where the motion falls through the plane instead of where it rises.  Before either the
+plane goes, for events are anchors enough.  Only a forced cycle keeps one, at a time in the middle of its longest phase.
+Any cycle gets one where two phases are all that it has, one of them may vanish, and the other one can be cut: if its
+events vanish with that it is a cycle still, cut by nothing else.
 
 Symbols: n states, d stages, N intervals of the computed piece, tau local time in an interval.
 """
@@ -62,9 +65,7 @@ AT_NOTHING = 1e-9
 _WATCHED = np.linspace(0.0, 1.0, 9)
 """Places in an interval at which the sides of a plane are told: no motion that is solved on it swings faster."""
 NEXT_TO_IT = 0.2
-"""A plane is next to an event when the phase between them is shorter than this part of its longer neighbour."""
-SHORT_ALONE = 0.02
-"""The same of a phase that has but one neighbour, of which a tenth is nothing unusual."""
+"""A plane is next to an event when the phase between them is shorter than this part of that on its other side."""
 
 
 class _Crossing(NamedTuple):
@@ -117,28 +118,15 @@ def with_better_section(orbit: AnyOrbit, vary: str, options: Options, *, insist:
     return _cut_at(orbit, max(alike, key=lambda plane: (share[plane.state], plane.steepness)), vary, options)
 
 
-def cut_alike(orbit: AnyOrbit, like: Orbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The cycle cut by the plane of another orbit.
-
-    orbit, like, vary: the cycle, another one near by, and the name of the parameter that is followed.
-    Returns Orbit; None where it does not cross that plane as the other one does.
-    """
-    section = like.problem.sections[0]
-    i = orbit.problem.system.names.entries.index(section.state)
-    plane = _plane(orbit, i, section.level)
-    found = None if plane is None else _cut_at(orbit, plane, vary, options)
-    return found if found is not None and found.signature == like.signature else None
-
-
 def _pieces(orbit: Orbit) -> tuple[Array, Array]:
     """(lengths (N,), states (N, d + 1, n)) of the intervals of the computed piece."""
     lengths = np.concatenate([arc.duration * np.diff(arc.breaks) for arc in orbit.arcs])
     return lengths, np.concatenate([arc.states for arc in orbit.arcs])
 
 
-def _rates(orbit: Orbit, states: Array) -> Array:
-    """(m, n) x' at states (m, n)."""
-    mode = orbit.cycle.phases[0].mode
+def _rates(orbit: Orbit, states: Array, phase: int = 0) -> Array:
+    """(m, n) x' at states (m, n) of a phase."""
+    mode = orbit.cycle.phases[phase].mode
     p, scale = orbit.problem.vector(), orbit.scale
     return np.array([scale * field_at(mode.field, x / scale, mode.sign, p, scale) for x in states])
 
@@ -150,15 +138,18 @@ def _ranges(orbit: Orbit) -> tuple[Array, Array]:
 
 
 def _steepness_of_ends(orbit: Orbit) -> float:
-    """Steepness of the flattest crossing at the end of a phase; 0 where the plane is next to the end of the range."""
+    """Steepness of the flattest crossing of a plane; 0 where it is next to the end of the range, infinite for none."""
     low, high = _ranges(orbit)
-    entries = orbit.problem.system.names.entries
-    worst = np.inf
-    for arc, rate in zip(orbit.arcs, _rates(orbit, np.array([arc.end for arc in orbit.arcs])), strict=True):
-        i = entries.index(next(s.state for s in orbit.problem.sections if arc.event.startswith(f"{s.state} ")))
+    family, worst = orbit.problem, np.inf
+    for k, arc in enumerate(orbit.arcs):
+        section = next((s for s in family.sections if arc.event.startswith(f"{s.state} ")), None)
+        if arc.event not in family.marks or section is None or section.state == TURNS:
+            continue
+        i = family.system.names.entries.index(section.state)
         size = high[i] - low[i]
         inside = PLANE_EDGE * size < arc.end[i] - low[i] < (1 - PLANE_EDGE) * size
-        worst = min(worst, abs(rate[i]) * orbit.period / size if inside else 0.0)
+        both = min(arc.duration + orbit.arcs[(k + 1) % len(orbit.arcs)].duration, orbit.period)
+        worst = min(worst, abs(_rates(orbit, arc.end[None], k)[0, i]) * both / size if inside else 0.0)
     return float(worst)
 
 
@@ -257,18 +248,26 @@ def _between(orbit: Orbit, mode: str, event: str, begin: tuple[int, float], end:
     return Segment(mode, event, float(steps.sum()), breaks, w, (s.interpolation(np.array([b])) @ both[j])[0])
 
 
-def beside_the_plane(orbit: Orbit) -> float:
-    """The phase of a cycle that may be about to vanish, in parts of its neighbour, if it ends or begins at a plane.
+def badly_cut(orbit: Orbit) -> bool:
+    """Whether a cycle that meets events had better be cut by another plane, or by one at all."""
+    return beside_the_plane(orbit) < NEXT_TO_IT or any(_marks(orbit)) and section_outgrown(orbit)
 
-    Or if it is the only one but for one, and no plane cuts the cycle.  Infinite elsewhere, and where no phase is short.
+
+def beside_the_plane(orbit: Orbit) -> float:
+    """The phase of a cycle that may be about to vanish, if it ends or begins at a plane, in parts of that beyond it.
+
+    Or if it is the only one but for one, and that can be cut and is not, in parts of that.  Infinite elsewhere, and
+    where no phase is short.
     """
     marks, durations = _marks(orbit), [arc.duration for arc in orbit.arcs]
     k = may_vanish(durations)
-    alone = len(marks) == 2 and not any(marks) and orbit.problem.system is not None
-    if k is None or marks[k] == marks[k - 1] and not alone:
+    if k is None:
         return math.inf
-    part = durations[k] / max(durations[k - 1], durations[(k + 1) % len(durations)])
-    return part if orbit.problem.forced or not alone else part / SHORT_ALONE * NEXT_TO_IT
+    beyond = (k + 1) % len(marks) if marks[k] else k - 1
+    alone = len(marks) == 2 and not any(marks) and orbit.problem.system is not None
+    if marks[k] == marks[k - 1] and not (alone and orbit.cycle.phases[beyond].mode.flow is None):
+        return math.inf
+    return durations[k] / durations[beyond]
 
 
 def same_events(one: Orbit, other: Orbit) -> bool:
@@ -357,6 +356,8 @@ def _steepest(family: Cycles, orbit: Orbit, start: Start) -> tuple[int, float, b
     rates = rates @ np.linalg.inv(np.array(family.closure.matrix)).T
     low, high = _ranges(orbit)
     serves = [name == TURNS if forced else name not in family.system.angles for name in entries]
+    if not forced:  # well inside the range
+        serves = serves & (np.minimum(x * scale - low, high - x * scale) > 2 * PLANE_EDGE * (high - low))
     steepness = np.where(serves & (high > low), np.abs(rates) / np.where(high > low, high - low, 1.0), 0.0)
     j, i = np.unravel_index(int(np.argmax(steepness)), steepness.shape)
     return int(i), float(places[j]), bool(rates[j, i] > 0)

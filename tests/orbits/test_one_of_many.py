@@ -1,5 +1,7 @@
 """Cycles that do not stand alone: what is kept, or nothing pulls back, is named; a fold is no such cycle."""
 
+import re
+
 import pytest
 
 from casahunt import NoOrbit
@@ -73,3 +75,17 @@ def test_a_cycle_alone_and_one_at_a_fold_are_none_of_many():
     assert one_of_many(unknowns_of(orbit), ("x", "y")) == ""
     (fold,) = follow(orbit, "m", to=-0.3).special
     assert abs(fold.value + 0.25) < 1e-9 and one_of_many(unknowns_of(fold.orbit), ("x", "y")) == ""
+
+@pytest.mark.parametrize(("name", "start", "said"), [
+    ("pulled back", dict(x=2.0, v=0.0, z=0.3), r"differ in z \(near its start it keeps z\)"),
+    ("driven", dict(x=2.0, v=0.0), "differ in x and v"),
+])  # fmt: skip
+def test_a_branch_that_ends_at_one_of_many_says_so(name, start, said):
+    """At k = 0 nothing pulls z back; there nothing makes up for friction, nor is there any, and energy is kept."""
+    fields = {
+        "pulled back": lambda x, p: {"x": x.v, "v": (1 - x.x**2) * x.v - x.x, "z": -p.k * (x.z - 0.3)},
+        "driven": lambda x, p: {"x": x.v, "v": -(x.x**3) + p.k * (1 - x.x**2) * x.v},
+    }
+    orbit = find_cycle(System(name, tuple(start), {"k": 0.5}, (Mode("m", fields[name]),)), start=start)
+    end = follow(orbit, "k", to=0.0).end
+    assert (end.kind, end.value) == ("one of many", 0.0) and re.search(said, end.sentence) and "fold" not in str(end)
