@@ -106,6 +106,7 @@ class Run(Generic[AnyOrbit]):
     branch: Branch[AnyOrbit]
     line: Crossings[AnyOrbit]
     looked_for: tuple[Monitor, ...]
+    until: Callable[[SpecialPoint[AnyOrbit]], bool] | None
     options: Options
     max_points: int
     progress: Callable[[AnyOrbit], None] | None
@@ -119,6 +120,11 @@ class Run(Generic[AnyOrbit]):
     def value(self, orbit: AnyOrbit) -> float:
         """The parameter there."""
         return parameter_value(orbit, self.branch.vary)
+
+    def told_to_end(self) -> End | None:
+        """The end at a special point that was to be the last one."""
+        last = next((each for each in self.branch.special if self.until is not None and self.until(each)), None)
+        return None if last is None else End(last.kind, last.meaning, last.value, last.error)
 
     def within(self, orbit: AnyOrbit) -> bool:
         """Whether its parameter is within the range."""

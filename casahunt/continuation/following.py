@@ -75,6 +75,7 @@ def follow(
     previous: AnyOrbit | None = None,
     options: Options | None = None,
     monitors: tuple[Monitor, ...] | None = None,
+    until: Callable[[SpecialPoint[AnyOrbit]], bool] | None = None,
     first_step: float = FIRST_STEP,
     smallest_step: float = SMALLEST_STEP,
     largest_step: float | None = None,
@@ -103,6 +104,8 @@ def follow(
     monitors
         what is looked for; default fold, branch point, flip or symmetry breaking, Neimark-Sacker and changes of the
         phases, but for those at a kink (`Mode.unsplit`).
+    until
+        the branch ends at the first special point for which it holds; default none.
     first_step, smallest_step, largest_step
         arclength of a step, in units of the state, of the logarithm of the first duration, and of the parameter; below
         the smallest one it gives up.
@@ -148,7 +151,7 @@ def follow(
     elif not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
     line = Crossings(orbit, vary=vary, monitors=looked_for, options=options, at_kinks=monitors is not None)
-    run = Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, options, max_points, progress, {
+    run = Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, until, options, max_points, progress, {
         "low": min(to, back), "high": max(to, back), "first_step": first_step, "smallest_step": smallest_step,
         "largest_step": largest_step, "largest_change": largest_change,
     })  # fmt: skip
@@ -361,7 +364,7 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
         return closed
     run.add(after)
     run.add(passed=run.line.past(after))
-    end = comes_to(run.branch.orbits, run.branch.vary)
+    end = run.told_to_end() or comes_to(run.branch.orbits, run.branch.vary)
     return end or (LEADS_ELSEWHERE if GRAZING in run.looked_for and leads_elsewhere(after) else None)
 
 

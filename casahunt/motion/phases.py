@@ -136,7 +136,9 @@ def march(
             raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
         segment, following = _by_steps(system, mode, x, p, scale, tol, max_time - time) if not meshed else (None, mode)
         if segment is None:
-            segment, following = _phase(system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals))
+            segment, following = _phase(
+                system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals), meshed
+            )
         mode = following
         segments.append(segment)
         still = at_rest_since(segments, scale) if strict else len(segments)
@@ -205,6 +207,7 @@ def _phase(
     after: Segment | None,
     spent: tuple[float, int],
     most: tuple[float, int],
+    by_series: bool,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed."""
     mode = system.modes[name]
@@ -213,7 +216,7 @@ def _phase(
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
     begins, left = _begins(after, name), (most[0] - spent[0], most[1] - spent[1])
     try:
-        segment, successor = _followed(system, name, x, stepper, tol, *left, begins)
+        segment, successor = _followed(system, name, x, stepper, tol, *left, begins, by_series)
     except TooMany as many:
         took = spent[0] + float(many.args[0])
         hint = "" if mode.stiff else "; a mode with states that relax far faster than it lasts is to be marked as stiff"
@@ -379,6 +382,7 @@ def _followed(
     max_time: float,
     max_intervals: int,
     begins: _Begins,
+    by_series: bool,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of a phase without closed form: series as far as they lead, then intervals in a row."""
     scale, p = stepper.scale, stepper.p
@@ -395,7 +399,7 @@ def _followed(
 
     stretches: list[list[Piece]] = []
     reached = Reached(0.0, x / scale, None, False, begins.length)
-    series = None if mode.stiff else series_of(mode.field, mode.sign, p, scale)
+    series = None if mode.stiff or not by_series else series_of(mode.field, mode.sign, p, scale)
     if series is not None:
         following = Following(exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
         reached, stretches = following.run(), following.stretches

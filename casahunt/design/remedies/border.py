@@ -22,7 +22,7 @@ from typing import Literal, cast
 import numpy as np
 
 from ... import effort
-from ...continuation import follow
+from ...continuation import SpecialPoint, follow, largest, smallest
 from ...errors import ComesToRest, NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
@@ -60,8 +60,6 @@ LOOKED_AT_BEYOND, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
 second on; where they hunt, cycles are followed from there, so many times at most."""
 MOST_UNCLEAR = 2
 """Sizes one after the other with which nobody knows whether motions hunt, behind which no more is looked at."""
-OUTSIDE_BY = 1e-4
-"""A multiplier that is larger than 1 by more makes a cycle unstable."""
 NO_FIRST = "no cycle with a little of it was found"
 """Where nothing can be followed."""
 
@@ -127,10 +125,6 @@ def more_of(remedy: Remedy, size: float, factor: float) -> float:
     if absent == 0:
         return size * factor if remedy.sense > 0 else size / factor
     return size / factor if math.isinf(absent) else absent + (size - absent) * factor
-
-
-class _Unstable(Exception):
-    """Cycles go on, and are not stable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,45 +252,34 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
     cycle = loop_cycle(loop, remedy.size, start=swing.state, options=options)
     if cycle.seen_stable is False:
         raise NoOrbit("the cycle next to a motion that hunts is not stable", Status.NOT_FOUND)
-    sizes, unstable, far, folds = [cycle.problem.value(remedy.size)], list[float](), last, math.nan
-
-    def followed(orbit: SystemOrbit) -> None:
-        size, ahead = orbit.problem.value(remedy.size), sizes[-1]
-        sizes.append(size)
-        if remedy.sense * (size - ahead) > 0 and (unstable or orbit.seen_stable is False):
-            unstable.append(size)  # or the first one behind a fold
-            if len(unstable) > MOST_UNSTABLE:
-                raise _Unstable
-
-    try:
-        fold = fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_CYCLES,
-                       progress=followed)  # fmt: skip
-        if fold.value_error <= SIZE_KNOWN and unstable in ([], sizes[-1:]) and not _lost(fold.orbit):
-            return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit, moves=fold.sensitivities)
-        folds = far = fold.value
-    except (_Unstable, NoOrbit):
-        pass
-    far = unstable[0] if unstable else far
     finer = replace(options, tol=FINER_FOR_GRAZINGS * options.tol)
-    branch = follow(cycle, remedy.size, to=far, options=finer, max_points=MOST_CYCLES)
-    special = next((each for each in branch.special if each.kind in (*LOSSES, "fold")), None)
+    branch = follow(cycle, remedy.size, to=last, options=finer, until=_ends, max_points=MOST_CYCLES)
+    special, end = next(filter(_ends, branch.special), None), branch.end
+    if special is not None and special.kind == "fold":
+        fold = largest(special, remedy.size, options=options) if remedy.sense > 0 else smallest(special, remedy.size, options=options)
+        if fold.value_error <= SIZE_KNOWN:
+            return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit, moves=fold.sensitivities)
     if special is not None:
         error = max(np.nan_to_num(special.error), SIZE_KNOWN * abs(special.value))
         kind: Kind = "fold" if special.kind == "fold" else "instability"
-        folds = math.nan if kind == "fold" else folds
-        return Border(kind, special.value, error, orbit=special.orbit, why=special.meaning, fold=folds)
-    end = branch.end
+        return Border(kind, special.value, error, orbit=special.orbit, why=special.meaning, fold=_fold_beyond(cycle, remedy, last, options))
     if end.kind not in ("grazing", "Hopf"):
         raise NoOrbit(str(end), Status.NOT_FOUND)
     error = max(end.error, 10 * finer.tol * abs(end.value))
     return Border(cast(Kind, end.kind), end.value, error, orbit=branch.orbits[-1], why=str(end))
 
 
-def _lost(orbit: SystemOrbit) -> bool:
-    """Whether the cycle at a fold is unstable besides."""
-    mu = orbit.multipliers.half[1:]
-    others = np.delete(mu, np.argmin(np.abs(mu - 1)))
-    return bool((np.abs(others) > 1 + OUTSIDE_BY).any())
+def _ends(special: SpecialPoint[SystemOrbit]) -> bool:
+    """Whether stable cycles end there."""
+    return special.kind in (*LOSSES, "fold")
+
+
+def _fold_beyond(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> float:
+    """Where the branch of a cycle folds that has lost its stability before; nan where that was not found."""
+    try:
+        return fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_UNSTABLE).value
+    except NoOrbit:
+        return math.nan
 
 
 def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Scan]:
