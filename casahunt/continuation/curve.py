@@ -15,18 +15,19 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import sizes_of_states
 from ..collocation.transcription import Setting, Transcription
+from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.bordering import curve_border, with_other_phases
-from ..orbits.orbit import Orbit, SolvedOrbit, linearised, orbit_of
-from ..orbits.restart import Start
+from ..orbits.orbit import AnyOrbit, Orbit, SolvedOrbit, linearised, orbit_of, unknowns_of
+from ..orbits.restart import Start, in_scheme
 from .moving_mesh import Progress, by_time, stiff, way_of
 from .predictor import Bend, RelativePoint, alive, bent, logarithms, straight, unknowns
 
@@ -321,3 +322,15 @@ def _seen_along(before: CurvePoint, after: CurvePoint, seen: tuple[float, float]
     if np.any(alive(t, after.u) & ~alive(old, u)):
         return None
     return RelativePoint(s, old, u, du / slope, before.setting.fractions, lam, growth / slope, before.way)
+
+
+def in_asked_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:
+    """The cycle in the collocation scheme that is asked for; as it is where none is."""
+    asked = options.degree or orbit.degree, options.kind or orbit.kind
+    if asked == (orbit.degree, orbit.kind):
+        return orbit
+    found = solved_at(orbit.problem, in_scheme(unknowns_of(orbit), *asked), options)
+    if found is None:
+        sentence = f"the cycle of {orbit.problem.title} was not found with degree = {asked[0]}, kind = {asked[1]!r}"
+        raise NoOrbit(f"{sentence}: leave them out, or ask for another tolerance", Status.NOT_CONVERGED)
+    return cast(AnyOrbit, found)

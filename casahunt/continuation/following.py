@@ -28,14 +28,13 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.one_of_many import one_of_many
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
-from ..orbits.restart import in_scheme
 from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
 from .bifurcations import monitors_of
 from .branch import Branch, Run
 from .broken_symmetry import as_whole_as_needed
 from .closed_branch import came_round, met_itself, unseen_turns
 from .crossings import Crossings, Passed
-from .curve import CurvePoint, curve_point, parameter_value, solved_at
+from .curve import CurvePoint, curve_point, in_asked_scheme, parameter_value, solved_at
 from .poincare_section import (
     badly_cut,
     beside_the_plane,
@@ -105,7 +104,7 @@ def follow(
         what is looked for; default fold, branch point, flip or symmetry breaking, Neimark-Sacker and changes of the
         phases, but for those at a kink (`Mode.unsplit`).
     until
-        the branch ends at the first special point for which it holds; default none.
+        the branch ends at the first special point for which it holds.
     first_step, smallest_step, largest_step
         arclength of a step, in units of the state, of the logarithm of the first duration, and of the parameter; below
         the smallest one it gives up.
@@ -140,7 +139,7 @@ def follow(
     here = orbit.problem.value(vary)
     to, back = to_and_back(vary, here, to, back)
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
-    orbit, previous = _in_scheme(orbit, options), None if previous is None else _in_scheme(previous, options)
+    orbit, previous = in_asked_scheme(orbit, options), None if previous is None else in_asked_scheme(previous, options)
     orbit = as_whole_as_needed(orbit, (vary,), (to,), options)
     previous = previous if previous is None or previous.repeats == orbit.repeats else None
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
@@ -151,10 +150,10 @@ def follow(
     elif not cut_by_planes(orbit):
         orbit, previous = from_strongest(orbit, previous, options)
     line = Crossings(orbit, vary=vary, monitors=looked_for, options=options, at_kinks=monitors is not None)
-    run = Run(Branch(vary, (orbit,), (), (), NOT_ENDED), line, looked_for, until, options, max_points, progress, {
-        "low": min(to, back), "high": max(to, back), "first_step": first_step, "smallest_step": smallest_step,
-        "largest_step": largest_step, "largest_change": largest_change,
-    })  # fmt: skip
+    steps = {"first_step": first_step, "smallest_step": smallest_step, "largest_step": largest_step}
+    how = {"low": min(to, back), "high": max(to, back), "largest_change": largest_change} | steps
+    begun = Branch(vary, (orbit,), (), (), NOT_ENDED)
+    run = Run(begun, line, looked_for, until, options, max_points, progress, how)
     try:
         with effort.until(time_limit):
             end = _followed(run, float(np.sign(to - here)), previous)
@@ -165,18 +164,6 @@ def follow(
         run.add(passed=line.in_haste(run.last))
     missed = (*run.branch.missed, *line.unresolved())
     return replace(run.branch, missed=(*missed, *unseen_turns(replace(run.branch, missed=missed))), end=end)
-
-
-def _in_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:
-    """The cycle in the collocation scheme that is asked for; as it is where none is."""
-    asked = options.degree or orbit.degree, options.kind or orbit.kind
-    if asked == (orbit.degree, orbit.kind):
-        return orbit
-    found = solved_at(orbit.problem, in_scheme(unknowns_of(orbit), *asked), options)
-    if found is None:
-        sentence = f"the cycle of {orbit.problem.title} was not found with degree = {asked[0]}, kind = {asked[1]!r}"
-        raise NoOrbit(f"{sentence}: leave them out, or ask for another tolerance", Status.NOT_CONVERGED)
-    return cast(AnyOrbit, found)
 
 
 def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> End:

@@ -116,7 +116,8 @@ class End(Result):
     kind : "range" (a bound of the parameter is reached), "points", "time" (as many as were asked for), "closed" (it
         meets its own image, or where it began), "Hopf", "shrinks to a point", "grows without bound", "vertical
         family", "one of many" (at the same parameters), "homoclinic orbit", "level reached", "grazing", "the successor
-        changes" (no cycle was found behind one), the kind of a special point at which it was to end, or "stuck" (no step converged: nothing is known of what follows).
+        changes" (no cycle was found behind one), the kind of a special point at which it was to end, or "stuck" (no
+        step converged: nothing is known of what follows).
     sentence : the same in words.
     value : value of the parameter that the branch tends to; NaN where it only stops.
     error : estimated absolute error of that.

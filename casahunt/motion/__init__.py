@@ -11,6 +11,7 @@ rest.py            where a motion has come to rest, and what it still does is ro
 sensitivity.py     how the end of a phase moves with its start and with parameters
 march_watch.py     an interval watched for the exits of its mode
 march_exits.py     where a mode ends: its exits watched, and located to rounding
+march_extrapolated.py a mode to its exit, where no mesh is wanted
 march_series.py    a smooth mode to its exit, by series
 march_intervals.py a stiff mode to its exit, interval by interval
 phases.py          phase by phase: by series, or interval by interval; what comes out is a mesh with stages

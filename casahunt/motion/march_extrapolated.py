@@ -1,7 +1,7 @@
 """Marching without a mesh: a mode followed to its exit by extrapolated midpoint steps, compiled, many in a call.
 
-    m substeps      y_0 = x,  y_1 = x + d f(x),  y_(i+1) = y_(i-1) + 2 d f(y_i),  d = h/m,  S_m = y_m,    m = 2, 4, .., 2K
-    extrapolation   T_(j,k) = T_(j,k-1) + (T_(j,k-1) - T_(j-1,k-1)) / ((m_j/m_(j-k))^2 - 1),    order 2 K
+    m substeps      y_0 = x,  y_1 = x + d f(x),  y_(i+1) = y_(i-1) + 2 d f(y_i),  d = h/m,    m_j = 2, 4, .., 2 K
+    extrapolation   T_(j,1) = y_m,  T_(j,k) = T_(j,k-1) + (T_(j,k-1) - T_(j-1,k-1)) / ((m_j/m_(j-k))^2 - 1), order 2 K
     error           |T_(K,K) - T_(K,K-1)| <= tol;  the next step is 0.7 (tol/error)^(1/(2 K - 1)) times as long
 
 For who only asks what becomes of a motion: states at the ends of steps, and the exit, located by steps that end on its
@@ -20,21 +20,26 @@ import numpy as np
 
 from .. import effort
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Exit, Field
+from ..hybrid.system import Exit, Field, VectorMode, VectorSystem
 from ..roots import MOST_HALVINGS, Bracket
-from .march_exits import EVENT_TOLERANCE
+from .march_exits import EVENT_TOLERANCE, behind
 from .march_watch import EVENT_LIMIT, ON_EVENT
+from .segment import Segment
 
 Array = np.ndarray
 
-COLUMNS = 5
+EXTRAPOLATIONS = 5
 """K: steps of order 10."""
-STEPS_TOGETHER = 16
-SAFETY, LEAST_CHANGE, LARGEST_CHANGE = 0.7, 0.1, 3.0
-FIRST_STEP = 1e-3
+STEPS_TOGETHER, MOST_CALLS = 16, 6
+"""Steps of a call, and calls of a phase: a slip takes some 40 steps, and what takes more than that is stiff."""
+OF_THE_TOLERANCE = 1e-2
+"""Error of a step, as a part of the tolerance of an interval, whose end is as much better than its inside."""
+PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
+"""The next step, in units of the one that would have the tolerance; and in units of this one, at least and at most."""
+FIRST_MOVES = 1e-3
 """No state moves by a larger part of its size in the first step of a phase."""
-EPSILON = float(np.finfo(float).eps)
-JUST_BEHIND = 1e-3
+ROUNDING_OF_ONE = float(np.finfo(float).eps)
+SEEN_BEHIND = 1e-3
 """Part of the first step after which it is seen to which side an event is left."""
 
 
@@ -47,12 +52,35 @@ class Followed(NamedTuple):
 
 
 class Lost(Exception):
-    """Steps became nothing, or an event is crossed and vanishes nowhere."""
+    """Steps are many, as in a stiff mode, or became nothing, or an event is crossed and vanishes nowhere."""
+
+
+def by_steps(
+    system: VectorSystem, name: str, x: Array, p: Array, scale: Array, tol: float, max_time: float
+) -> tuple[Segment, str] | None:
+    """(segment, next mode) of a phase without a mesh: its `w` are the states at which steps begin.
+
+    x, p, scale: (n,) state, parameters, (n,) sizes of the states; tol, max_time: as of `march`.
+    Returns None where it has to be followed otherwise: in closed form, by intervals where the mode is stiff.
+    """
+    mode, exits = system.modes[name], system.exits[name]
+    if mode.stiff or mode.flow is not None:
+        return None
+    try:
+        found = _Steps(mode, exits, p, scale, OF_THE_TOLERANCE * tol).run(x / scale, max_time)
+    except Lost:
+        return None
+    states, duration = found.states * scale, float(found.times[-1])
+    jumped, successor, event = None, name, ""
+    if found.way_out is not None:
+        jumped, event = behind(found.way_out, states[-1], p), found.way_out.event.name
+        successor = found.way_out.successor(states[-1] if jumped is None else jumped, p)
+    return Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped), successor
 
 
 def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """The end of a step, and by how much the last two of its approximations differ."""
-    counts, rows = [2 * j for j in range(1, COLUMNS + 1)], list[list[ca.SX]]()
+    counts, rows = [2 * j for j in range(1, EXTRAPOLATIONS + 1)], list[list[ca.SX]]()
     for j, m in enumerate(counts):
         d, before, y = h / m, x, x + h / m * rate
         for _ in range(m - 1):
@@ -82,13 +110,13 @@ def _compiled(field: Field, exits: tuple[Exit, ...], n: int, parameters: int) ->
         return ca.substitute([events, ca.densify(rates)], [at, T], [y, time])
 
     rate = f(x)
-    first = FIRST_STEP / ca.fmax(ca.mmax(ca.fabs(rate)), 1e-300)
+    first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(rate)), 1e-300)
     tried = ca.fmin(ca.if_else(h > 0, h, first), left)
     end, off = _midpoint(f, x, rate, tried)
     error = ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(x))) / tol
     good = ca.logic_and(error <= 1, ca.sum1(end * 0) == 0)
-    factor = SAFETY * ca.fmax(error, 1e-30) ** (-1 / (2 * COLUMNS - 1))
-    factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_CHANGE), LARGEST_CHANGE), LEAST_CHANGE)
+    factor = PART_OF_A_STEP * ca.fmax(error, 1e-30) ** (-1 / (2 * EXTRAPOLATIONS - 1))
+    factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
     taken = ca.if_else(good, tried, 0)
     end = ca.if_else(good, end, x)
     step = ca.Function("step", [x, t, h, left, tol, sign, p, scale],
@@ -107,22 +135,20 @@ def _compiled(field: Field, exits: tuple[Exit, ...], n: int, parameters: int) ->
             caller(one, [n, 2, 1, parameters, n], [n, E, E]))  # fmt: skip
 
 
-class Extrapolated:
+class _Steps:
     """The steps of one mode."""
 
-    def __init__(self, field: Field, sign: float, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
-        many, one = _compiled(field, exits, scale.size, p.size)
-        self._many, self._one, self._fixed, self._exits, self._tol = many.buffers, one.buffers, (sign, p, scale), exits, tol
+    def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
+        many, one = _compiled(mode.field, exits, scale.size, p.size)
+        self._many, self._one, self._exits, self._tol = many.buffers, one.buffers, exits, tol
+        self._fixed = mode.sign, p, scale
 
-    def run(self, x: Array, max_time: float, most: int) -> Followed:
-        """To the first exit, or to the end of the time.
-
-        x, most: (n,) scaled state; calls after which it is given up.  Raises Lost, effort.GivenUp.
-        """
+    def run(self, x: Array, max_time: float) -> Followed:
+        """From a scaled state (n,) to the first exit, or to the end of the time.  Raises Lost, effort.GivenUp."""
         times, states, t, h = [np.zeros(1)], [x[None]], 0.0, 0.0
         e_last, r_last = self._at(x, t, 0.0)[1:]
         on = np.abs(e_last) <= ON_EVENT
-        for _ in range(most):
+        for _ in range(MOST_CALLS):
             effort.interval()
             ends, after, lengths, taken, e, r = self._steps(x, t, h, max_time - t)
             good = taken > 0
@@ -130,7 +156,7 @@ class Extrapolated:
                 raise Lost
             ends, after, e, r = ends[good], after[good], e[good], r[good]
             if on.any():  # to which side an event is left on which the phase begins; it is not looked at before
-                just = JUST_BEHIND * float(taken[good][0])
+                just = SEEN_BEHIND * float(taken[good][0])
                 found = self._at(x, t, just)
                 ends, e, r = (np.vstack(both) for both in zip(found, (ends, e, r), strict=True))
                 after, e_last, on = np.append(t + just, after), np.where(on, np.nan, e_last), on & False
@@ -146,7 +172,7 @@ class Extrapolated:
             x, t, h, e_last, r_last = ends[-1], float(after[-1]), float(lengths[-1]), e[-1], r[-1]
             if not np.isfinite(x).all():
                 raise Lost
-            if t >= max_time * (1 - 1e-15):
+            if t >= max_time * (1 - 4 * ROUNDING_OF_ONE):
                 return Followed(np.concatenate(times), np.vstack(states), None)
         raise Lost
 
@@ -204,7 +230,7 @@ class Extrapolated:
             s = bracket.newton(s, f, slope) if slope and bracket.holds(s) else bracket.illinois
             end = self._at(*start, s)
             f = float(end[which][i])
-            if abs(f) <= small or abs(s - before) <= 4 * EPSILON * s or bracket.width <= 4 * EPSILON * s:
+            if abs(f) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
                 break
             bracket = bracket.told(s, f)
         return s, f, end

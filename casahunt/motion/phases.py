@@ -27,8 +27,8 @@ from ..collocation.admissibility import PASSED
 from ..collocation.joints import event_rate, flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Phase, VectorMode, VectorSystem
-from .march_extrapolated import Extrapolated, Lost
 from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
+from .march_extrapolated import by_steps
 from .march_intervals import collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
@@ -41,8 +41,6 @@ Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
-MOST_CALLS, OF_THE_TOLERANCE = 6, 1e-2
-"""Calls of some steps each after which a phase that wants no mesh is followed as any other one: it may be stiff."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
 HIDES = (
@@ -98,6 +96,8 @@ def march(
     strict, met, after
         give up where a mode goes on that does not hold any more; event that has just been met in x, if any; segment
         that ended in x, if any.
+    meshed
+        whether intervals are wanted; else a phase may have but the states at ends of steps (march_extrapolated.py).
 
     Returns
     -------
@@ -134,12 +134,9 @@ def march(
         if not np.all(np.isfinite(x)):
             wrong = system.states[int(np.argmin(np.isfinite(x)))]
             raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
-        segment, following = _by_steps(system, mode, x, p, scale, tol, max_time - time) if not meshed else (None, mode)
-        if segment is None:
-            segment, following = _phase(
-                system, mode, x, p, s, scale, tol, after, (time, used), (max_time, max_intervals), meshed
-            )
-        mode = following
+        phase = None if meshed else by_steps(system, mode, x, p, scale, tol, max_time - time)
+        left = (time, used), (max_time, max_intervals)
+        segment, mode = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
         segments.append(segment)
         still = at_rest_since(segments, scale) if strict else len(segments)
         if strict and still == len(segments):
@@ -222,26 +219,6 @@ def _phase(
         hint = "" if mode.stiff else "; a mode with states that relax far faster than it lasts is to be marked as stiff"
         raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals{hint}", took) from None
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
-
-
-def _by_steps(
-    system: VectorSystem, name: str, x: Array, p: Array, scale: Array, tol: float, max_time: float
-) -> tuple[Segment | None, str]:
-    """(segment, next mode) of a phase without a mesh; None where it has to be followed as any other one."""
-    mode, exits = system.modes[name], system.exits[name]
-    if mode.stiff or mode.flow is not None:
-        return None, name
-    try:
-        found = Extrapolated(mode.field, mode.sign, exits, p, scale, OF_THE_TOLERANCE * tol).run(x / scale, max_time, MOST_CALLS)
-    except Lost:
-        return None, name
-    states, duration = found.states * scale, float(found.times[-1])
-    jumped, successor, event = None, name, ""
-    if found.way_out is not None:
-        jumped, event = behind(found.way_out, states[-1], p), found.way_out.event.name
-        successor = found.way_out.successor(states[-1] if jumped is None else jumped, p)
-    breaks = found.times / duration if duration > 0 else np.array([0.0, 1.0])
-    return Segment(name, event, duration, breaks, states[: max(len(states) - 1, 1)], states[-1], jumped), successor
 
 
 def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:

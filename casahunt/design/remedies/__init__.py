@@ -1,6 +1,7 @@
 """Which remedy stops the hunting, how large, at what price.
 
-fate.py        what becomes of a motion, and of motions from a scan of starts
+fate.py        what becomes of a motion
+scan.py        of motions from many starts, the worst
 price.py       what it costs: errors at rest, a step simulated
 outcome.py     what a motion of a loop goes on to
 border.py      the smallest size that ends it: where stable cycles in that size end, behind which no motion hunts

@@ -30,7 +30,8 @@ from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import fold_in, loop_cycle
-from .fate import LEFT_OF_A_SWING, NEARLY_THERE, Scan, Swing, scan
+from .fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing
+from .scan import Scan, scan
 
 Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
@@ -256,13 +257,14 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
     branch = follow(cycle, remedy.size, to=last, options=finer, until=_ends, max_points=MOST_CYCLES)
     special, end = next(filter(_ends, branch.special), None), branch.end
     if special is not None and special.kind == "fold":
-        fold = largest(special, remedy.size, options=options) if remedy.sense > 0 else smallest(special, remedy.size, options=options)
+        fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
         if fold.value_error <= SIZE_KNOWN:
             return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit, moves=fold.sensitivities)
     if special is not None:
         error = max(np.nan_to_num(special.error), SIZE_KNOWN * abs(special.value))
         kind: Kind = "fold" if special.kind == "fold" else "instability"
-        return Border(kind, special.value, error, orbit=special.orbit, why=special.meaning, fold=_fold_beyond(cycle, remedy, last, options))
+        fold_beyond = _fold_beyond(cycle, remedy, last, options)
+        return Border(kind, special.value, error, orbit=special.orbit, why=special.meaning, fold=fold_beyond)
     if end.kind not in ("grazing", "Hopf"):
         raise NoOrbit(str(end), Status.NOT_FOUND)
     error = max(end.error, 10 * finer.tol * abs(end.value))

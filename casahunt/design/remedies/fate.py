@@ -217,11 +217,10 @@ class _Watched:
 
     def stands(self, since: int) -> bool:
         """Whether no state moved in the second half of the last look, or it is at the set point."""
-        ends = np.cumsum([segment.duration for segment in self.phases[since:]])
-        times = [end - (1 - segment.breaks) * segment.duration
-                 for end, segment in zip(ends, self.phases[since:], strict=True)]  # fmt: skip
-        states = np.vstack([segment.nodes for segment in self.phases[since:]])
-        many = len(self.system.states)
+        looked = self.phases[since:]
+        ends = np.cumsum([segment.duration for segment in looked])
+        times = [end - (1 - s.breaks) * s.duration for end, s in zip(ends, looked, strict=True)]
+        many, states = len(self.system.states), np.vstack([segment.nodes for segment in looked])
         late = states[np.concatenate(times) >= ends[-1] / 2, :many].T
         if np.all(np.ptp(late, axis=1) <= MOVES_NOT * self.scale[:many]):
             return True
@@ -339,77 +338,3 @@ def _shrinks(swings: Array) -> bool:
     late = swings[min(larger[-1], swings.size - LEAST_SWINGS) :]
     ratios = late[2:] / late[:-2]
     return bool(np.ptp(ratios) <= RATIO_KNOWN * (1 - ratios.max()))
-
-
-@dataclass(frozen=True, eq=False)
-class Scan:
-    """What becomes of motions from a scan of starts: the worst of them, the first that hunts, and if any is unclear."""
-
-    verdict: Verdict
-    swing: Swing | None = None
-    unclear: bool = False
-
-    @property
-    def over(self) -> bool:
-        """Whether none hunts: they come to rest, or grow.  One of which nobody knows may hunt, though others grow."""
-        return self.verdict in (*ENDED, "grows") and not self.unclear
-
-
-OFF_THE_CYCLE = (0.97, 1.03)
-"""Parts of a state on a cycle from which motions begin: on the cycle one stays, whether or not that attracts, and on
-the one side of it may be a band in which everything rests."""
-LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
-"""Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
-MOST_UNDECIDED, MOST_TURNS_OF_ALL = 2, 1200
-"""Motions of which nobody knows what becomes of them, behind which no other one is followed; and turns of all."""
-
-
-def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE) -> Scan:
-    """Motions from states of hunting that was seen at other sizes, and from rest beside the set point.
-
-    The latter begin in the gaps between the places at which any motion has turned, or would do on its way to nothing,
-    until there is none left: a cycle that attracts from nowhere but such a gap is not seen.
-    """
-    seen: list[Verdict] = []
-    ways: list[tuple[float, float]] = []
-    first, turns = before[0], 0
-    starts = [{name: off * x for name, x in each.state.items()} for each in before for off in OFF_THE_CYCLE]
-    starts += [loop.at_rest(-place * first.amplitude) for place in (LEAST_START, LARGEST_START)]
-    while len(seen) < MOST_STARTS and seen.count("undecided") < MOST_UNDECIDED:
-        if not starts:
-            where = _gap(np.array(ways) / first.amplitude)
-            if where is None:
-                break
-            starts = [loop.at_rest(-where * first.amplitude)]
-        start = starts.pop(0)
-        found = fate(loop, start, first, rest)
-        if found.verdict == "hunts":
-            return Scan("hunts", found.swing)
-        seen.append(found.verdict if turns <= MOST_TURNS_OF_ALL else "undecided")
-        turns += found.turns.size
-        ways += _way(abs(start.get("x1", 0.0)), found)
-    return Scan(max(seen, key=BY_SEVERITY.index), unclear="undecided" in seen)
-
-
-def _way(start: float, found: Fate) -> list[tuple[float, float]]:
-    """Places of a motion, and the next one of each: where it rests, that; where it decays, those of a decade more."""
-    places = [start, *np.abs(found.turns).tolist()]
-    if found.verdict == "decays":
-        ratio = math.sqrt(places[-2] / places[-4])
-        places += (places[-2] * np.geomspace(ratio, 1 / DECADE, 1 + int(math.log(DECADE) / -math.log(ratio)))).tolist()
-    return list(zip(places, [*places[1:], places[-1] if found.verdict == "rests" else math.nan], strict=True))
-
-
-def _gap(ways: Array) -> float | None:
-    """The middle of the widest gap between places (m, 2), in amplitudes; None where none is wide enough.
-
-    Places whose next ones are near to each other, and not between them, leave no gap: what is between leads there too.
-    """
-    inside = ways[(ways[:, 0] > LEAST_START / 2) & (ways[:, 0] < 2 * LARGEST_START)]
-    places, nexts = inside[np.argsort(inside[:, 0])].T
-    ratios = places[1:] / places[:-1]
-    stay, near = nexts == places, np.abs(np.log(nexts[1:] / nexts[:-1])) <= math.log(NO_GAP)
-    between = (nexts[:-1] > places[:-1]) & (nexts[1:] < places[1:])
-    open_ = ~(near & ~between | stay[1:] & stay[:-1]) & (ratios > NO_GAP)
-    i = int(np.argmax(np.where(open_, ratios, 0.0)))
-    return float(np.sqrt(places[i] * places[i + 1])) if open_.any() else None

@@ -48,8 +48,9 @@ from .border import (
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
-from .fate import Swing, Verdict, on_the_cycle, scan
+from .fate import Swing, Verdict, on_the_cycle
 from .price import task
+from .scan import scan
 
 NEVER_SETTLES = 30.0
 """Periods of the hunting that count for a step that does not settle."""

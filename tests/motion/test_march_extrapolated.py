@@ -1,0 +1,80 @@
+"""Motions without a mesh, against exact solutions and against the march that has one."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from casahunt.hybrid import Event, Mode, System
+from casahunt.hybrid.examples import belt
+from casahunt.motion import march
+
+
+def followed(system: System, mode: str, x: list[float], many: int, **how):
+    """The first phases without a mesh, or with one."""
+    seen: list[object] = []
+
+    def until(segment) -> bool:
+        seen.append(segment)
+        return len(seen) == many
+
+    p = system.values(None)
+    return march(system.vector_form, mode, np.array(x, float), p, scale=np.ones(len(x)), until=until, tol=1e-8,
+                 strict=True, **how)  # fmt: skip
+
+
+def bouncing(g: float = 9.81, e: float = 0.7) -> System:
+    """A ball that loses speed at the ground."""
+    lands = Event("lands", lambda x, p: x.y, -1, to="flies", reset=lambda x, p: {"v": -e * x.v})
+    return System("ball", ("y", "v"), {"g": g},
+                  (Mode("flies", lambda x, p: {"y": x.v, "v": -p.g}, ends=(lands,)),))  # fmt: skip
+
+
+def test_landings_of_a_ball():
+    """From rest at 1 m: sqrt(2/g), then 2 e^k sqrt(2/g)."""
+    phases = followed(bouncing(), "flies", [1.0, 0.0], 6, meshed=False)
+    fall = np.sqrt(2 / 9.81)
+    assert [p.duration for p in phases] == pytest.approx([fall, *(2 * 0.7**k * fall for k in range(1, 6))], rel=1e-9)
+    assert all(p.w.shape[1] == 2 and p.event == "lands" for p in phases)  # no stages
+
+
+@pytest.mark.parametrize("short", [1e-2, 1e-5, 1e-8])
+def test_an_event_that_is_passed_and_passed_back_within_a_step(short):
+    """x = sin t comes to 1 - d at arcsin(1 - d), and leaves it again as soon after as it came before pi/2."""
+    ends = (Event("high", lambda x, p: x.x - (1 - p.d), +1, to="above"),)
+    field = lambda x, p: {"x": x.v, "v": -x.x}  # noqa: E731
+    back = (Event("low", lambda x, p: x.x - (1 - p.d), -1, to="below"),)
+    system = System("two zeros", ("x", "v"), {"d": short},
+                    (Mode("below", field, ends=ends), Mode("above", field, ends=back)))  # fmt: skip
+    below, above = followed(system, "below", [0.0, 1.0], 2, meshed=False)
+    reached = np.arcsin(1 - short)
+    assert below.duration == pytest.approx(reached, abs=1e-9 / np.sqrt(short) * 1e-1 + 1e-9)
+    assert above.duration == pytest.approx(2 * (np.pi / 2 - reached), abs=1e-9 / np.sqrt(short) + 1e-9)
+
+
+def test_slip_and_stick_agree_with_the_march_that_has_a_mesh():
+    plain, other = (followed(belt, "slip", [0.0, 0.0], 8, meshed=meshed) for meshed in (False, True))
+    assert [(p.mode, p.event) for p in plain] == [(p.mode, p.event) for p in other]
+    assert [p.duration for p in plain] == pytest.approx([p.duration for p in other], rel=1e-8)
+
+
+def test_a_slip_that_begins_on_its_own_event_is_left_to_its_side():
+    """v = a (t - t^2): it begins at v = 0, on the event at which it ends, and ends at t = 1."""
+    stops = Event("stops", lambda x, p: x.v, -1, to="stands")
+    system = System("slip", ("v", "t"), {"a": 1e-3},
+                    (Mode("slips", lambda x, p: {"v": p.a * (1 - 2 * x.t), "t": 1.0}, ends=(stops,)),
+                     Mode("stands", lambda x, p: {"v": 0.0, "t": 1.0})))  # fmt: skip
+    (slip,) = followed(system, "slips", [0.0, 0.0], 1, meshed=False)
+    assert slip.duration == pytest.approx(1.0, rel=1e-9)
+
+
+def test_what_takes_too_many_steps_is_left_to_intervals():
+    """x' = -1e5 (x - cos t) up to x = 1/2: next to t = pi/3."""
+    ends = (Event("half", lambda x, p: x.x - 0.5, -1, to="rests"),)
+    system = System("stiff", ("x", "t"), {"k": 1e5},
+                    (Mode("slaved", lambda x, p: {"x": -p.k * (x.x - ca.cos(x.t)), "t": 1.0}, ends=ends),
+                     Mode("rests", lambda x, p: {"x": 0.0, "t": 1.0})))  # fmt: skip
+    (phase,) = followed(system, "slaved", [1.0, 0.0], 1, meshed=False)
+    assert phase.w.shape[1] > 2
+    assert phase.duration == pytest.approx(np.pi / 3 + 1e-5, abs=1e-9)
