@@ -70,7 +70,7 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     sticks = [(a, b) for mode, a, b in zip(trajectory.modes, trajectory.times, trajectory.times[1:], strict=False)
               if mode == "stick"]  # fmt: skip
     verdict = trajectory.verdict
-    name = f"{NAMES[trajectory.model]}{' with stick band' if trajectory.regularised else ''}, K = {trajectory.gain:.4g}"
+    name = f"{NAMES[trajectory.model]}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}"
     if verdict.kind == "hunting":
         name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
