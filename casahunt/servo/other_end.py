@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import NoOrbit
-from ..orbits import Options
 from .basin import stick_position
 from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
@@ -58,15 +57,12 @@ class OtherEnd:
         return bool(self.start)
 
 
-def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd | None:
-    """The cycle that a servo at rest could be on, and a start that ends in it.
-
-    options: tolerance of the cycle. Returns None for a motion that neither rests nor decays: its verdict names its end.
-    """
+def other_end(motion: Trajectory) -> OtherEnd | None:
+    """The cycle that a servo at rest could be on, and a start; None for a motion whose verdict names another end."""
     if motion.verdict.kind not in SETTLES:
         return None
     try:
-        orbit = find_orbit(motion.servo, motion.model, motion.gain, options=options)
+        orbit = find_orbit(motion.servo, motion.model, motion.gain)
     except NoOrbit as error:
         return OtherEnd(None, str(error), error.status is None)
     time = max(motion.duration, math.ceil(FOLLOWED * orbit.period))

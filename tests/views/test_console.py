@@ -5,14 +5,12 @@ is there stays on a disk that is full.
 from __future__ import annotations
 
 import ast
-import io
 import json
 import math
 import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -116,25 +114,6 @@ def test_digits_of_a_tuning_a_fold_curve_and_samples_are_digits_known(capsys, tm
         said = run(capsys, *words, "--tol", tol, "--quiet", "--details")[1].partition("\ndetails\n")[2]
         said = f"\ndetails\n{said}"
         assert_known(re.search(pattern, said)[1], truth)
-
-
-def test_a_long_step_is_named_again(monkeypatch):
-    monkeypatch.setattr(progress, "REMIND_EVERY", 0.02)
-    stream = io.StringIO()
-    with progress.telling(progress.Progress(stream, every=True)) as tell:
-        tell("computing fold 3")  # not said: the first line comes after `TELL_EVERY`
-        deadline = time.monotonic() + 5
-        while stream.getvalue().count("computing fold 3 (for ") < 2 and time.monotonic() < deadline:
-            time.sleep(0.01)
-    assert stream.getvalue().count("computing fold 3 (for ") >= 2
-    time.sleep(0.05)
-    length = len(stream.getvalue())
-    time.sleep(0.1)
-    assert len(stream.getvalue()) == length
-    with progress.telling(progress.Progress(stream, every=True)) as tell:  # a reader that is gone ends nothing
-        tell("computing fold 4")
-        stream.close()
-        time.sleep(0.1)
 
 
 def test_what_is_left_is_what_it_took_so_far(monkeypatch):

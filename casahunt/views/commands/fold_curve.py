@@ -54,7 +54,14 @@ def run(options: argparse.Namespace) -> int:
     if (loop := loop_of(options)) is not None:
         return of_loop(options, loop, count_of("points", options.points, *CURVE_POINTS), how_of(options))
     left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    desk = _desk_of(options)
+    models = models_of(options)
+    how = how_of(options)
+    servo = servo_of(options)
+    start, end = finite("from", options.start), finite("to", options.to)
+    check_range(servo, options.vary, start, end)
+    points = count_of("points", options.points, *CURVE_POINTS)
+    asked = {"vary": options.vary, "start": start, "end": end, "points": points}
+    desk = _Desk(models, servo, asked, how, options.csv, progress(options))
     desk.began = time.perf_counter()
     for model in desk.models:
         desk.follow(model)
@@ -119,18 +126,6 @@ class _Desk:
         """Write what is asked for, `curve` behind the curves before it."""
         if self.table:
             write_csv(tables_of([*self.curves, curve]), self.table)
-
-
-def _desk_of(options: argparse.Namespace) -> _Desk:
-    """The task of the command line, checked."""
-    models = models_of(options)
-    how = how_of(options)
-    servo = servo_of(options)
-    start, end = finite("from", options.start), finite("to", options.to)
-    check_range(servo, options.vary, start, end)
-    points = count_of("points", options.points, *CURVE_POINTS)
-    asked = {"vary": options.vary, "start": start, "end": end, "points": points}
-    return _Desk(models, servo, asked, how, options.csv, progress(options))
 
 
 def _line(vary: str, point: FoldPoint) -> str:

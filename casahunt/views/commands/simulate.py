@@ -97,7 +97,11 @@ def run(options: argparse.Namespace) -> int:
         return of_drive(options, servo, drive, length, numbers)
     began = time.perf_counter()
     found = simulate(servo, model, gain, time=length, **numbers)
-    kind, other = found.verdict.kind, _other_end(found)
+    kind = found.verdict.kind
+    try:
+        other = other_end(found)
+    except effort.GivenUp as error:
+        other = OtherEnd(None, str(error))
     wall_s = time.perf_counter() - began
     advice = None if found.status.ok else _advice(found)
     record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
@@ -109,14 +113,6 @@ def run(options: argparse.Namespace) -> int:
     if cut:
         complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
     return 0 if found.status.ok and not cut else 1
-
-
-def _other_end(found: Trajectory) -> OtherEnd | None:
-    """The cycle that a motion which rests has not come to, as far as the work that is allowed leads."""
-    try:
-        return other_end(found)
-    except effort.GivenUp as error:
-        return OtherEnd(None, str(error))
 
 
 def _size(key: str, text: Any) -> float:

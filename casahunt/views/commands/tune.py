@@ -47,7 +47,7 @@ from .arguments import add_command, add_out, drive_of, finite, how_of, model_of,
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
-from .progress import progress, tell, telling
+from .progress import progress, tell, teller
 from .sampled import as_record, checked, checked_lines
 from .uncertain import uncertainty_of
 
@@ -88,11 +88,10 @@ def run(options: argparse.Namespace) -> int:
 
     stream = progress(options)
     with nullcontext() if options.out is None else folder(options.out, FILES) as out:
-        with telling(stream) as note:
-            tuning = tune(
-                servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,
-                options=how, report=note,
-            )  # fmt: skip
+        tuning = tune(
+            servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,
+            options=how, report=teller(stream),
+        )  # fmt: skip
         built = checked(options, tuning.servo, tuning.gain)
         record = evidence_record(tuning, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
         record |= as_record(built)

@@ -10,7 +10,6 @@ from ...design.sensitivity import fold_sensitivities
 from ...design.tune.tasks import SimulatedTask
 from ...design.tune.tuning import Tuning
 from ...errors import NoOrbit
-from ...orbits import Options
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold import elasticities
@@ -112,7 +111,7 @@ def tasks(simulated: Sequence[SimulatedTask], *, ax: Any = None) -> Array:
     return rows
 
 
-def evidence_images(tuning: Tuning, options: Options | None = None) -> dict[str, bytes]:
+def evidence_images(tuning: Tuning) -> dict[str, bytes]:
     """The images of the evidence page.
 
     Returns PNG files by name (page.CAPTIONS); what cannot be drawn is left out.
@@ -121,7 +120,7 @@ def evidence_images(tuning: Tuning, options: Options | None = None) -> dict[str,
     fold = tuning.verification.fold
     if fold is not None:
         try:
-            branch = diagram(tuning.worst, tuning.model, start=START * fold.gain, options=options)
+            branch = diagram(tuning.worst, tuning.model, start=START * fold.gain)
             images["diagram"] = png(operating_point(tuning, branch))
         except NoOrbit:
             pass  # a servo without a cycle at that gain: the page says its fold in numbers
