@@ -46,7 +46,7 @@ def floors(session: nox.Session) -> None:
     work = Path(session.create_tmp())
     lowest = work / "floors.txt"
     lowest.write_text(str(session.run("python", ".ci/floors.py", silent=True)), encoding="utf-8")
-    session.install("-c", str(lowest), ".[explore,completion,pandas,mat]", "pytest", "pytest-xdist")
+    session.install("-c", str(lowest), ".[explore,pandas]", "pytest", "pytest-xdist")
     session.env.update({"MPLBACKEND": "Agg", "MPLCONFIGDIR": str(work)})
     with session.chdir(work):
         session.run("casahunt", "diagram", "--quiet")

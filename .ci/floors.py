@@ -1,6 +1,6 @@
 """The lowest versions that pyproject.toml allows, one a line, as pip takes constraints: of the extras of users too.
 
-    python .ci/floors.py > floors.txt && pip install -c floors.txt ".[explore,completion,pandas,mat]"
+    python .ci/floors.py > floors.txt && pip install -c floors.txt ".[explore,pandas]"
 """
 
 from __future__ import annotations

@@ -64,7 +64,6 @@ if TYPE_CHECKING:
     from .servo.friction import Friction
     from .servo.linear_loop import LinearLoop, linear_loop
     from .servo.lopsided import with_lopsided
-    from .servo.other_end import OtherEnd, other_end
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.cause import Cause, cause_of
@@ -77,7 +76,6 @@ if TYPE_CHECKING:
     from .servo.simulation.simulate import simulate
     from .servo.simulation.trajectory import Trajectory
     from .servo.simulation.verdict import Verdict
-    from .servo.stable_range import StableRange, stable_range
     from .views.explore.notebook import explore
 
 _HOMES = {
@@ -126,11 +124,9 @@ _HOMES = {
     "servo.sampled.verdict": ("SampledVerdict",),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
     "servo.servo": ("Servo", "load", "load_drive"),
-    "servo.other_end": ("OtherEnd", "other_end"),
     "servo.simulation.simulate": ("simulate",),
     "servo.simulation.trajectory": ("Trajectory",),
     "servo.simulation.verdict": ("Verdict",),
-    "servo.stable_range": ("StableRange", "stable_range"),
     "views.explore.notebook": ("explore",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -192,7 +188,6 @@ __all__ = [
     "Options",
     "Orbit",
     "OrbitEnsemble",
-    "OtherEnd",
     "Pid",
     "Record",
     "SampledMotion",
@@ -201,7 +196,6 @@ __all__ = [
     "Sensitivities",
     "Servo",
     "SpecialPoint",
-    "StableRange",
     "Status",
     "Summary",
     "Trajectory",
@@ -235,7 +229,6 @@ __all__ = [
     "measure",
     "no_cycle",
     "orbit_ensemble",
-    "other_end",
     "remedies",
     "sample_fold_gains",
     "sampled_margins",
@@ -243,7 +236,6 @@ __all__ = [
     "save_orbit",
     "simulate",
     "simulate_sampled",
-    "stable_range",
     "tune",
     "walk",
     "walk_naturally",

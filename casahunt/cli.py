@@ -1,4 +1,3 @@
-# PYTHON_ARGCOMPLETE_OK: says to the shell that this program completes its own command lines (commands/completion.py)
 """The command line: casahunt COMMAND, one module of views/commands for each.
 
 Results go to standard output (with --json one JSON object and nothing else), progress to standard error.
@@ -49,7 +48,6 @@ COMMANDS = (
     "uncertainty",
     "tune",
     "explore",
-    "examples",
     "glossary",
 )
 """Each is a module of views/commands, loaded when it is called or when all of them are listed."""
@@ -119,11 +117,6 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
     """The exit code of everything but an interrupt; `program`: this is the process's own command line."""
     try:
         if program:
-            if "_ARGCOMPLETE" in os.environ:  # the shell asks, at the TAB key
-                from .views.commands.completion import answer
-
-                line = os.environ.get("COMP_LINE", "").split(" ")
-                answer(build_parser(line[1:2] if len(line) > 2 and line[1] in COMMANDS else COMMANDS))
             own_process()
         options = _parsed(words)
         name, stream = options.command, progress(options)

@@ -64,6 +64,7 @@ class WorkCount:
     Attributes
     ----------
     work, motions, problems : what was done in all, motions begun, boundary value problems linearised.
+    place : says where the computation is.
     """
 
     def __init__(
@@ -72,13 +73,13 @@ class WorkCount:
         self.work = self.motions = self.problems = 0
         self._tell, self._limit, self._dropped = tell, limit, dropped
         self._raised: type[GivenUp] = GivenUp
-        self._place: Callable[[], str] | None = None
+        self.place: Callable[[], str] | None = None
         self._began = self._last = time.monotonic()
 
     def sentence(self) -> str:
         """Where the computation is."""
         counts = f"{self.motions} motions and {self.problems} Newton steps of cycles so far"
-        return counts if self._place is None else f"{self._place()} ({counts})"
+        return counts if self.place is None else f"{self.place()} ({counts})"
 
     def add(self, work: int) -> None:
         """Count, and tell where the computation is, if it is time to.
@@ -109,10 +110,6 @@ class WorkCount:
         """Count what a part of it took.  Raises as `add`."""
         self.motions, self.problems = self.motions + part.motions, self.problems + part.problems
         self.add(part.work)
-
-    def stand_at(self, place: Callable[[], str]) -> None:
-        """Let `place` say from here on where the computation is."""
-        self._place = place
 
     def heard(self) -> None:
         """Something was said that tells as much."""
@@ -216,7 +213,7 @@ def at(place: Callable[[], str]) -> None:
     """The computation that begins now says where it is."""
     watch = _watch.get()
     if watch is not None:
-        watch.stand_at(place)
+        watch.place = place
 
 
 def heard() -> None:

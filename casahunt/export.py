@@ -1,20 +1,19 @@
-"""What a result becomes outside: plain Python for JSON, CSV, MATLAB and pandas.
+"""What a result becomes outside: plain Python for JSON, CSV and pandas.
 
     number, truth value, text    themselves; of numpy, the plain one
-    nan, inf                     None in JSON, which has neither; themselves in CSV, MATLAB and pandas
+    nan, inf                     None in JSON, which has neither; themselves in CSV and pandas
     complex                      [real part, imaginary part]
     Status                       its name in small letters
     array, tuple, list           a list; of a table, a column
     mapping                      a mapping with texts as keys; where the keys are no texts, a list of [key, value]
     another result               its mapping, without its table
 
-pandas and scipy are extras: they are imported when they are first asked for.  A file is written whole or not at all.
+pandas is an extra: it is imported when it is first asked for.  A file is written whole or not at all.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 from collections.abc import Mapping, Sequence
 from enum import Enum
@@ -27,7 +26,7 @@ import numpy as np
 
 from .checks import finite_or_none
 from .errors import InputError
-from .files import whole_file, whole_text
+from .files import whole_text
 from .tables import table
 
 Columns = Mapping[str, Sequence[Any] | np.ndarray]
@@ -92,21 +91,6 @@ def write_csv(columns: Columns, path: str | Path) -> None:
         table(stream, list(columns))(zip(*lists, strict=True))
 
 
-def write_mat(content: Mapping[str, Any], path: str | Path) -> None:
-    """A mapping as the variables of a MATLAB file (version 5, which Octave and scipy read too).
-
-    Names become MATLAB's: "friction.static" is friction_static, "5%" is x5_.  A list of numbers is a row, one of
-    equally long lists a matrix, any other list a cell array; None is nan; a mapping is a struct.
-
-    content, path: the mapping, numbers that are not finite among its values; and the file.
-    Raises InputError: scipy is not installed, or as `files.whole_file`; OSError: as `files.whole_file`.
-    """
-    savemat, written = extra("scipy.io", "mat", "to_mat").savemat, io.BytesIO()
-    savemat(written, {_word(name): _matlab(value) for name, value in content.items()}, long_field_names=True)
-    with whole_file(path) as stream:
-        stream.write(written.getvalue())
-
-
 def dataframe(columns: Columns) -> Any:
     """A table as a pandas.DataFrame.
 
@@ -133,29 +117,3 @@ def extra(module: str, name: str, method: str) -> ModuleType:
         package = module.split(".")[0]
         install = f'python -m pip install "casahunt[{name}]"'
         raise InputError(f"{method}: needs {package}, which is not installed; install it with {install}") from None
-
-
-def _word(name: str) -> str:
-    """A name that MATLAB takes for a variable."""
-    word = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
-    return word if word[:1].isalpha() else f"x{word}"
-
-
-def _matlab(value: Any) -> Any:
-    if value is None:
-        return np.nan
-    if isinstance(value, Mapping):
-        return {_word(name): _matlab(item) for name, item in value.items()}
-    if not isinstance(value, list):
-        return value
-    items = [_matlab(item) for item in value]
-    try:
-        numbers = np.array(items, dtype=float) if not any(isinstance(item, str | dict) for item in items) else None
-    except (TypeError, ValueError):  # lists of different lengths, or of texts
-        numbers = None
-    if numbers is not None:
-        return numbers
-    cells = np.empty(len(items), dtype=object)
-    for i, item in enumerate(items):
-        cells[i] = item
-    return cells

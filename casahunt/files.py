@@ -1,7 +1,7 @@
 """Files appear whole or not at all, none is read beyond a limit, and one run at a time writes into a folder.
 
-A file is written beside its place, without a name where the system knows such files, else under one that nobody reads;
-it is brought to the disk, and takes its name at the end: who opens the file finds the old one or the new one, whatever
+A file is written beside its place, under a name that nobody reads; it is brought to the disk, and takes its name at the
+end: who opens the file finds the old one or the new one, whatever
 ends the program and however full the disk is.
 
 A folder is locked by the operating system (flock on the folder itself), which lets go when the process ends, however
@@ -14,7 +14,6 @@ import errno
 import io
 import os
 import secrets
-import shutil
 import stat
 import threading
 from collections.abc import Iterable, Iterator, Sequence
@@ -31,7 +30,6 @@ _NO_PLACE = (
 _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 _ANYBODY_WRITES = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 """Of these a file has none that its owner protects, which the system does not tell its administrator."""
-_HANDLES = "/proc/self/fd"
 LOCK = ".casahunt-lock"
 """The file that locks a folder where the system has no lock for it."""
 
@@ -87,7 +85,6 @@ def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
             if _WAITING.drafts is not None:
                 _WAITING.drafts.append(draft)
                 return
-            draft.name()
             draft.publish()
         except BaseException:
             draft.drop()
@@ -112,12 +109,11 @@ def together() -> Iterator[None]:
             yield
         finally:
             _WAITING.drafts = None
-        for step in (_Draft.name, _Draft.publish):
-            for draft in drafts:
-                try:
-                    step(draft)
-                except OSError as error:
-                    raise _said(draft.path, error) from None
+        for draft in drafts:
+            try:
+                draft.publish()
+            except OSError as error:
+                raise _said(draft.path, error) from None
     except BaseException:
         for draft in drafts:
             draft.drop()
@@ -130,14 +126,10 @@ class _Draft:
     def __init__(self, path: str | Path, target: Path) -> None:
         self.path, self.target = path, target
         self.beside = target.with_name(f".casahunt-{os.getpid()}-{secrets.token_hex(4)}.partial")
-        self.stream = _nameless(target.parent) or self.beside.open("xb")
-
-    def name(self) -> None:
-        if not self.beside.exists():
-            _name(self.stream, self.beside)
-        self.stream.close()
+        self.stream = self.beside.open("xb")
 
     def publish(self) -> None:
+        self.stream.close()
         if self.target.exists():
             self.beside.chmod(self.target.stat().st_mode)
         os.replace(self.beside, self.target)
@@ -156,29 +148,6 @@ class _Waiting(threading.local):
 
 
 _WAITING = _Waiting()
-
-
-def _nameless(folder: Path) -> IO[bytes] | None:
-    """A file in `folder` without a name, of which a killed process leaves nothing; None where there is no such."""
-    if not hasattr(os, "O_TMPFILE") or not os.path.isdir(_HANDLES):
-        return None
-    try:
-        return open(os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666), "w+b")
-    except OSError:  # a file system that does not know them; or a wrong path, which the other way will say
-        return None
-
-
-def _name(stream: IO[bytes], path: Path) -> None:
-    """Give a name to a nameless file; a copy gets it where the file system does not allow that."""
-    try:
-        # The system follows the link to the handle only where it is told a folder, which it does not need here.
-        os.link(f"{_HANDLES}/{stream.fileno()}", path, src_dir_fd=stream.fileno())
-    except OSError:
-        stream.seek(0)
-        with path.open("xb") as copy:
-            shutil.copyfileobj(stream, copy)
-            copy.flush()
-            os.fsync(copy.fileno())
 
 
 @contextmanager

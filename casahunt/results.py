@@ -26,7 +26,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from .checks import choice_of, error_text, shortened, to_absolute_error
-from .export import Columns, dataframe, new_axes, plain, write_csv, write_json, write_mat
+from .export import Columns, dataframe, new_axes, plain, write_csv, write_json
 
 _SAID = re.compile(
     r"(?P<name>\w+)(?: = (?P<path>[\w.]+))?(?: \[(?P<unit>[^\]]+)\])?(?: (?P<sign>~|\+-) (?P<error>[\w.]+))?"
@@ -218,16 +218,6 @@ class Result:
         InputError, OSError : it cannot be written there, or the disk is full.
         """
         write_json(self.to_dict(), path)
-
-    def to_mat(self, path: str | Path) -> None:
-        """Write `to_dict` to a MATLAB file: a variable each, mappings as structs, None as nan.
-
-        Raises
-        ------
-        InputError : scipy is not installed, or it cannot be written there.
-        OSError : the disk is full.
-        """
-        write_mat(self.to_dict(strict=False), path)
 
 
 def tables_of(results: Sequence[Result]) -> Columns:

@@ -44,8 +44,7 @@ TOPICS = (
     Topic("border", "Where does it end?",
           "The fold, all cycles against the gain, and the border in two parameters.", {
         "casahunt": "find_fold Fold diagram diagram_points Branch walk walk_naturally with_lopsided SpecialPoint "
-        "Missed other_end OtherEnd stable_range StableRange fold_curve FoldCurve fold_map FoldMap save_branch "
-        "load_branch",
+        "Missed fold_curve FoldCurve fold_map FoldMap save_branch load_branch",
     }),
     Topic("certainty", "How sure is that?",
           "What the border hangs on, and the worst servo of those that friction allows.", {

@@ -1,6 +1,6 @@
 """Verdicts of timed simulations against motions ten times as long: 500 motions of 50 random servos.
 
-    python scripts/verdicts.py [--quick] [--servos 50] [--motions 10] [--seed 1] [--model switch|lugre|band] [--json F]
+    python scripts/verdicts.py [--quick] [--servos 50] [--motions 10] [--seed 1] [--model switch|lugre] [--json F]
 
 Servos, log-uniform: static friction 0.1 to 5 N m, static/coulomb 1.02 to 2.5, Stribeck velocity 0.002 to 0.2 rad/s,
 viscous friction 0.001 to 1 N m s/rad or none, inertia 0.003 to 0.3 kg m2, motor gain 1 to 50 N m/V, lead and integral
@@ -42,7 +42,7 @@ from casahunt.motion.phases import MarchFailure  # noqa: E402
 from casahunt.servo.linear_loop import routh_hurwitz_gain  # noqa: E402
 
 LONGER = 10.0
-MOST = {"switch": 40, "lugre": 12, "band": 40}
+MOST = {"switch": 40, "lugre": 12}
 """Swings of a short motion."""
 NEAR, STEADY = 0.05, 1e-6
 """Of the claimed amplitude; A2 this close to A1 has not decayed."""
@@ -61,11 +61,7 @@ class Case:
 
     def motion(self, factor: float = 1.0) -> Trajectory:
         """The motion, `factor` times as long."""
-        band = self.model == "band"
-        return simulate(
-            self.servo, "switch" if band else self.model, self.gain, time=self.time * factor, regularised=band,
-            **self.start,
-        )  # type: ignore[arg-type]  # fmt: skip
+        return simulate(self.servo, self.model, self.gain, time=self.time * factor, **self.start)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -188,7 +184,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--servos", type=int, default=50)
     parser.add_argument("--motions", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--model", choices=("switch", "lugre", "band"), default="switch")
+    parser.add_argument("--model", choices=("switch", "lugre"), default="switch")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(words)
     servos, motions = (5, 4) if options.quick else (options.servos, options.motions)

@@ -19,7 +19,6 @@ NUMBER = r"[+-]?[0-9.]+(?:e[+-]?[0-9]+)?"
 PROGRESS = re.compile(
     rf"(switch|lugre) +K = {NUMBER}  amplitude = {NUMBER} rad  period = {NUMBER} s  "
     rf"(mu|lambda) = ({NUMBER}|not trusted|\+1 \(fold\))  iterations = \d+"
-    r"(?:, about \d+ (?:s|min) left(?: of this branch)?)?"
 )
 
 

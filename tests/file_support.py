@@ -44,7 +44,6 @@ def cheap_tuning(monkeypatch) -> None:
     found = SimpleNamespace(servo=None, gain=1.0, verification=SimpleNamespace(unverified=(), against=()))
     for name, value in (
         ("tune", found),
-        ("before_tasks", None),
         ("evidence_record", {"gain": 1.0}),
         ("evidence_page", TITLE),
     ):

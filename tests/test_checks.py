@@ -82,8 +82,6 @@ REFUSED = {
     "options = 1e-08 (of type float): must be an Options": lambda: casahunt.find_orbit(
         SERVO, "switch", 0.1, options=1e-8
     ),
-    "fold = 0.647 (of type float): must be a HuntingFold": lambda: casahunt.stable_range(0.647),
-    "motion = 'rest' (of type str): must be a Trajectory": lambda: casahunt.other_end("rest"),
     "options = {'tol': 1e-08} (of type dict)": lambda: casahunt.find_fold(SERVO, "switch", options={"tol": 1e-8}),
     "gain = '0.1': must be a finite number": lambda: casahunt.find_orbit(SERVO, "switch", "0.1"),
     "model = 3: must be one of switch, lugre": lambda: casahunt.find_orbit(SERVO, 3, 0.1),

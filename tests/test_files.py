@@ -46,36 +46,6 @@ def test_trouble_leaves_the_old_file(tmp_path, trouble):
     assert contents(tmp_path) == {"a.txt": "θ\n".encode()}
 
 
-@pytest.mark.parametrize("missing", ["O_TMPFILE", "link"])
-def test_other_file_systems(tmp_path, monkeypatch, missing):
-    """Without files that have no name, and where such a file cannot be given one."""
-    if missing == "link":
-        monkeypatch.setattr(os, "link", lambda *a, **k: os.open("/nowhere/at/all", os.O_RDONLY))
-    else:
-        monkeypatch.delattr(os, missing, raising=False)
-    path = tmp_path / "a.txt"
-    for text in ("one", "another"):
-        with files.whole_text(path) as stream:
-            stream.write(text)
-        assert contents(tmp_path) == {"a.txt": text.encode()}
-    with pytest.raises(ZeroDivisionError), files.whole_text(path) as stream:
-        raise ZeroDivisionError
-    assert contents(tmp_path) == {"a.txt": b"another"}
-
-
-@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files without a name")
-def test_what_is_being_written_has_no_name(tmp_path):
-    try:
-        os.close(os.open(tmp_path, os.O_TMPFILE | os.O_RDWR))
-    except OSError:
-        pytest.skip("not on this file system")
-    with files.whole_file(tmp_path / "a.bin") as stream:
-        stream.write(b"half")
-        stream.flush()
-        assert not list(tmp_path.iterdir())
-    assert contents(tmp_path) == {"a.bin": b"half"}
-
-
 @posix
 def test_what_is_replaced_keeps_its_permissions_and_its_links(tmp_path):
     path, link = tmp_path / "a.txt", tmp_path / "link.txt"

@@ -210,7 +210,7 @@ def test_the_lowest_versions_are_those_of_the_extras_too():
     script = Path(__file__).parents[1] / ".ci" / "floors.py"
     printed = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True).stdout.split()
     assert {line.partition("==")[0] for line in printed} >= {
-        "casadi", "numpy", "matplotlib", "bokeh", "tornado", "argcomplete", "pandas", "scipy"
+        "casadi", "numpy", "matplotlib", "bokeh", "tornado", "pandas"
     } and len(printed) == len(set(printed))  # fmt: skip
 
 

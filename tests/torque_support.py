@@ -2,8 +2,8 @@
 
     F = m - J x2',   m = -(kp x1 + kd x2 + ki x3)                                    [N m]
 
-with x2' from the field of the mode that the motion is in, so that one formula serves slip, stick (x2' = 0, F = m),
-the bristle of LuGre and the stick band: F is what the model says, not a curve looked up at a velocity.  Where the
+with x2' from the field of the mode that the motion is in, so that one formula serves slip, stick (x2' = 0, F = m)
+and the bristle of LuGre: F is what the model says, not a curve looked up at a velocity.  Where the
 motion slides steadily it is g(v) sgn(v) + sigma2 v, the curve of `sliding_torque`, for both models (report, section
 3); the difference is what the models add to it.
 
@@ -20,7 +20,6 @@ from casahunt.hybrid.system import VectorMode
 from casahunt.servo.cycles import system_of
 from casahunt.servo.friction import Friction, stribeck
 from casahunt.servo.simulation.trajectory import Trajectory
-from casahunt.servo.stick_band import parameters
 
 Array = np.ndarray
 
@@ -34,7 +33,7 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
     t = np.asarray(times, float).ravel()
     x = trajectory.sample(t)
     servo, gain = trajectory.servo, trajectory.gain
-    p = parameters(servo, gain) if trajectory.regularised else servo.parameters(gain)
+    p = servo.parameters(gain)
     system = system_of(trajectory.model, p.size).vector_form
     modes = np.array(trajectory.mode_at(t))
     acceleration = np.zeros(t.size)

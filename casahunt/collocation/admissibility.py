@@ -148,24 +148,15 @@ def stands_still(t: Transcription, u: Array) -> bool:
     return bool(np.max(np.ptp(states, axis=0)) <= MOVES_BELOW * max(1.0, float(np.max(np.abs(states)))))
 
 
-def unclear_on_halves(t: Transcription, better: Place | None) -> Array:
-    """Where a solution that is a motion is none, or not clearly one, after a Newton step on its halved mesh.
-
-    An interval may be wrong inside by more than a weak reversal is high, and show nothing of it.
-
-    better: the solution after that step (error_estimate.Estimate); None for nothing to look at.
-    Returns (N,) bool, for the intervals of t.
-    """
-    return judged_on_halves(t, Admissibility("", -1, np.zeros(t.intervals, dtype=bool)), better).unclear
-
-
 def judged_on_halves(t: Transcription, verdict: Admissibility, better: Place | None) -> Admissibility:
     """A solution that is a motion, judged again by what a Newton step on its halved mesh makes of it.
 
-    Where an event is all but met, the solution itself may be known less well than it passes that, or keeps clear.
+    Where an event is all but met, the solution itself may be known less well than it passes that, or keeps clear; and
+    an interval may be wrong inside by more than a weak reversal is high, and show nothing of it.
 
-    t, verdict: transcription of the solution, and the verdict on it; better: as in `unclear_on_halves`.
-    Returns verdict, with what is unclear there and what is passed by little.
+    t, verdict: transcription of the solution, and the verdict on it; better: the solution after that step
+    (error_estimate.Estimate); None for nothing to look at. Returns verdict, with what is unclear there and what is
+    passed by little.
     """
     if better is None:
         return verdict

@@ -246,7 +246,13 @@ def _with_overlooked(
     unseen, over = left_on_halved(t) * by_interval, ones @ overlooked
     where = to_be_quartered(t, by_interval, errors + over + unseen @ ones)
     if where.any():
-        _put_over_quarters(t, halved, joined.maps, where)
+        # Into the maps (..., E, n, c) those of the intervals `where` (..., N) from four parts of each
+        fine, finer, halves, _ = halved
+        if where.ndim == 1:
+            finer, halves = finer[None], settings_of(halves, halves.p[None], halves.dp[None])
+        members, chosen = np.nonzero(np.atleast_2d(where))
+        found = maps_over_quarters(fine, finer, halves, members, chosen)
+        joined.maps.reshape(len(finer), *joined.maps.shape[-3:])[members, t.interval_elements[chosen]] = found
         errors, weights, again = _contributions(joined, goals, joined.matrix(border), joined.rhs())
         np.maximum(per_element, np.abs(again), out=per_element)
         on_quarters = left_on_quarters(contributions.take(own, axis=-1), again.take(own, axis=-1))
@@ -262,16 +268,6 @@ def _contributions(joined: Linearisation, goals: Array, matrix: Array, rhs: Arra
     weights = np.ascontiguousarray(psi[..., : E * n]).reshape(*psi.shape[:-1], E, n)
     shares = (weights * joined.maps[..., None, :, :, 0]).sum(axis=-1)
     return np.abs((psi @ rhs[..., None])[..., 0]), weights, shares
-
-
-def _put_over_quarters(t: Transcription, halved: Halved, maps: Array, where: Array) -> None:
-    """Into the maps (..., E, n, c) those of the intervals `where` (..., N) from four parts of each."""
-    fine, finer, halves, _ = halved
-    if where.ndim == 1:
-        finer, halves = finer[None], settings_of(halves, halves.p[None], halves.dp[None])
-    members, chosen = np.nonzero(np.atleast_2d(where))
-    found = maps_over_quarters(fine, finer, halves, members, chosen)
-    maps.reshape(len(finer), *maps.shape[-3:])[members, t.interval_elements[chosen]] = found
 
 
 def left_on_halved(t: Transcription) -> Array:

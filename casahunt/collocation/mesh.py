@@ -88,17 +88,14 @@ def on_halved_mesh(t: Transcription, u: Array, fractions: Array) -> tuple[Transc
     return fine, _packed(t, u, fine, w), np.repeat(fractions / 2, 2, axis=-1)
 
 
-def divided(
-    t: Transcription, u: Array, fractions: Array, parts: Array, target: Transcription | None = None
-) -> tuple[Transcription, Array, Array]:
+def divided(t: Transcription, u: Array, fractions: Array, parts: Array) -> tuple[Transcription, Array, Array]:
     """A solution with every interval cut in equal parts: `transfer` by fixed matrices.
 
-    fractions: (N,) interval lengths as fractions of their phase; parts: (N,) how many parts each becomes; target: the
-    transcription to use; default the one of the same cycle and scheme.
+    fractions: (N,) interval lengths as fractions of their phase; parts: (N,) how many parts each becomes.
     Returns transcription, unknowns and fractions of the finer mesh.
     """
     counts = tuple(int(parts[t.phase_intervals(k)].sum()) for k in range(t.phases))
-    fine = target or transcribe(t.cycle, counts, t.degree, t.kind)
+    fine = transcribe(t.cycle, counts, t.degree, t.kind)
     first, old = np.cumsum(parts) - parts, t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
     w = np.empty((fine.intervals, t.degree + 1, t.n))
     for count in set(parts.tolist()):

@@ -140,10 +140,6 @@ def barycentric_weights(nodes: Array) -> Array:
     return 1 / np.multiply.reduce(gaps, axis=1)
 
 
-def _gauss_stages(d: int) -> Array:
-    return (legendre.leggauss(d)[0] + 1) / 2
-
-
 def _radau_stages(d: int) -> Array:
     """Roots of P_d - P_{d-1} on [0, 1]; the last one is 1."""
     series = np.zeros(d + 1)
@@ -166,7 +162,7 @@ def scheme(degree: int, kind: Kind = "gauss") -> Scheme:
         raise InputError(f"degree = {degree!r}: the collocation degree must lie in 1..{MAX_DEGREE}")
     if kind not in ("gauss", "radau"):
         raise InputError(f"scheme = {kind!r}: must be 'gauss' or 'radau'")
-    c = _gauss_stages(degree) if kind == "gauss" else _radau_stages(degree)
+    c = (legendre.leggauss(degree)[0] + 1) / 2 if kind == "gauss" else _radau_stages(degree)
     # Integrals of the Lagrange polynomials (degree d - 1) by Gauss quadrature: exact and, unlike
     # monomials, free of cancellation.
     nodes, weights = legendre.leggauss((degree + 1) // 2 + 1)

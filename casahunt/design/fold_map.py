@@ -91,21 +91,6 @@ class FoldMap(Result):
         m, n = self.gains.shape
         return f"{self.model} servo: fold gain {span} over {m} x {n} values of {self.names[0]} and {self.names[1]}"
 
-    def status_at(self, i: int, j: int) -> str:
-        """What is known at a place of the grid.
-
-        Parameters
-        ----------
-        i, j
-            the place.
-
-        Returns
-        -------
-        "converged", "hunts at no gain", or "not computed".
-        """
-        gain = self.gains[i, j]
-        return "not computed" if np.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
-
     def _more(self) -> dict[str, Any]:
         return {"failures": [{"place": place, "sentence": said} for place, said in self.failures.items()]}
 
@@ -119,7 +104,10 @@ class FoldMap(Result):
             "second_value": self.values[1][j],
             "gain": self.gains.ravel(),
             "error_estimate": [self.tolerance] * i.size,
-            "status": [self.status_at(*place) for place in zip(i.tolist(), j.tolist(), strict=True)],
+            "status": [
+                "not computed" if np.isnan(gain) else "hunts at no gain" if gain == 0 else "converged"
+                for gain in self.gains.ravel()
+            ],
         }
 
 

@@ -10,7 +10,6 @@ servo.py          the servo record; TOML in and out
 linear_loop.py    the loop without dry friction: stability, poles, margins
 delayed_loop.py   the same with a delay: margins of phase and gain
 hunting.py        the Switch and LuGre servo as systems like any user's: fields, modes, events
-stick_band.py     the Switch servo with the report's stick band, likewise
 cycles.py         the servo in the terms of the engine: its vectors and schemes
 equilibria.py     where the servo can stand still, and what linearising there proves
 problem.py        the hunting servo as a problem for the engine; its orbits and folds

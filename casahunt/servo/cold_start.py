@@ -206,7 +206,11 @@ def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
     a = q.start or (q.P.typical if q.beside is None else q.beside.fixed)
     if q.P.model == "lugre" and not q.start:
         if q.beside is not None and 1 + q.beside.slope > SLOW_MAP:
-            return _slowly_met(q, q.beside, degree, kind)
+            # A LuGre motion beside a cycle to which motions come slowly, by secants from the Switch servo's, or None
+            near = near_stable(q.P, q.beside.fixed, slope=q.beside.slope)
+            if near is None or (degree, kind) == SCHEMES[q.P.model]:
+                return near
+            return q.P(near.start, degree=degree, kind=kind)
         a = _beside_the_rigid_cycle(q) if q.beside is None else OUTSIDE * a
     for _ in range(FIRST_MOTIONS):
         if a <= 0:
@@ -234,14 +238,6 @@ def _hardly_moves(q: AtGain, motion: HalfCycle) -> bool:
         return False
     following = q.P.rigid(motion.position)
     return not following.ratio > 0 or abs(math.log(following.ratio)) > SLOW_MAP * excess
-
-
-def _slowly_met(q: AtGain, rigid: HalfCycle, degree: int, kind: Kind) -> HalfCycle | None:
-    """A LuGre motion beside a cycle to which motions come slowly, by secants from the Switch servo's, or None."""
-    near = near_stable(q.P, rigid.fixed, slope=rigid.slope)
-    if near is None or (degree, kind) == SCHEMES[q.P.model]:
-        return near
-    return q.P(near.start, degree=degree, kind=kind)
 
 
 def _beside_a_fixed_point(q: AtGain) -> tuple[HalfCycle | None, Scan | None]:

@@ -1,6 +1,6 @@
 """The hunting servo (hunting.py) in the terms of the engine: its vectors and its schemes.
 
-    x = (x1, x2, x3 [, x4]),    p = servo.PARAMETERS or PID_PARAMETERS [, STICK_BAND], whose length tells which
+    x = (x1, x2, x3 [, x4]),    p = servo.PARAMETERS or PID_PARAMETERS, whose length tells which
 
 Half a cycle closes by its mirror image, S = -I, the whole of it by itself (problem.py).
 """
@@ -16,8 +16,7 @@ from ..hybrid import System
 from . import hunting
 from .controller import Controller
 from .hunting import Model, hunting_system
-from .servo import STICK_BAND, Servo
-from .stick_band import band_system
+from .servo import Servo
 
 Kind = Literal["gauss", "radau"]
 """Collocation at Gauss points, for smooth fields, or at Radau IIA points, for stiff ones (`collocation.Scheme`)."""
@@ -32,9 +31,7 @@ _MIRROR = str.maketrans("+-", "-+")
 @kept(maxsize=8)
 def system_of(model: Model, parameters: int) -> System:
     """The servo as a system, its numbers those of any servo; parameters: the length of p, which tells its form."""
-    if parameters in _FORMS:
-        return hunting_system(_FORMS[parameters], model, 1.0)
-    return band_system(_FORMS[parameters - len(STICK_BAND)], 1.0)
+    return hunting_system(_FORMS[parameters], model, 1.0)
 
 
 def motor_torque(x: Any, p: Any) -> Any:

@@ -32,7 +32,7 @@ class Friction:
     viscous : sigma2 [N m s/rad], >= 0.
     stiffness : sigma0, bristle stiffness [N m/rad], > 0 (LuGre only).
     damping : sigma1, bristle damping [N m s/rad], >= 0 (LuGre only).
-    stick_band, stick_rate : eta [rad/s] and alpha [1/s] of the report's regularised simulation, > 0.
+    stick_band, stick_rate : eta [rad/s] and alpha [1/s] of the report's regularised simulation alone, > 0.
 
     Examples
     --------

@@ -19,7 +19,7 @@ LuGre friction, states (x1, x2, x3, x4 = z), the kink |x2| split off as a mode:
 Events are scaled to order one: velocities by vs, torques by Fs, x1 by Fs/kp.
 
 Parameters are called by the last part of their names in a servo file: p.static is friction.static, Fs; p.sign is s.
-The cycles of these modes are those of cycles.py; stick_band.py has the report's own form of the Switch servo.
+The cycles of these modes are those of cycles.py; the report's own form of the Switch servo is in scripts/report.
 
 Report: Hensen, van de Molengraft and Steinbuch, DCT 2001.021, sections 3.1 and 3.2.
 """

@@ -296,7 +296,7 @@ def phase_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[f
     a, b = _along_the_axis(numerator), _along_the_axis(denominator)
     imaginary = np.polymul(a, np.conj(b)).imag  # odd in omega: only every other coefficient is there
     found = []
-    for omega in _frequencies(_odd_part(imaginary), "a real L"):
+    for omega in _frequencies(imaginary[::-1][1::2][::-1], "a real L"):
         value = complex(np.polyval(a, omega) / np.polyval(b, omega))
         if value.real < 0:
             found.append(Crossover(omega, 1 / abs(value)))
@@ -314,11 +314,6 @@ def _square(c: Array) -> Array:
     """|c(omega)|^2 as a polynomial in w = omega^2."""
     full = np.polymul(c, np.conj(c)).real
     return full[::-1][::2][::-1]
-
-
-def _odd_part(c: Array) -> Array:
-    """c(omega)/omega as a polynomial in w = omega^2, for an odd c."""
-    return c[::-1][1::2][::-1]
 
 
 def _frequencies(polynomial: Array, what: str) -> list[float]:

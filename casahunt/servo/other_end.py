@@ -17,10 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..checks import of_kind
 from ..errors import NoOrbit
-from ..orbits import Options
-from ..results import Result
 from .basin import stick_position
 from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
@@ -36,8 +33,8 @@ FOLLOWED = 5
 """Of the cycle, that the motion from such a start is followed at least."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class OtherEnd(Result):
+@dataclass(frozen=True, eq=False)
+class OtherEnd:
     """A hunting cycle at the gain of a motion that comes to rest.
 
     Attributes
@@ -47,17 +44,7 @@ class OtherEnd(Result):
     none : there is none, with the evidence in `reason`.
     start : position [rad], integral [rad s], time [s] and, on the cycle, velocity [rad/s] and bristle [rad], keywords
         of `simulate` at the same set point: a motion from there was followed and hunts; empty where none tried does.
-
-    Examples
-    --------
-    >>> from casahunt import Servo, other_end, simulate
-    >>> found = other_end(simulate(Servo(), "switch", 0.5, position=0.9995))
-    >>> found.hunts, found.start["position"], round(found.orbit.amplitude, 5)  # rad
-    (True, 0.9977, 0.00233)
     """
-
-    _quantities = ("hunts", "start", "orbit", "none")
-    _details = ("reason", "amplitude = orbit.amplitude [rad]", "period = orbit.period [s]")
 
     orbit: HuntingOrbit | None
     reason: str = ""
@@ -70,36 +57,12 @@ class OtherEnd(Result):
         return bool(self.start)
 
 
-def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd | None:
-    """The cycle that a servo at rest could be on, and a start that ends in it.
-
-    Parameters
-    ----------
-    motion
-        of `simulate`.
-    options
-        tolerance of the cycle.
-
-    Returns
-    -------
-    OtherEnd; None for a motion that neither rests nor decays, whose verdict names its end.
-
-    Raises
-    ------
-    InputError : what was given is no motion.
-
-    Examples
-    --------
-    >>> from casahunt import Servo, other_end, simulate
-    >>> above = other_end(simulate(Servo(), "switch", 0.8))
-    >>> above.hunts, above.none
-    (False, True)
-    """
-    of_kind("motion", motion, Trajectory, "such as simulate gives")
+def other_end(motion: Trajectory) -> OtherEnd | None:
+    """The cycle that a servo at rest could be on, and a start; None for a motion whose verdict names another end."""
     if motion.verdict.kind not in SETTLES:
         return None
     try:
-        orbit = find_orbit(motion.servo, motion.model, motion.gain, options=options)
+        orbit = find_orbit(motion.servo, motion.model, motion.gain)
     except NoOrbit as error:
         return OtherEnd(None, str(error), error.status is None)
     time = max(motion.duration, math.ceil(FOLLOWED * orbit.period))
@@ -107,7 +70,7 @@ def other_end(motion: Trajectory, *, options: Options | None = None) -> OtherEnd
         with suppress(NoOrbit):
             again = simulate(
                 motion.servo, motion.model, motion.gain, set_point=motion.set_point, tol=motion.tol, time=time,
-                regularised=motion.regularised, **start,
+                **start,
             )  # fmt: skip
             if _hunts(again.verdict, orbit):
                 return OtherEnd(orbit, start={**start, "time": time})

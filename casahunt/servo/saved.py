@@ -162,7 +162,7 @@ def same_task(
 ) -> None:
     """Refuse to go on with what another run has left.
 
-    found: a branch, or a fold curve; said, asked: the settings that it was computed with, and those asked for, by their
+    found: the branch; said, asked: the settings that it was computed with, and those asked for, by their
     names on the command line.
     """
     another = [f"{key} = {said.get(key)}, not {value}" for key, value in asked.items() if said.get(key) != value]

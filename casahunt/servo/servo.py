@@ -58,8 +58,6 @@ PID_PARAMETERS = (
 LARGEST_TOML = 5e4
 """Bytes of a TOML file: ten times a covariance of all parameters with all digits.  Python's parser takes 20 s for the
 worst text of this size, one name of 25000 parts, and four times as long for one of twice the size."""
-STICK_BAND = ("friction.stick_band", "friction.stick_rate")
-"""Entries behind those of the servo where its stick has a band (stick_band.py)."""
 
 
 @dataclass(frozen=True, kw_only=True)

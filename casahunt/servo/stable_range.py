@@ -20,7 +20,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ..checks import of_kind
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..motion import MarchFailure
@@ -69,13 +68,6 @@ class StableRange(Result):
         "none", no stable cycle next to the symmetric one; "unknown", one of the two.
     seen : the gain up to which cycles were looked at [V/rad]; between it and the fold no stable range is expected.
     largest : log10 of the largest |mu| met above `gain`; -inf where nothing is above.
-
-    Examples
-    --------
-    >>> from casahunt import Servo, find_fold, stable_range
-    >>> found = stable_range(find_fold(Servo(), "switch"))
-    >>> found.beyond, round(found.gain, 4)  # a stable cycle up to the fold; V/rad
-    ('fold', 0.6473)
     """
 
     _quantities = ("gain [V/rad]", "beyond", "ranges")
@@ -92,30 +84,10 @@ class StableRange(Result):
 def stable_range(fold: HuntingFold, *, options: Options | None = None) -> StableRange:
     """Up to which gain a stable cycle exists, on the stable side of a fold.
 
-    Parameters
-    ----------
-    fold
-        the fold (`find_fold`).
-    options
-        tolerance of the gains, and method.
-
-    Returns
-    -------
-    StableRange.
-
-    Raises
-    ------
-    InputError : what was given is no fold.
-    NoOrbit : no stable cycle was found below the fold, or the branch was not followed up to it.
-
-    Examples
-    --------
-    >>> from casahunt import Servo, find_fold, stable_range
-    >>> stable_range(find_fold(Servo(), "lugre")).beyond
-    'fold'
+    options: tolerance of the gains, and method. Raises NoOrbit: no stable cycle was found below the fold, or the branch
+    was not followed up to it.
     """
-    of_kind("fold", fold, HuntingFold, "such as find_fold gives")
-    options = of_kind("options", options or Options(), Options)
+    options = options or Options()
     rough = options.rough()
     first = _stable_one(fold, rough)
     orbits = _looked_closer(_up_to_the_fold(first, fold, rough), rough)

@@ -6,6 +6,5 @@ answers/      what the commands say: what it means first, and the mathematics be
 pictures/     drawn by matplotlib, which only plotting.py imports
 evidence/     a tuning, or the remedies, as one JSON object and one page
 explore/      a page in the browser: the servo is turned, and answers
-notebooks/    the guides as notebooks
 commands/     casahunt orbit, diagram, fold, ...: one module each
 """

@@ -84,7 +84,6 @@ GLOSSARY: dict[str, str] = {
 """Word: what it means."""
 OTHER_FORMS = {
     "admissible": ("inadmissible",),
-    "amplitude": "the largest distance from the set point in a cycle.",
     "arclength": ("pseudo-arclength",),
     "branch": ("branches",),
     "corrector": ("correctors",),

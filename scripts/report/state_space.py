@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from casahunt.collocation.interval import point_function
-from casahunt.servo import stick_band as regularised
-from casahunt.servo.cycles import system_of
 from casahunt.servo.friction import stribeck
 from casahunt.views.pictures.plotting import LOOKS, NEUTRAL, Figure
 
+from . import stick_band as regularised
 from .drawing import FIXED, MARK, Axes, grid, key, line, plain, sheet
 from .study import GAIN, POSITIONS, Entry, Study
 
@@ -58,11 +57,12 @@ def caption3(study: Study) -> str:
 def _mode_fields(study: Study, states: Array) -> tuple[Array, list[str]]:
     """Field (3, m) of the regularised servo and its modes at states (3, m)."""
     p = regularised.parameters(study.servo, GAIN)
-    names = system_of("switch", p.size).names
+    system = regularised.band_system(study.servo, GAIN)
+    names = system.names
     modes = [regularised.mode_of(names.x(x, p), names.p(p)) for x in states.T]
     fields = []
     for x, name in zip(states.T, modes, strict=True):
-        mode = system_of("switch", p.size).vector_form.modes[name]
+        mode = system.vector_form.modes[name]
         fields.append(np.array(point_function(mode.field, 3, p.size)(x, mode.sign, p, np.ones(3))).ravel())
     return np.array(fields).T, modes
 

@@ -15,7 +15,6 @@ from casahunt.collocation.admissibility import (
     check_admissible,
     hides,
     judged_on_halves,
-    unclear_on_halves,
 )
 from casahunt.collocation.resolution import RESOLUTION
 from casahunt.collocation.transcription import Setting, settings_of
@@ -231,9 +230,13 @@ def test_what_halves_make_of_a_solution_is_judged():
 
     t = laid_out(coarse, [np.linspace(0, 1, 3), np.linspace(0, 1, 5)], [lambda tau: np.zeros((tau.size, 2))] * 2,
                  [1.0, 1.0], degree=4)[0]  # fmt: skip
-    assert not unclear_on_halves(t, None).any() and not unclear_on_halves(t, halves(0.0)).any()
-    assert np.flatnonzero(unclear_on_halves(t, halves(1.1))).tolist() == [3]
-    assert np.flatnonzero(unclear_on_halves(t, halves(0.0, last=-1.0))).tolist() == [2, 3, 4, 5]
+
+    def unclear(better) -> list[int]:
+        clear = Admissibility("", -1, np.zeros(t.intervals, dtype=bool))
+        return np.flatnonzero(judged_on_halves(t, clear, better).unclear).tolist()
+
+    assert unclear(None) == unclear(halves(0.0)) == []
+    assert unclear(halves(1.1)) == [3] and unclear(halves(0.0, last=-1.0)) == [2, 3, 4, 5]
 
 
 # Many at once ------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ import pytest
 from command_line import contents, run
 from file_support import ROOT, posix
 
-from casahunt import Servo, find_fold, load_branch, save_branch
+from casahunt import load_branch, save_branch
 from casahunt.design.diagram import diagram_points
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve
@@ -107,50 +107,6 @@ def test_a_fold_curve_keeps_its_points(capsys, tmp_path, monkeypatch):
     assert code == 0
     (curve,) = json.loads(out)["curves"]
     assert len(curve["points"]) > 3 and path.read_text().splitlines()[-3:] == seen[-1].splitlines()[1:]
-
-
-@pytest.mark.parametrize("to", [0.55, 0.6], ids=["from the end", "from the start"])
-def test_a_fold_curve_goes_on_where_it_was_interrupted(capsys, tmp_path, monkeypatch, to):
-    """Each point once, and each the fold of its servo, computed by itself."""
-    table, save = tmp_path / "curve.csv", tmp_path / "curve.npz"
-    ends = (0.5, to) if to == 0.55 else (0.53, to)
-    command = ["fold-curve", "--model", "switch", "--vary", "friction.static", "--from", ends[0], "--to", ends[1]]
-    command += ["--points", 4, "--csv", table, "--save", save, "--quiet"]
-    real = command_fold_curve.fold_curve
-    before: list[str] = []
-    for number, more in ((1, []), (2, ["--resume"]), (99, ["--resume"])):
-
-        def stopped(*args, report, number=number, **kwargs):
-            seen = []
-
-            def arrived(point):
-                report(point)
-                seen.append(point)
-                if len(seen) == number or number == 99 and point.value in ends:  # the last time when all is computed
-                    raise KeyboardInterrupt
-
-            return real(*args, report=arrived, **kwargs)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(command_fold_curve, "fold_curve", stopped)
-            assert run(capsys, *command, *more)[0] == 130
-        rows = table.read_text().splitlines()[1:]
-        assert set(before) < set(rows) and len(set(rows)) == len(rows)
-        assert len(rows) == len(before) + number or number == 99
-        before = rows
-    untouched = contents(tmp_path)
-    for other in (["--tol", 1e-7], ["--to", 0.61], ["--points", 5], ["--set", "friction.coulomb=0.43"]):
-        code, _, err = run(capsys, *command, *other, "--resume")
-        assert code == 2 and "is of another run" in err and contents(tmp_path) == untouched
-    assert run(capsys, *command, "--resume")[0] == 0
-    rows = table.read_text().splitlines()[1:]
-    assert before == rows and all(row.endswith(",converged,") for row in rows)
-    found = [(float(row.split(",")[2]), float(row.split(",")[3])) for row in rows]
-    assert (found[0][0], found[-1][0]) == ends and found == sorted(set(found))
-    value, gain = found[-2]
-    assert find_fold(Servo().replace(**{"friction.static": value}), "switch").gain == pytest.approx(gain, rel=2e-6)
-    done = table.read_bytes()
-    assert run(capsys, *command, "--resume")[0] == 0 and table.read_bytes() == done
 
 
 @posix

@@ -99,4 +99,4 @@ def test_json(unscanned, capsys):
     for key in ("model", "gain", "lead_time", "integral_time", "cost", "fold_gain", "margin", "worst", "binding",
                 "verification", "status", "wall_s"):  # fmt: skip
         assert key in record
-    assert record["status"] == "converged" and record["before"] is None
+    assert record["status"] == "converged"

@@ -62,7 +62,7 @@ def test_a_task_is_simulated_until_it_is_decided(servo, monkeypatch):
 def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
     """Neither verified nor refused: the sentence stands in the text, the record and on standard error."""
 
-    def too_short(servo, model, gain, _, start, most):
+    def too_short(servo, model, gain, _, start):
         return undecided(simulate(servo, model, gain, time=0.3, **start))
 
     # A task that stays undecided within all limits takes minutes.

@@ -69,7 +69,7 @@ def test_other_times_take_less_torque(cost):
 
 @pytest.mark.slow
 def test_the_command(capsys, tmp_path):
-    words = ("tune", "--quiet", "--gain", 0.04)
+    words = ("tune", "--quiet")
     code, out, err = run(capsys, *words, "--max-torque", 25, "--json", "--out", tmp_path)
     record = one_json(out)
     assert (code, err) == (0, "") and record["demands"]["max_torque"] == 25
@@ -89,27 +89,3 @@ def test_what_is_no_torque(capsys, torque):
             Demands(max_torque=torque)
     code, out, err = run(capsys, "tune", "--max-torque", torque)
     assert (code, out) == (2, "") and "max-torque" in err
-
-
-@pytest.mark.slow
-def test_a_remedy_where_no_gain_will_do(capsys):
-    """Its smallest size by an independent event map, and the margin more; with the torque of the gain used now."""
-    words = ("tune", "--quiet", "--gain", 0.04, "--max-torque", 5, "--remedy", "leak")
-    code, out, err = run(capsys, *words, "--margin", 0.2)
-    said = " ".join(out.split())
-    assert (code, err) == (0, "") and said.startswith("no gain was found that will do: the tuning cannot be met")
-    assert "the largest torque of 5 N m" in said and "cheapest remedy with torque up to 5 N m: leak, 0.2962 1/s" in said
-    record = one_json(run(capsys, *words, "--json")[1])
-    (row,) = record["remedies"]
-    assert "largest torque" in record["refused"] and row["size"] == pytest.approx(0.246844841, rel=2e-9)
-    assert row["recommended"] == pytest.approx(1.1 * row["size"], rel=1e-12) and row["peak_torque"] < 5
-
-
-@pytest.mark.parametrize(("words", "says"), [
-    (("--remedy", "brake", "--gain", 0.04), "unknown remedy 'brake'"), (("--remedy", "leak"), "goes with --gain"),
-    (("--remedy", "leak", "--gain", 0.04, "--out", "tuned"), "without --out"),
-])  # fmt: skip
-def test_what_is_refused_of_a_remedy(capsys, tmp_path, monkeypatch, words, says):
-    monkeypatch.chdir(tmp_path)
-    code, out, err = run(capsys, "tune", *words)
-    assert (code, out) == (2, "") and says in err and not list(tmp_path.iterdir())

@@ -7,8 +7,9 @@ import math
 
 import pytest
 
-from casahunt import NoOrbit, Servo, Status, cli, effort, other_end, simulate
+from casahunt import NoOrbit, Servo, Status, cli, effort, simulate
 from casahunt.servo import other_end as module
+from casahunt.servo.other_end import other_end
 from casahunt.views.answers.simulate import elsewhere
 from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle

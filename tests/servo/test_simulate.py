@@ -20,9 +20,9 @@ COULOMB = Servo().replace(**{"friction.static": 0.44})
 
 
 @cache
-def regulator(model: str = "switch", tol: float = 1e-9, time: float = 100.0, regularised: bool = False) -> Trajectory:
+def regulator(model: str = "switch", tol: float = 1e-9, time: float = 100.0) -> Trajectory:
     """The regulator task of the report at K = 0.04."""
-    return simulate(TABLE_1, model, 0.04, tol=tol, time=time, regularised=regularised)
+    return simulate(TABLE_1, model, 0.04, tol=tol, time=time)
 
 
 # The other engine ------------------------------------------------------------------------------------------
@@ -217,44 +217,6 @@ def test_stiff_start_of_a_high_gain(gain):
     assert np.max(np.abs(stiff.sample(t)[0] - rigid.sample(t)[0])) < 1e-3
 
 
-# The regularised servo -------------------------------------------------------------------------------------
-
-
-def test_stick_band_tends_to_the_exact_servo():
-    """The servo gets into the band J eta/|net torque| too early and creeps by up to eta in it: all of order eta."""
-    exact = regulator("switch", 1e-9, 30.0)
-    t = np.linspace(0, 30, 3001)
-    differences = []
-    for eta in (1e-4, 1e-6, 1e-8):
-        found = simulate(
-            Servo().replace(**{"friction.stick_band": eta}), "switch", 0.04, time=30.0, tol=1e-8, regularised=True
-        )
-        assert found.status.ok
-        differences.append(float(np.max(np.abs(found.sample(t)[0] - exact.sample(t)[0]))))
-    orders = [math.log(a / b, 100) for a, b in zip(differences, differences[1:], strict=False)]
-    assert orders == pytest.approx([1, 1], abs=0.01)
-
-
-def test_stick_band_has_the_modes_of_the_report():
-    found = regulator("switch", 1e-6, 30.0, True)
-    eta, alpha = TABLE_1.friction.stick_band, TABLE_1.friction.stick_rate
-    for mode in ("slip+", "slip-", "stick", "transition+", "transition-"):
-        here = [i for i, name in enumerate(found.modes) if name == mode]
-        assert here
-        for i in here:
-            t = found.times[i] + (found.times[i + 1] - found.times[i]) * np.array([0.25, 0.75])
-            x = found.sample(t)
-            m = found.torque(x)
-            inside = np.abs(x[1]) <= eta * (1 + 1e-9)
-            assert inside.all() == (mode[:4] != "slip")
-            if mode == "stick":
-                assert (np.abs(m) <= 0.53 + 1e-12).all()
-                decay = x[1, 1] / x[1, 0] if abs(x[1, 0]) > 1e-9 else None
-                assert decay is None or decay == pytest.approx(math.exp(-alpha * (t[1] - t[0])), rel=1e-2)
-            elif mode.startswith("transition"):
-                assert (m * float(mode[-1] + "1") >= 0.53 - 1e-9).all()
-
-
 # The verdict -----------------------------------------------------------------------------------------------
 
 
@@ -319,7 +281,6 @@ def test_release_on_either_side_of_the_unstable_cycle(orbit):
         ("switch", 0.1, {"velocity": "fast"}, "velocity = 'fast'"),
         ("switch", 0.1, {"tol": 1e-15}, "tol = 1e-15: must lie between"),
         ("switch", 0.1, {"bristle": 1e-6}, "no bristle"),
-        ("lugre", 0.1, {"regularised": True}, "regularised: must be left out"),
     ],
 )
 def test_wrong_input(model, gain, more, words):
@@ -368,7 +329,7 @@ def test_the_largest_torque_of_a_step_is_that_of_another_integrator():
 # The command -----------------------------------------------------------------------------------------------
 
 KEYS = {
-    "model", "gain", "set_point", "time", "regularised", "tol", "verdict", "reason", "amplitude", "period", "swings",
+    "model", "gain", "set_point", "time", "tol", "verdict", "reason", "amplitude", "period", "swings",
     "judged", "position", "velocity", "integral", "bristle", "events", "time_error", "end_error", "state_errors",
     "status", "advice", "ended", "intervals", "wall_s", "other_end", "other_end_reason",
     "peak_torque", "peak_voltage",
@@ -425,7 +386,6 @@ def test_command_with_a_step_and_another_start(capsys, tmp_path):
         (["--gain", "0.1", "--set-point", "far"], "set-point = 'far': must be a finite number"),
         (["--gain", "0.1", "--set-pont", "1"], "did you mean '--set-point'?"),
         (["--gain", "0.1", "--tol", "1"], "tol = 1: must lie between"),
-        (["--gain", "0.1", "--model", "lugre", "--regularised"], "regularised: must be left out"),
         (["--gain", "0.1", "--step", "0.1"], "step: must be left out without --csv"),
         (["--gain", "0.1", "--csv", "a.csv", "--step", "1e-12"], "step = 1e-12: must be at least"),
         (["--gain", "0.1", "--csv", "a.txt"], "csv = 'a.txt': the name must end in .csv"),

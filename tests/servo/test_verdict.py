@@ -262,7 +262,7 @@ def test_the_verdict_names_what_it_was_judged_from():
 
 def known_to(found, error: float) -> SimpleNamespace:
     """A motion as it is, its position known to an error [rad]."""
-    names = "model", "servo", "gain", "regularised", "times", "states", "modes", "ended", "shape", "dense", "torque"
+    names = "model", "servo", "gain", "times", "states", "modes", "ended", "shape", "dense", "torque"
     return SimpleNamespace(**{name: getattr(found, name) for name in names}, state_errors=np.full(3, error))
 
 
@@ -324,15 +324,12 @@ def test_what_may_lie_beyond_the_border_a_swing_later_does_not_settle(monkeypatc
     assert found.kind == kind and ("1 swings later" in found.sentence) == (kind == "decaying")
 
 
-@pytest.mark.parametrize("how", ["lugre", "band"])
 @pytest.mark.parametrize(("error", "kind"), [(0.05, "decaying"), (0.15, "undecided")])
-def test_what_may_lie_beyond_the_border_does_not_settle_in_other_models(monkeypatch, how, error, kind):
+def test_what_may_lie_beyond_the_border_does_not_settle_in_the_other_model(monkeypatch, error, kind):
     """The same, P(b)/b = (b/BORDER)^2, where no motion carries it on."""
     monkeypatch.setattr(verdict, "_carried_on", lambda motion: None)
     monkeypatch.setattr(long_run, "half_cycle", lambda model, servo, gain, b: SimpleNamespace(ratio=(b / BORDER) ** 2))
-    monkeypatch.setattr(long_run, "_band_position", lambda servo, gain, b: b**3 / BORDER**2)
-    motion = stuck("lugre", 0.9) if how == "lugre" else stuck("switch", 0.9, regularised=True)
-    assert judge_motion(known_to(motion, error * BORDER)).kind == kind
+    assert judge_motion(known_to(stuck("lugre", 0.9), error * BORDER)).kind == kind
 
 
 def test_command_prints_the_swings(capsys):

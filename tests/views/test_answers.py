@@ -62,7 +62,7 @@ ANSWERS = {
     "record": (["record", "RECORD", "--gain", 0.1], "error estimate"),
     "identify": (["identify", "RECORD", "--gain", 0.1, "--free", "friction.static,friction.coulomb"], "misfit"),
     "cure": (["cure", "RECORD", "--gain", 0.1, "--only", "leak,dead band"], "misfit"),
-    "tune": (["tune", "--gain", 0.04, "--uncertainty", SET], "event map"),
+    "tune": (["tune", "--uncertainty", SET], "event map"),
 }  # fmt: skip
 """A command, and what its details say."""
 SLOW = {"tune", "cure", "fold of a PID", "remedies"}

@@ -5,16 +5,13 @@ is there stays on a disk that is full.
 from __future__ import annotations
 
 import ast
-import io
 import json
 import math
 import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,11 +20,9 @@ from file_support import ROOT, cheap_tuning, full_disk, posix, results
 from matplotlib.figure import Figure
 
 import casahunt
-from casahunt import Options, cli, effort, files, load_branch
+from casahunt import cli, effort, files, load_branch
 from casahunt.checks import error_text, finite_or_none
 from casahunt.views.answers.answer import complex_text
-from casahunt.views.commands import diagram as command_diagram
-from casahunt.views.commands import fold_curve as command_fold_curve
 from casahunt.views.commands import fold_map as command_fold_map
 from casahunt.views.commands import progress
 from casahunt.views.pictures import plotting
@@ -121,25 +116,6 @@ def test_digits_of_a_tuning_a_fold_curve_and_samples_are_digits_known(capsys, tm
         assert_known(re.search(pattern, said)[1], truth)
 
 
-def test_a_long_step_is_named_again(monkeypatch):
-    monkeypatch.setattr(progress, "REMIND_EVERY", 0.02)
-    stream = io.StringIO()
-    with progress.telling(progress.Progress(stream, every=True)) as tell:
-        tell("computing fold 3")  # not said: the first line comes after `TELL_EVERY`
-        deadline = time.monotonic() + 5
-        while stream.getvalue().count("computing fold 3 (for ") < 2 and time.monotonic() < deadline:
-            time.sleep(0.01)
-    assert stream.getvalue().count("computing fold 3 (for ") >= 2
-    time.sleep(0.05)
-    length = len(stream.getvalue())
-    time.sleep(0.1)
-    assert len(stream.getvalue()) == length
-    with progress.telling(progress.Progress(stream, every=True)) as tell:  # a reader that is gone ends nothing
-        tell("computing fold 4")
-        stream.close()
-        time.sleep(0.1)
-
-
 def test_what_is_left_is_what_it_took_so_far(monkeypatch):
     """30 of 120 in 10 s: 30 s for the other 90, said only where it is known and worth saying."""
     monkeypatch.setattr(effort.time, "monotonic", lambda: 110.0)
@@ -159,30 +135,6 @@ def test_a_map_says_how_long_it_will_still_take(capsys, monkeypatch, telling_at_
     assert capsys.readouterr().err == ""
 
 
-def orbit_at(gain: float, kind: str = ""):
-    """A point of a diagram, as far as the way to its end is concerned."""
-    orbit = SimpleNamespace(gain=gain)
-    return SimpleNamespace(orbit=orbit, special=[SimpleNamespace(kind=kind, orbit=orbit)] if kind else [])
-
-
-@pytest.mark.parametrize(("last", "of"), [(True, ""), (False, " of this branch")])
-def test_a_diagram_says_how_long_it_will_still_take(monkeypatch, last, of):
-    """Two decades up to the fold and two back, a decade in 10 s; nothing before anybody knows where the fold is."""
-    now = 100.0
-    monkeypatch.setattr(effort.time, "monotonic", lambda: now)
-    known = ((False, 0.0), (False, 1.0), (True, 1.0))
-    ways = [command_diagram._DiagramProgress(0.01, natural, top, last) for natural, top in known]
-    said = []
-    for gain, kind in ((0.01, ""), (0.1, ""), (1.0, "fold"), (0.1, ""), (0.01, "")):
-        point = orbit_at(gain, kind)
-        said.append([way.left(point) for way in ways])
-        now += 10.0
-    left = [f", about {seconds} s left{of}" for seconds in (30, 20, 10)]
-    assert [row[0] for row in said] == ["", "", left[1], left[2], ""]
-    assert [row[1] for row in said] == ["", *left, ""]
-    assert [row[2] for row in said[:3]] == ["", left[2], ""]
-
-
 def test_a_fold_map_says_how_long_it_will_still_take(capsys, monkeypatch, telling_at_once):
     """From the first report on: what came before it is not what follows."""
     now = 100.0
@@ -194,21 +146,6 @@ def test_a_fold_map_says_how_long_it_will_still_take(capsys, monkeypatch, tellin
     assert capsys.readouterr().err.splitlines() == [
         "40 of 100 folds computed", "60 of 100 folds computed, about 20 s left", "100 of 100 folds computed",
     ]  # fmt: skip
-
-
-def test_a_fold_curve_says_how_long_it_will_still_take(monkeypatch):
-    """A quarter of the range in 10 s; nothing behind a turn, whose other end nobody knows."""
-    now = 100.0
-    monkeypatch.setattr(effort.time, "monotonic", lambda: now)
-    desk = command_fold_curve._Desk(
-        ["switch"], table1.servo(), {"start": 0.0, "end": 8.0}, Options(), None, None, None, None
-    )
-    said = []
-    for value, turns in ((8.0, False), (6.0, False), (4.0, False), (5.0, True)):  # from the end that has a fold
-        desk.there.append(SimpleNamespace(value=value, turns=turns, orbit=SimpleNamespace(model="switch")))
-        said.append(desk.left(desk.there[-1]))
-        now += 10.0
-    assert said == ["", ", about 30 s left", ", about 20 s left", ""]
 
 
 VARY = ["--model", "switch", "--vary", "friction.static", "--from", 0.52, "--to", 0.54, "--points", 2]

@@ -220,7 +220,6 @@ REFUSED = [
     ((*CURVE, "--vary", "gain"), "fold-in = gain: must be another parameter than that of --vary"),
     ((*CURVE, "--vary", "dead_bnd"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
     ((*CURVE, "--vary", "static", "--fold-in", "dead_band"), "dead_band: with dead_band = 0 there is no dead band"),
-    ((*CURVE, "--vary", "static", "--resume"), "resume: must be left out, they go with a servo"),
     (("fold", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another dead_band"),
 ]
 

@@ -44,7 +44,6 @@ COMMANDS = {
     "uncertainty": ("--uncertainty", SET, "--samples", 2),
     "tune": ("--uncertainty", SET),
     "explore": (),
-    "examples": (),
     "glossary": (),
 }  # fmt: skip
 """A quick command line of each."""
@@ -144,7 +143,7 @@ PLAIN = {"half_multiplier", "half_multiplier_error", "trivial_multiplier_error",
          "highest_factor", "slope_V_per_rad_per_unit", "size", "size_error", "recommended", "worst_size", "low",
          "high"}  # fmt: skip
 UNIT = re.compile(r"_(rad|s|V_per_rad|per_s|deg|Nm|rad_per_s|rad_s|kg_m2|V|N?ms?_per_rad|Nms?_per_rad(_s)?|(re|im))$")
-WITH_CSV = [command for command in COMMANDS if command not in ("diagram", "explore", "examples", "glossary")]
+WITH_CSV = [command for command in COMMANDS if command not in ("diagram", "explore", "glossary")]
 
 
 @pytest.mark.parametrize("command", [pytest.param(c, marks=[pytest.mark.slow] if c in SLOW else []) for c in WITH_CSV])

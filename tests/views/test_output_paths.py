@@ -18,10 +18,10 @@ from servo_files import dump
 
 from casahunt import Servo, cli, files, find_orbit, pictures
 from casahunt.errors import InputError
-from casahunt.views.commands import completion, output_paths
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve
 from casahunt.views.commands import orbit as command_orbit
+from casahunt.views.commands import output_paths
 from casahunt.views.commands import record as command_record
 from casahunt.views.commands import tune as command_tune
 from casahunt.views.commands import uncertainty as command_uncertainty
@@ -58,10 +58,6 @@ COMMANDS = {
     "servo": (["orbit", "servo.csv", "--gain", 0.1, "--csv"], "csv", "servo.csv", "the servo file"),
     "picture": (["orbit", "servo.png", "--gain", 0.1, "--plot"], "plot", "servo.png", "the servo file"),
     "archive": (["orbit", "servo.npz", "--gain", 0.1, "--save"], "save", "servo.npz", "the servo file"),
-    "points": (
-        ["fold-curve", "servo.npz", "--vary", "friction.static", "--from", 0.5, "--to", 1, "--model", "switch",
-         "--save"], "save", "servo.npz", "the servo file",
-    ),
     "uncertainty": (["uncertainty", "--uncertainty", "uncertain.csv", "--csv"], "csv", "uncertain.csv",
                     "the uncertainty file"),
     "tuning": (["tune", "--uncertainty", "uncertain.csv", "--csv"], "csv", "uncertain.csv", "the uncertainty file"),
@@ -130,12 +126,12 @@ def test_nor_what_the_shell_leads_there(tmp_path):
 
 
 def test_every_file_of_every_command_is_known():
-    """To the guard, and to the shell's completion: no argument that names a file is left out."""
+    """To the guard: no argument that names a file is left out."""
     parser = cli.build_parser()
     (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     actions = [action for command in commands.choices.values() for action in command._actions]
     named = {a.dest for a in actions if isinstance(a.metavar, str) and "." in a.metavar}
-    assert named == {*output_paths.READ, *output_paths.WRITTEN} == set(completion.FILES)
+    assert named == {*output_paths.READ, *output_paths.WRITTEN}
     for command in commands.choices.values():
         assert ("out" in {a.dest for a in command._actions}) == (command.get_default("results") is not None)
 

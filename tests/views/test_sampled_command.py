@@ -129,7 +129,6 @@ def test_table_and_picture(capsys, tmp_path, built):
     (("--sample-time", 0, "--enter-ratio", 0.3), "enter-ratio: must be left out without hysteresis"),
     (("--sample-time", 0, "--dwell", 1, "--model", "lugre"), "dwell: must be left out, in the continuous loop it goes"),
     (("--sample-time", 0, "--leak", -1), "leak = -1: must be at least 0 (leak)"),
-    (("--regularised",), "regularised: must be left out"),
     (("--bristle", "1e-6"), "bristle = 1e-06: must be 0 with the model 'switch'"),
     (("--time", "1e6"), "between 1 and 5000000 samples"),
 ])  # fmt: skip
@@ -301,13 +300,6 @@ def test_the_linear_loop_and_a_tuning_have_the_delay_of_the_drive(capsys, built)
     assert tuned["sample_time"] == 0.0 and tuned["drive"] is None
     err = run(capsys, "tune", built, "--set", "drive.sample_time=0")[2]
     assert err.count("is taken as a continuous one: drive.encoder left out") == 1
-
-
-@pytest.mark.slow
-def test_a_remedy_where_no_gain_will_do_is_checked_as_built(capsys, built):
-    words = ("tune", built, "--gain", 1, "--max-torque", 5, "--remedy", "dead band", "--json", "--quiet")
-    code, out, _ = run(capsys, *words)
-    assert code == 0 and one_json(out)["as_built"]["dead band"]["kind"] == "at rest"
 
 
 def test_a_servo_without_a_drive_is_told_nothing_of_it(capsys):

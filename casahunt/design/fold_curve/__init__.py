@@ -8,5 +8,4 @@ is (continuation/two_parameters.py).
 
 data.py     a fold curve as data: its points, the cubic through them
 curve.py    `fold_curve`: where it begins, and where a gain tends to zero
-files.py    a fold curve on the disk after every point, and taken up again
 """

@@ -12,8 +12,6 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...checks import choice_of, require, shown
 from ...continuation import Axis, SpecialOrbit, special_walk
 from ...errors import InputError, NoOrbit, Status
@@ -24,7 +22,7 @@ from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import NAMES
-from .data import FoldCurve, FoldPoint, as_found
+from .data import FoldCurve, FoldPoint
 
 RANGE_POINTS = 17
 """Points over the range where the curve is not steep."""
@@ -47,7 +45,6 @@ def fold_curve(
     points: int = RANGE_POINTS,
     options: Options | None = None,
     report: Callable[[FoldPoint], None] | None = None,
-    begun: Sequence[FoldPoint] = (),
 ) -> FoldCurve:
     """The fold gain of a servo while one of its parameters runs over a range.
 
@@ -65,8 +62,6 @@ def fold_curve(
         `tol` bounds the relative errors of gain, amplitude and period at every point.
     report
         called with every point as it is found; the first is one of the two ends.
-    begun
-        the points of the same curve that are there already, from `start` to `end`: it goes on behind them.
 
     Returns
     -------
@@ -91,8 +86,9 @@ def fold_curve(
     check_range(servo, vary, start, end)
     require("points", points, at_least=2)
     task = _FoldCurveTask(servo, model, Axis(vary, float(start), float(end)), options, 1 / (points - 1))
-    specials, c, found = _begin(task, begun)
-    if report is not None and not begun:
+    specials, c, first = _first(task)
+    found = [task.point(first)]
+    if report is not None:
         report(found[0])
     reason, gone = _collect(task, specials, found, c, report)
     last = found[-1]
@@ -121,7 +117,7 @@ class _FoldCurveTask:
         """The orbit at its fold, from nothing.  Raises NoOrbit."""
         return find_fold(self.at(c), self.model, options=self.options).orbit
 
-    def along(self, orbit: HuntingOrbit, sense: float, *, turned: bool = False) -> Specials:
+    def along(self, orbit: HuntingOrbit, sense: float) -> Specials:
         """The folds from one on, itself the first; that raises NoOrbit where there is no way on."""
 
         def again(c: float) -> HuntingOrbit | None:
@@ -130,9 +126,8 @@ class _FoldCurveTask:
             return None
 
         return special_walk(
-            orbit, "gain", self.axis, sense=sense, options=self.options, spacing=self.spacing, turned=turned,
-            again=again,
-        )  # fmt: skip
+            orbit, "gain", self.axis, sense=sense, options=self.options, spacing=self.spacing, again=again
+        )
 
     def point(self, special: SpecialOrbit) -> FoldPoint:
         """A place of the curve as a point of the result."""
@@ -151,8 +146,6 @@ def _collect(
     report: Callable[[FoldPoint], None] | None,
 ) -> tuple[str, bool]:
     """Append the points that follow to `found`; (why the curve ends there, whether its gain tends to zero)."""
-    if task.axis.place(found[-1].value) in (0.0, 1.0) and len(found) > 1:
-        return "", False
     goal = task.at(1 - c)
     while True:
         try:
@@ -205,25 +198,6 @@ def _first(task: _FoldCurveTask) -> tuple[Specials, float, SpecialOrbit]:
         except NoOrbit as error:
             complaints.append(f"at {axis.vary} = {shown(axis.value(c))}: {error}")
     raise NoOrbit("no fold to follow at either end of the range; " + "; ".join(complaints), Status.NOT_FOUND)
-
-
-def _begin(task: _FoldCurveTask, begun: Sequence[FoldPoint]) -> tuple[Specials, float, list[FoldPoint]]:
-    """(the folds that follow, c of the first point, the points up to there as they were found)."""
-    axis = task.axis
-    if not begun:
-        specials, c, first = _first(task)
-        return specials, c, [task.point(first)]
-    c = 0.0 if begun[0].value == axis.start else 1.0
-    found = as_found(begun, axis.start)
-    position = axis.place(found[-1].value)
-    sense = position - axis.place(found[-2].value) if len(found) > 1 else 0.5 - c
-    specials = task.along(found[-1].orbit, float(np.sign(sense)), turned=any(point.turns for point in found))
-    try:
-        next(specials)  # the last point itself
-    except NoOrbit as error:
-        where = f"{axis.vary} = {shown(found[-1].value)}"
-        raise NoOrbit(f"the curve cannot be taken up at {where}: {error}", Status.NOT_CONVERGED) from None
-    return specials, c, found
 
 
 def _ending(

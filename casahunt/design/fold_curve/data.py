@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,16 +150,3 @@ def cubic_through_points(curve: FoldCurve, samples: int = 24) -> tuple[Array, Ar
     a, b = slope[:-1, None] * h - rise, rise - slope[1:, None] * h
     between = K[:-1, None] + x * rise + x * (1 - x) * (a * (1 - x) + b * x)
     return np.append((q[:-1, None] + x * h).ravel(), q[-1]), np.append(between.ravel(), K[-1])
-
-
-def as_found(points: Sequence[FoldPoint], start: float) -> list[FoldPoint]:
-    """The points of a part of a curve in the order in which they were found, up to the last that is no cusp.
-
-    A curve may have been followed from its other end.  At a cusp the second parameter has no direction to go on in.
-
-    start: where its range begins.
-    """
-    found = list(points if points and points[0].value == start else points[::-1])
-    while len(found) > 1 and found[-1].turns:
-        found.pop()
-    return found

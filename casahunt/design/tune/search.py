@@ -25,12 +25,11 @@ from typing import NoReturn
 import numpy as np
 
 from ...errors import NoOrbit, Status
-from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ..uncertainty.worst_corner import WorstCase
 from .best_gain import Answer, Given, Outlook
 from .demands import cost_of, log_numbers
-from .problem import Round, TuningPoint, solve_round
+from .problem import Round, solve_round
 from .refusal import refusal
 
 Array = np.ndarray
@@ -147,7 +146,18 @@ class TuningSearch:
         step = STEP
         folds = self.given.folds_at(q)
         for _ in range(ROUNDS):
-            point = self._solve(q, gain, folds, step)
+            self.rounds += 1
+            self.given.tell(f"optimising the controller times: round {self.rounds}")
+            given = self.given
+            needed = (1 + given.demands.margin) * (1 + given.guard)
+            gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), given.at(q))
+            point = solve_round(
+                Round(
+                    given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),
+                    np.maximum(q - step, self.low), np.minimum(q + step, self.high),
+                    gains, needed, folds, given.cuts, given.demands.lag, self._most(given.at(q)),
+                )
+            )  # fmt: skip
             moved = point.q - q
             try:
                 if not point.converged:
@@ -162,20 +172,6 @@ class TuningSearch:
                 continue
             q, gain, step = point.q, math.exp(point.k), min(STEP, 2 * step)
         return q, gain
-
-    def _solve(self, q: Array, gain: float, folds: list[HuntingFold], step: float) -> TuningPoint:
-        self.rounds += 1
-        self.given.tell(f"optimising the controller times: round {self.rounds}")
-        given = self.given
-        needed = (1 + given.demands.margin) * (1 + given.guard)
-        gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), given.at(q))
-        return solve_round(
-            Round(
-                given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),
-                np.maximum(q - step, self.low), np.minimum(q + step, self.high),
-                gains, needed, folds, given.cuts, given.demands.lag, self._most(given.at(q)),
-            )
-        )  # fmt: skip
 
     def _most(self, servo: Servo) -> float:
         """The largest kp of the nominal servo [N m/rad]; with it no servo of the set takes too large a torque."""

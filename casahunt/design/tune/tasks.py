@@ -61,18 +61,16 @@ class SimulatedTask(Result):
         return self.motion.verdict.kind != "undecided" and self.motion.status.ok
 
 
-def until_decided(
-    servo: Servo, model: Model, gain: float, span: float, start: Mapping[str, float], most: int = MOST_LONGER
-) -> Trajectory:
+def until_decided(servo: Servo, model: Model, gain: float, span: float, start: Mapping[str, float]) -> Trajectory:
     """A motion, simulated until its verdict is decided, within limits.
 
     servo, model, gain: the problem; gain K > 0 [V/rad]; span: first length [s]; start: initial values, as `simulate`
-    takes them; most: times that it may be simulated again. Returns trajectory over `span`, or over as much longer as
-    its verdict takes; perhaps still undecided. Raises NoOrbit: not even the first length could be computed.
+    takes them. Returns trajectory over `span`, or over as much longer as its verdict takes; perhaps still undecided.
+    Raises NoOrbit: not even the first length could be computed.
     """
     values: dict[str, Any] = dict(start)
     motion = simulate(servo, model, gain, time=span, **values)
-    for _ in range(most):
+    for _ in range(MOST_LONGER):
         if motion.verdict.kind != "undecided" or motion.ended or motion.times.size > MOST_TASK_INTERVALS:
             break
         span = max(LONGER * span, AFTER_BREAKAWAY * (float(motion.times[-1]) + waits(motion)))
@@ -95,15 +93,15 @@ def waits(motion: Trajectory) -> float:
 
 
 def regulator_tasks(
-    servo: Servo, model: Model, gain: float, span: float, amplitude: float, friction: str, *, decide: bool = True
+    servo: Servo, model: Model, gain: float, span: float, amplitude: float, friction: str
 ) -> list[SimulatedTask]:
     """Simulated motions towards a set point: two steps from rest, and a breakaway beside the set point.
 
-    servo, model, gain: the problem; gain K > 0 [V/rad]; span: length of the motions [s], longer where they are to be
-    decided; amplitude: of the breakaway [rad]. Raises NoOrbit: a motion could not be computed.
+    servo, model, gain: the problem; gain K > 0 [V/rad]; span: length of the motions [s], longer where they are not
+    decided by then; amplitude: of the breakaway [rad]. Raises NoOrbit: a motion could not be computed.
     """
     return [
-        SimulatedTask(friction, said, until_decided(servo, model, gain, span, start, MOST_LONGER if decide else 0))
+        SimulatedTask(friction, said, until_decided(servo, model, gain, span, start))
         for said, start in stated(servo, gain, amplitude).items()
     ]
 

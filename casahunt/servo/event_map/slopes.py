@@ -195,7 +195,10 @@ def nothing_between(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:
     """
     if not math.isfinite(middle.position) or not middle.excess * left.excess > 0:
         return False
-    expected, nearest = predicted_by_cubic(left, right)
+    c = cubic_of_two(left, right)
+    values = np.polyval(c, np.linspace(0, 1, CUBIC_PLACES))
+    nearest = 0.0 if np.any(values * values[0] <= 0) else float(np.min(np.abs(values)))
+    expected = float(np.polyval(c, 0.5))
     if abs(middle.excess - expected) > SMOOTH + DISTANCE * nearest:
         return False
     return nearest > NEAR or one_sided(left, middle, right)
@@ -211,18 +214,6 @@ def cubic_of_two(left: MapPoint, right: MapPoint) -> np.ndarray:
     s0 = width * (left.slope - 1 - y0)  # d(P/a)/d log a = P' - P/a
     s1 = width * (right.slope - 1 - y1)
     return np.array([2 * y0 - 2 * y1 + s0 + s1, -3 * y0 + 3 * y1 - 2 * s0 - s1, s0, y0])
-
-
-def predicted_by_cubic(left: MapPoint, right: MapPoint) -> tuple[float, float]:
-    """What the cubic says of the stick positions between two.
-
-    Returns P/a - 1 half-way, and the smallest |P/a - 1| between; 0 for the latter where the sign changes.
-    """
-    c = cubic_of_two(left, right)
-    t = np.linspace(0, 1, CUBIC_PLACES)
-    values = np.polyval(c, t)
-    smallest = 0.0 if np.any(values * values[0] <= 0) else float(np.min(np.abs(values)))
-    return float(np.polyval(c, 0.5)), smallest
 
 
 def one_sided(left: MapPoint, middle: MapPoint, right: MapPoint) -> bool:

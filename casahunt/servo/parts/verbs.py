@@ -269,17 +269,13 @@ def loop_motion(
 def along(loop: Loop, motion: Motion, per_interval: int = 4) -> LoopMotion:
     """A motion of a loop that has been followed, at points, with its torque."""
     times, states = motion.sample(per_interval)
-    modes = modes_along(motion, times)
+    # (m,) modes of a motion at its sampled times: of two equal times the second one is behind the event
+    ends = np.cumsum([phase.duration for phase in motion.phases])
+    of = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
+    of[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[of[1:]]) & (of[1:] < len(ends) - 1)
+    modes = np.array([phase.mode for phase in motion.phases])[of]
     torque, moving = np.empty((2, times.size))
     for name in set(modes.tolist()):
         at = modes == name
         torque[at], moving[at] = (loop.signal(signal, name, states[:, at]) for signal in ("torque", "moving"))
     return LoopMotion(motion, times, states, modes, torque, moving > 0)
-
-
-def modes_along(motion: Motion, times: Array) -> Array:
-    """(m,) modes of a motion at its sampled times: of two equal times the second one is behind the event."""
-    ends = np.cumsum([phase.duration for phase in motion.phases])
-    of = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
-    of[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[of[1:]]) & (of[1:] < len(ends) - 1)
-    return np.array([phase.mode for phase in motion.phases])[of]

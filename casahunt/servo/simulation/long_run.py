@@ -32,7 +32,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...motion import MarchFailure, march
-from .. import stick_band as band
 from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap, half_cycle
 from ..event_map.slopes import map_at
@@ -119,7 +118,7 @@ Swing = Callable[[float], tuple[float, float]]
 """b -> (|P(b)|/b, its derivative with respect to log b or nan)."""
 
 
-def _swing(servo: Servo, model: Model, gain: float, regularised: bool) -> Swing:
+def _swing(servo: Servo, model: Model, gain: float) -> Swing:
     small = linear_stick_range(servo, model, gain) * (1 + 1e-9) if model == "switch" and creeps(servo, gain) else 0.0
 
     def switch(b: float) -> tuple[float, float]:
@@ -132,31 +131,16 @@ def _swing(servo: Servo, model: Model, gain: float, regularised: bool) -> Swing:
     def other(b: float) -> tuple[float, float]:
         return abs(half_cycle(model, servo, gain, b).ratio), math.nan
 
-    def in_band(b: float) -> tuple[float, float]:
-        return _band_position(servo, gain, b) / b, math.nan
-
-    return in_band if regularised else (switch if model == "switch" else other)
+    return switch if model == "switch" else other
 
 
-def _band_position(servo: Servo, gain: float, b: float) -> float:
-    """|x1| where the servo with a stick band breaks away next; 0 where it never does."""
-    P, p = StickMap("switch", servo, gain), band.parameters(servo, gain)
-    segments = march(
-        system_of("switch", p.size).vector_form, "transition+", P.breakaway(b), p, scale=P.scale(b),
-        until=lambda segment: segment.mode == "stick", tol=1e-6, degree=8, max_time=P.patience,
-        max_intervals=3000,
-    )  # fmt: skip
-    return abs(float(segments[-1].end[0])) if segments[-1].event else 0.0
-
-
-def settles(servo: Servo, model: Model, gain: float, a: float, *, regularised: bool = False) -> Ahead:
+def settles(servo: Servo, model: Model, gain: float, a: float) -> Ahead:
     """Whether every stick position up to one is followed by a smaller one.
 
-    servo, model, gain: the problem; gain K > 0 [V/rad]; a: that stick position [rad], > 0; regularised: Switch friction
-    with the report's stick band instead of an exact stick.
+    servo, model, gain: the problem; gain K > 0 [V/rad]; a: that stick position [rad], > 0.
     Returns ahead; where it does not hold, or is not resolved, the words say so.
     """
-    swing, exact = _swing(servo, model, gain, regularised), model == "switch" and not regularised
+    swing, exact = _swing(servo, model, gain), model == "switch"
     limit = 1.0 if exact else 1 - MARGIN
     seen: dict[float, tuple[float, float]] = {}
 

@@ -3,9 +3,8 @@
     x1 = theta - theta_d,   x1' = x2,   J x2' = m - F,   x3' = x1,   m = -(kp x1 + kd x2 + ki x3)
 
 theta [rad] is the position of the servo, theta_d [rad] its constant set point; x1 [rad], x2 [rad/s],
-x3 [rad s] and, for LuGre, x4 = z [rad].  Friction F: servo/hunting.py (Switch as an exact event system, LuGre)
-or servo/stick_band.py (Switch with the report's stick band).  The regulator task of the report is
-theta_d = 1 rad from rest at theta = 0.
+x3 [rad s] and, for LuGre, x4 = z [rad].  Friction F: servo/hunting.py (Switch as an exact event system, LuGre).
+The regulator task of the report is theta_d = 1 rad from rest at theta = 0.
 
 Accuracy.  `march` bounds the last Legendre coefficient of each interval; the ends of the intervals are
 much better, and what that does to the times of the events depends on the servo.  Measured on 100 s of
@@ -32,7 +31,6 @@ from ...collocation import Scheme, flow_at
 from ...errors import InputError, NoOrbit, Status
 from ...motion import MarchFailure, Segment, march
 from ...orbits import Options
-from .. import stick_band as band
 from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap
 from ..hunting import MODELS, Model
@@ -78,7 +76,6 @@ def simulate(
     integral: float = 0.0,
     bristle: float = 0.0,
     tol: float = 1e-6,
-    regularised: bool = False,
 ) -> Trajectory:
     """The motion of the closed loop from an initial state.
 
@@ -98,8 +95,6 @@ def simulate(
         z [rad] at the start (LuGre only).
     tol
         bound on the error of event times [s] and of the final x1, x2, x3 relative to their largest values.
-    regularised
-        Switch with the report's stick band eta and rate alpha instead of an exact stick.
 
     Returns
     -------
@@ -126,8 +121,6 @@ def simulate(
     low, high = Options.TOLERANCES
     if not low <= tol <= high:
         raise InputError(f"tol = {tol:g}: must lie between {low:g} and {high:g}")
-    if regularised and model != "switch":
-        raise InputError(f"regularised: must be left out with the model {model!r}, the stick band is for 'switch'")
     if bristle != 0 and model != "lugre":
         raise InputError(f"bristle = {bristle!r}: must be 0 with the model {model!r}, which has no bristle")
     values = {"set_point": set_point, "position": position, "velocity": velocity, "integral": integral}
@@ -135,7 +128,7 @@ def simulate(
     theta_d = numbers["set_point"]
     x = [numbers["position"] - theta_d, numbers["velocity"], numbers["integral"]]
     start = np.array(x + ([moderate("bristle", bristle, power=COMPUTED)] if model == "lugre" else []))
-    run = _Marcher(servo, model, gain, start, time, regularised)
+    run = _Marcher(servo, model, gain, start, time)
 
     found = _refined(run, tol, lambda coarse, fine: _trajectory(run, coarse, fine, tol, theta_d, began))
     if isinstance(found, MarchFailure):
@@ -195,10 +188,9 @@ class _MarchedMotion:
 class _Marcher:
     """One problem, marched with any march tolerance."""
 
-    def __init__(self, servo: Servo, model: Model, gain: float, start: Array, time: float, regularised: bool) -> None:
+    def __init__(self, servo: Servo, model: Model, gain: float, start: Array, time: float) -> None:
         self.servo, self.model, self.gain, self.start, self.time = servo, model, gain, start, time
-        self.regularised = regularised
-        self.p = band.parameters(servo, gain) if regularised else servo.parameters(gain)
+        self.p = servo.parameters(gain)
         self.system = system_of(model, self.p.size).vector_form
         stick_map = StickMap(model, servo, gain)
         self.unit = stick_map.unit
@@ -206,9 +198,6 @@ class _Marcher:
 
     def first_mode(self) -> str:
         """The mode of the initial state."""
-        if self.regularised:
-            names = system_of(self.model, self.p.size).names
-            return band.mode_of(names.x(self.start, self.p), names.p(self.p))
         slip = "slip" if self.model == "switch" else "slide"
         if self.start[1] != 0:
             return f"{slip}{'+' if self.start[1] > 0 else '-'}"
@@ -334,7 +323,6 @@ def _laid_out(run: _Marcher, motion: _MarchedMotion, tol: float, set_point: floa
         servo=run.servo,
         gain=run.gain,
         set_point=set_point,
-        regularised=run.regularised,
         times=np.append(np.concatenate(times), last),
         states=np.vstack([w[:, 0], segments[-1].end]).T,
         modes=tuple(segment.mode for segment in segments for _ in segment.w),

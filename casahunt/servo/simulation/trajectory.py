@@ -61,7 +61,6 @@ class Trajectory(Result):
     Attributes
     ----------
     model, servo, gain, set_point : the problem; set point theta_d [rad].
-    regularised : with the report's stick band (Switch).
     times : (N + 1,) interval boundaries [s].
     states : (n, N + 1) states there: x1 [rad], x2 [rad/s], x3 [rad s] and, for LuGre, x4 = z [rad].
     modes : (N,) names of the mode in each interval.
@@ -89,7 +88,7 @@ class Trajectory(Result):
         "end_error", "status",
     )  # fmt: skip
     _details = (
-        "servo", "time = duration [s]", "regularised", "tol", "verdict = verdict.kind", "reason = verdict.sentence",
+        "servo", "time = duration [s]", "tol", "verdict = verdict.kind", "reason = verdict.sentence",
         "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]", "swings = verdict.swings", "end",
         "peak_torque [N m]", "peak_voltage [V]", "state_errors", "intervals = modes.size", "wall_s [s]",
     )  # fmt: skip
@@ -98,7 +97,6 @@ class Trajectory(Result):
     servo: Servo
     gain: float
     set_point: float
-    regularised: bool
     times: Array
     states: Array
     modes: tuple[str, ...]

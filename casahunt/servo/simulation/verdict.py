@@ -32,7 +32,6 @@ from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap
 from ..hunting import Model
 from ..servo import Servo
-from ..stick_band import parameters as band_parameters
 from .long_run import KNOWN, NUDGE, Ahead, AttractingCycle, attracting_cycle_near, escapes, next_stick, nudged, settles
 from .small_swings import crept
 from .swings import ABOVE, limit_of, limit_of_sides
@@ -124,8 +123,6 @@ class ObservedMotion(Protocol):
     @property
     def gain(self) -> float: """See Trajectory."""
     @property
-    def regularised(self) -> bool: """See Trajectory."""
-    @property
     def times(self) -> Array: """See Trajectory."""
     @property
     def states(self) -> Array: """See Trajectory."""
@@ -151,7 +148,7 @@ def judge_motion(motion: ObservedMotion) -> Verdict:
     crossings, peaks = motion.shape()
     error = float(motion.state_errors[0])
     stuck = _stuck(motion)
-    swings, at = stuck if motion.model == "switch" and not motion.regularised else (peaks[1:-1], crossings[:-1])
+    swings, at = stuck if motion.model == "switch" else (peaks[1:-1], crossings[:-1])
     floor = max(REST * static_friction_error(motion), error)
     clear = np.flatnonzero(swings > floor)[-SWINGS - 1 :]
     seen = Verdict(
@@ -165,7 +162,7 @@ def judge_motion(motion: ObservedMotion) -> Verdict:
     if escapes(motion.servo, motion.model, motion.gain, motion.states[:, -1]):
         text = "the loop without dry friction is unstable, and the motion is beyond what friction can hold back"
         return replace(seen, kind="growing", sentence=f"{text}", limit=math.inf)
-    if motion.model == "switch" and not motion.regularised:
+    if motion.model == "switch":
         return _switch(motion, seen, stuck[0], error)
     return _other(motion, seen, stuck[0], swings, error)
 
@@ -271,7 +268,7 @@ def _other(motion: ObservedMotion, seen: Verdict, sticks: Array, swings: Array, 
             return _open(motion, seen, Ahead(False, "the servo has not come to stick", 0))
         a = float(sticks[-1])
     slack = BENT * friction.static / friction.stiffness if motion.model == "lugre" else 0.0
-    ahead = settles(motion.servo, motion.model, motion.gain, a + slack + error, regularised=motion.regularised)
+    ahead = settles(motion.servo, motion.model, motion.gain, a + slack + error)
     seen = replace(seen, motions=ahead.motions)
     return _resting(motion, seen, "", ahead) if ahead.holds else _open(motion, seen, ahead)
 
@@ -333,11 +330,10 @@ def _stuck(motion: ObservedMotion) -> tuple[Array, Array]:
 def _carried_on(motion: ObservedMotion) -> tuple[float, str] | None:
     """(|x1| [rad], sentence) where the motion, followed from its end, creeps to the set point or, for Switch, sticks.
 
-    None where it crosses the set point again first (LuGre, stick band), or could not be followed.
+    None where it crosses the set point again first (LuGre), or could not be followed.
     """
     servo, model, x = motion.servo, motion.model, motion.states[:, -1]
-    exact = model == "switch" and not motion.regularised
-    p = band_parameters(servo, motion.gain) if motion.regularised else servo.parameters(motion.gain)
+    exact, p = model == "switch", servo.parameters(motion.gain)
     system = system_of(model, p.size).vector_form
     side, slips = np.sign(x[0]), 0
 

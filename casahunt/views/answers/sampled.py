@@ -48,11 +48,8 @@ def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
         yield item("what ends it", _cure(cause, q))
     x, v, _ = found.states[:, -1]
     yield item("at the end", f"{short(x)} rad from the set point, velocity {short(v)} rad/s")
-    yield item("largest torque", f"{short(found.peak_torque)} N m, by {_volts(found)} V")
-
-
-def _volts(found: SampledMotion) -> str:
-    return short(found.peak_torque / found.servo.motor_gain)
+    voltage = found.peak_torque / found.servo.motor_gain
+    yield item("largest torque", f"{short(found.peak_torque)} N m, by {short(voltage)} V")
 
 
 def _cure(cause: Cause, count: float) -> str:

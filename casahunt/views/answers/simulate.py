@@ -33,7 +33,7 @@ def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) 
 def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     verdict = found.verdict
     partly = ", but not from every start" if other is not None and other.hunts else ""
-    name = f"{found.model} servo{' with stick band' if found.regularised else ''} at gain {found.gain:.10g} V/rad"
+    name = f"{found.model} servo at gain {found.gain:.10g} V/rad"
     where = f"set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s"
     waits = "" if verdict.kind != "decaying" or math.isnan(verdict.waits) else "stuck for now, "
     yield f"{name}, {where}: {waits}{HEADS[verdict.kind]}{partly}"

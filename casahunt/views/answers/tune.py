@@ -65,20 +65,11 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
         beside = "" if only is None else f" ({short(only, tol)} with the {form} as given)"
         yield item("cost", f"{record['cost']}: {short(record['cost_value'], tol)} {record['cost_unit']}{beside}")
     yield item("hunting", _hunting(record))
-    if record["before"] is not None:
-        now, after = record["before"], check["tasks"]
-        yield item(
-            "in place of",
-            f"{short(now['gain'])} V/rad{not_the_users(record)}: {now['times']:.3g} times that gain; "
-            f"{after[0]['start']} takes {_peak(after[0])}, before {_peak(now['tasks'][0])}",
-        )
     yield item("why not less", ", ".join(BINDS.get(name, name) for name in record["binding"]) or "nothing")
     which = "the continuous loop is " if unless(record) else ""
     yield item("checked", f"{which}{check['result']}, in ways that the search for it did not use")
     yield item("linear loop", ("as built, " if record["demands"]["sample_time"] else "") + _loops(check))
     yield item("simulated", f"it {_tasks(check['tasks'])}")
-    if record["before"] is not None:
-        yield item("before", f"at gain {short(record['before']['gain'])} V/rad it {_tasks(record['before']['tasks'])}")
     for sentence in check["against"]:
         yield item("against it", sentence)
     for sentence in check["unverified"]:
@@ -97,11 +88,6 @@ def unless(record: Mapping[str, Any]) -> str:
     if kind == "undecided":
         return "; whether it comes to rest in the loop as built was not seen, see below"
     return f", but not alone: in the loop as built it {DOES[kind]} there, see below"
-
-
-def not_the_users(record: Mapping[str, Any]) -> str:
-    """Whose the gain before is where none was given, in brackets; nothing where it was."""
-    return " (none was given: half of that where hunting ends)" if record.get("before_assumed") else ""
 
 
 def _hunting(record: Mapping[str, Any]) -> str:
@@ -166,9 +152,6 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
     for task in check["tasks"]:
         said = f"{task['friction']} friction, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak(task)}"
         yield item("simulated", said)
-    for task in (record["before"] or {"tasks": []})["tasks"]:
-        now = f"gain {record['before']['gain']:.6g}"
-        yield item("before", f"{now}, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak(task)}")
     yield "not proved by this"
     for sentence in record["proves_not"]:
         yield f"  {sentence}"

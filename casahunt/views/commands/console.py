@@ -60,15 +60,6 @@ def own_process() -> None:
         raise OSError(errno.EBADF, "standard output is closed")
 
 
-def of_this(left: str, what: str, others: bool) -> str:
-    """How long something will still take (effort.left), named where others follow.
-
-    left, what: what `effort.left` says, and of what: "branch"; others: whether others follow.
-    Returns ", about 12 s left" or ", about 12 s left of this branch".
-    """
-    return f"{left} of this {what}" if left and others else left
-
-
 class Outputs:
     """What a command leaves beside its printed result: data files, then the result, then pictures, which take longest.
 

@@ -6,7 +6,6 @@ Points that were computed in batches are written together, and a point is announ
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from ... import effort
 from ...continuation import FOLD, SpecialPoint
-from ...design.diagram import DiagramPoint, branch_of, diagram_points, starting_gain
+from ...design.diagram import branch_of, diagram_points, starting_gain
 from ...design.diagram_files import SIGNS, DiagramTask, Left, Words, keep, saved_points
 from ...errors import NoOrbit
 from ...export import MAKER
@@ -45,7 +44,7 @@ from .arguments import (
     servo_of,
     vary_of,
 )
-from .console import complain, folder, of_this, orbit_line
+from .console import complain, folder, orbit_line
 from .loops import shared
 from .output import drawing, give
 from .output_paths import keep_others
@@ -247,41 +246,7 @@ class _Branches:
     def branch(self, model: Model, start: float) -> Branch:
         """Compute the branch of a model from a gain."""
         task = replace(self.task, start=start)
-        folds = [s.orbit.gain for branch in self.branches for s in branch.special if s.kind == FOLD.kind]
-        way = _DiagramProgress(start, task.natural, max(folds, default=0.0), last=model == list(self.there)[-1])
-        return _one_branch(task, model, self.there[model], self.make_room, self.out, self.stream, way)
-
-
-@dataclass
-class _DiagramProgress:
-    """How far along its branch a diagram has come, in the logarithm of the gain: up to the fold, and back.
-
-    Attributes
-    ----------
-    start, natural, last : of the diagram; whether no other branch follows.
-    top : gain of the fold; before it is met, that of the other model, which is near.
-    began : when, and where on the way.
-    """
-
-    start: float
-    natural: bool
-    top: float
-    last: bool
-    began: tuple[float, float] | None = None
-    turned: bool = False
-
-    def left(self, point: DiagramPoint) -> str:
-        """How long the rest of the branch will still take; "" where nobody knows yet."""
-        for special in point.special:
-            if special.kind == FOLD.kind:
-                self.turned, self.top = True, special.orbit.gain
-        whole = math.log(max(self.top, self.start) / self.start)
-        done = math.log(point.orbit.gain / self.start)
-        done, whole = 2 * whole - done if self.turned else done, whole * (1 if self.natural else 2)
-        if self.began is None:
-            self.began = time.monotonic(), done
-        since, before = self.began
-        return of_this(effort.left(done - before, whole - before, since), "branch", not self.last)
+        return _one_branch(task, model, self.there[model], self.make_room, self.out, self.stream)
 
 
 def _one_branch(
@@ -291,13 +256,9 @@ def _one_branch(
     make_room: Callable[[], None],
     out: Path,
     stream: Progress | None,
-    way: _DiagramProgress,
 ) -> Branch:
     """Compute a branch, from the points that are there on; what is found is on disk before more is computed."""
     found, ended, words = list(there.points), there.ended, Words()
-    for point in found:
-        way.left(point)
-    way.began = None
     if found:
         say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
     if found and ended != INTERRUPTED:
@@ -323,7 +284,7 @@ def _one_branch(
             with held():
                 found.append(point)
                 lines += [(say, _met(model, special, stream)) for special in point.special if _worth(special, stream)]
-                lines.append((tell, orbit_line(stream, point.orbit) + way.left(point)))
+                lines.append((tell, orbit_line(stream, point.orbit)))
             if not point.ahead:
                 written()
     except StopIteration as end:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ... import effort
 from ...checks import to_error
 from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
-from ...design.fold_curve.data import FoldCurve, FoldPoint, as_found
-from ...design.fold_curve.files import save_curve, saved_curve
-from ...errors import InputError, NoOrbit, Status
+from ...design.fold_curve.data import FoldCurve, FoldPoint
+from ...errors import NoOrbit, Status
 from ...export import write_csv
-from ...files import together
 from ...interrupts import held, word
 from ...orbits import Options
 from ...results import tables_of
@@ -25,7 +21,7 @@ from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
 from ..answers.fold_curve import fold_curve_answer
 from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
-from .console import complain, of_this
+from .console import complain
 from .loops.fold_curve import of_loop
 from .output import give
 from .progress import Progress, progress, tell
@@ -48,8 +44,6 @@ def add(commands: Any) -> None:
     add_models(command)
     points = f"about how many points (default {RANGE_POINTS})"
     command.add_argument("--points", default=RANGE_POINTS, metavar="N", help=points)
-    command.add_argument("--save", metavar="F.npz", help="keep the points of one model for --resume")
-    command.add_argument("--resume", action="store_true", help="go on behind the points that are in the file of --save")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -58,10 +52,16 @@ def run(options: argparse.Namespace) -> int:
     Raises InputError: the command line is wrong; NoOrbit: no model has a curve.
     """
     if (loop := loop_of(options)) is not None:
-        left_out(options, "they go with a servo", "save", "resume")
         return of_loop(options, loop, count_of("points", options.points, *CURVE_POINTS), how_of(options))
     left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    desk = _desk_of(options)
+    models = models_of(options)
+    how = how_of(options)
+    servo = servo_of(options)
+    start, end = finite("from", options.start), finite("to", options.to)
+    check_range(servo, options.vary, start, end)
+    points = count_of("points", options.points, *CURVE_POINTS)
+    asked = {"vary": options.vary, "start": start, "end": end, "points": points}
+    desk = _Desk(models, servo, asked, how, options.csv, progress(options))
     desk.began = time.perf_counter()
     for model in desk.models:
         desk.follow(model)
@@ -88,33 +88,23 @@ class _Desk:
     """vary, start, end, points: arguments of `fold_curve`."""
     how: Options
     table: Path | None
-    save: Path | None
-    before: FoldCurve | None
-    """The curve of an interrupted run."""
     stream: Progress | None
     curves: list[FoldCurve] = field(default_factory=list)
     failures: list[str | NoOrbit] = field(default_factory=list)
     there: list[FoldPoint] = field(default_factory=list)
     """The points of the curve under way, as they were found."""
     began: float = 0.0
-    taken_up: tuple[float, float] | None = None
-    """The value at which the curve under way begins in this run, and when that point was there."""
 
     def follow(self, model: Model) -> None:
         """Compute a curve, from the points that are there on."""
-        before, self.taken_up = self.before, None
         try:
-            curve = before if before and before.ended != INTERRUPTED else fold_curve(
-                self.servo, model, **self.asked, options=self.how, report=self.arrived,
-                begun=before.points if before else (),
-            )  # fmt: skip
+            curve = fold_curve(self.servo, model, **self.asked, options=self.how, report=self.arrived)
             self.keep(curve)
         except NoOrbit as error:
             self.failures.append(error)
         except KeyboardInterrupt:
-            if (self.table or self.save) and (self.curves or self.there):
-                where = self.table or self.save
-                raise KeyboardInterrupt(f"{word()}; the points computed so far are in {where}") from None
+            if self.table and (self.curves or self.there):
+                raise KeyboardInterrupt(f"{word()}; the points computed so far are in {self.table}") from None
             raise
         else:
             self.curves.append(curve)
@@ -130,53 +120,12 @@ class _Desk:
             ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
             model, wall_s = point.orbit.model, time.perf_counter() - self.began
             self.keep(FoldCurve(model, self.servo, vary, ordered, (), INTERRUPTED, Status.NOT_CONVERGED, wall_s))
-        tell(self.stream, _line(vary, point) + self.left(point))
-
-    def left(self, point: FoldPoint) -> str:
-        """How long the rest of the curve will still take; nothing where it has turned back, to nobody knows where."""
-        if self.taken_up is None:
-            self.taken_up = point.value, time.monotonic()
-        if any(each.turns for each in self.there):
-            return ""
-        value, since = self.taken_up
-        start, end = sorted((self.asked["start"], self.asked["end"]))
-        goal = end if self.there[0].value == start else start
-        others = point.orbit.model != self.models[-1]
-        return of_this(effort.left(abs(point.value - value), abs(goal - value), since), "curve", others)
+        tell(self.stream, _line(vary, point))
 
     def keep(self, curve: FoldCurve) -> None:
         """Write what is asked for, `curve` behind the curves before it."""
-        with together():
-            if self.save:
-                save_curve(curve, self.save, _settings(self.asked, self.how))
-            if self.table:
-                write_csv(tables_of([*self.curves, curve]), self.table)
-
-
-def _settings(asked: Mapping[str, Any], how: Options) -> dict[str, Any]:
-    """The settings of a curve by their names on the command line."""
-    return {"vary": asked["vary"], "from": asked["start"], "to": asked["end"], "points": asked["points"],
-            "tol": how.tol}  # fmt: skip
-
-
-def _desk_of(options: argparse.Namespace) -> _Desk:
-    """The task of the command line, checked, with what an interrupted run has left of it."""
-    models = models_of(options)
-    how = how_of(options)
-    servo = servo_of(options)
-    start, end = finite("from", options.start), finite("to", options.to)
-    check_range(servo, options.vary, start, end)
-    points = count_of("points", options.points, *CURVE_POINTS)
-    asked = {"vary": options.vary, "start": start, "end": end, "points": points}
-    table, save = options.csv, options.save
-    if save and len(models) != 1:
-        raise InputError(f"save = {str(save)!r}: holds the points of one model; give one --model")
-    if options.resume and not save:
-        raise InputError("resume: must be given together with --save, the file to go on from")
-    before = saved_curve(save, servo, models[0], _settings(asked, how)) if save and options.resume else None
-    desk = _Desk(models, servo, asked, how, table, save, before, progress(options))
-    desk.there += as_found(before.points, start) if before else []
-    return desk
+        if self.table:
+            write_csv(tables_of([*self.curves, curve]), self.table)
 
 
 def _line(vary: str, point: FoldPoint) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ...checks import choice_of
 from ...errors import NoOrbit
 from ...export import Columns
-from ...orbits import Multipliers, Options, Orbit
+from ...orbits import Options, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, BranchName, find_orbit
 from ...servo.hunting import Model
@@ -75,7 +75,14 @@ def run(options: argparse.Namespace) -> int:
     orbit, record = found.orbit, {**found.orbit.to_dict(table=False), **found.record, "branch": branch}
     second = orbit.integrator_multipliers if route == "integrator" else None
     if second is not None:
-        record["integrator"] = _second_route(orbit, second)
+        # What the integrators say, for JSON; None where it is not to be trusted
+        trusted = second.trusted and orbit.multipliers.trusted
+        record["integrator"] = {
+            "half_multiplier": second.leading.real if second.trusted and orbit.half else None,
+            "multipliers": [[value.real, value.imag] for value in second.full] if second.trusted else None,
+            "trivial_multiplier_error": second.trivial_error,
+            "difference": difference(orbit.multipliers, second) if trusted else None,
+        }
     record["wall_s"] = time.perf_counter() - began
     stream = progress(options)
     tell(stream, orbit_line(stream, orbit))
@@ -114,17 +121,6 @@ def _of_a_loop(loop: Loop, branch: str, how: Options) -> _Found:
     below = [item("beside it", SYMMETRY_BROKEN)] if past_a_symmetry_breaking(orbit) else []
     parts = shared.parts_line(loop)
     return _Found(orbit, shared.title(loop), (parts, *below), shared.record_of(loop), loop.parameters)
-
-
-def _second_route(orbit: Orbit, m: Multipliers) -> dict[str, Any]:
-    """What the integrators say, for JSON; None where it is not to be trusted."""
-    trusted = m.trusted and orbit.multipliers.trusted
-    return {
-        "half_multiplier": m.leading.real if m.trusted and orbit.half else None,
-        "multipliers": [[value.real, value.imag] for value in m.full] if m.trusted else None,
-        "trivial_multiplier_error": m.trivial_error,
-        "difference": difference(orbit.multipliers, m) if trusted else None,
-    }
 
 
 def _row(found: _Found, branch: str) -> Columns:

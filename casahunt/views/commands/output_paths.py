@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ...errors import InputError
@@ -25,11 +25,9 @@ WRITTEN = {"csv": (".csv",), "save": (".npz",), "plot": (".png", ".pdf", ".svg")
 says what is written."""
 SIGNED = 1_000_000
 """Bytes of a file in which its sign stands; the largest of those with a sign at their end, tune.json, has 6 kB."""
-UNKNOWN = "that this version of casahunt did not write"
 
-Signs = Mapping[str, bytes | Callable[[Path], str]]
-"""Files of a folder by their names: what stands in each that casahunt has written; or what says of a file why it is not
-to be written over, "" where it is."""
+Signs = Mapping[str, bytes]
+"""Files of a folder by their names: what stands in each that casahunt has written."""
 
 
 def keep_inputs(options: argparse.Namespace) -> None:
@@ -126,27 +124,19 @@ def keep_others(folder: str | Path, results: Signs) -> None:
                 continue
             if path.is_dir():
                 raise InputError(f"out = {str(folder)!r}: the folder cannot be written into ({name} is a folder)")
-            why = _not_ours(path, sign)
+            ours = path.is_file() and sign in _head(path)
         except OSError:
-            why = UNKNOWN
-        if why:
+            ours = False
+        if not ours:
             raise InputError(
-                f"out = {str(folder)!r}: the folder holds a {name} {why}; move it away, or give another folder"
+                f"out = {str(folder)!r}: the folder holds a {name} that this version of casahunt did not write; move "
+                "it away, or give another folder"
             )
         if protected(path):
             raise InputError(
                 f"out = {str(folder)!r}: {name} in the folder is protected from being written; move it away, or give "
                 "another folder"
             )
-
-
-def _not_ours(path: Path, sign: bytes | Callable[[Path], str]) -> str:
-    """Why a file is not to be written over; "" where it is one of casahunt's own."""
-    if not path.is_file():
-        return UNKNOWN
-    if callable(sign):
-        return sign(path)
-    return "" if sign in _head(path) else UNKNOWN
 
 
 def _head(path: Path) -> bytes:

@@ -13,15 +13,12 @@ import argparse
 import os
 import shutil
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import IO
 
-TELL_EVERY, REMIND_EVERY = 2.0, 10.0
-"""Seconds between two reports of a computation that reports far too often, and after which a long step is named
-again."""
+TELL_EVERY = 2.0
+"""Seconds between two reports of a computation that reports far too often."""
 LOG_FROM = 10.0
 """Seconds after which a log hears where a command is for the first time."""
 MOVE_EVERY = 0.1
@@ -46,33 +43,15 @@ class Progress:
         self._began = self._moved = time.monotonic()
         self._next = LOG_FROM
         self._width = 0
-        self._lock = threading.RLock()
 
     def say(self, text: str) -> None:
         """A milestone."""
-        with self._lock:
-            self.clear()
-            print(text, file=self._stream, flush=True)
+        self.clear()
+        print(text, file=self._stream, flush=True)
 
     def tell(self, text: str) -> None:
         """Where the command is."""
         if self.moves:
-            return self._move(text)
-        gone = time.monotonic() - self._began
-        if self.every or gone >= self._next:
-            self._next = max(2 * self._next, gone)
-            self.say(text)
-
-    def clear(self) -> None:
-        """Take the moving line away."""
-        with self._lock:
-            if self._width:
-                self._stream.write("\r" + " " * self._width + "\r")
-                self._stream.flush()
-                self._width = 0
-
-    def _move(self, text: str) -> None:
-        with self._lock:
             now = time.monotonic()
             if self._width and now - self._moved < MOVE_EVERY:
                 return
@@ -81,6 +60,18 @@ class Progress:
             self._stream.write("\r" + line.ljust(self._width))
             self._stream.flush()
             self._width = len(line)
+            return
+        gone = time.monotonic() - self._began
+        if self.every or gone >= self._next:
+            self._next = max(2 * self._next, gone)
+            self.say(text)
+
+    def clear(self) -> None:
+        """Take the moving line away."""
+        if self._width:
+            self._stream.write("\r" + " " * self._width + "\r")
+            self._stream.flush()
+            self._width = 0
 
 
 _AT: list[Progress] = []
@@ -134,33 +125,3 @@ def teller(stream: Progress | None) -> Callable[[str], None]:
             tell(stream, text)
 
     return told
-
-
-@contextmanager
-def telling(stream: Progress | None) -> Iterator[Callable[[str], None]]:
-    """As `teller`; a step that takes longer than `REMIND_EVERY` seconds is named again and again, with its time."""
-    told = teller(stream)
-    at, since = "", time.monotonic()
-    done = threading.Event()
-
-    def note(text: str) -> None:
-        nonlocal at, since
-        at, since = text, time.monotonic()
-        told(text)
-
-    def remind() -> None:
-        while not done.wait(REMIND_EVERY):
-            text, long = at, time.monotonic() - since
-            if not text or long < REMIND_EVERY:
-                continue
-            try:
-                tell(stream, f"{text} (for {long:.0f} s now)")
-            except (OSError, ValueError):  # nobody reads it any more; the computation is not to end for that
-                return
-
-    if stream is not None:
-        threading.Thread(target=remind, daemon=True).start()
-    try:
-        yield note
-    finally:
-        done.set()

@@ -76,7 +76,6 @@ def of_drive(
     from ...servo.sampled.cause import cause_of  # not read for the continuous loop
     from ...servo.sampled.motion import simulate_sampled
 
-    left_out(options, "the loop as built is computed with an exact stick", "regularised")
     left_out(options, "of the loop as built --csv has a row for each sample", "step")
     start = {key: numbers[key] for key in ("set_point", "position", "velocity", "integral", "bristle")}
     found = simulate_sampled(servo, gain_of(options), drive, model=model_of(options), time=length, **start)

@@ -1,16 +1,16 @@
 """casahunt simulate: the motion of the closed loop from an initial state.
 
 Keys of the JSON object, the `to_dict` of the motion and what was found besides: model, gain, set_point, time (reached),
-regularised, tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude [rad] and period
-[s] (null without whole periods), swings (their number); judged: swings [rad], since [s], ratios of each to the one
-before, limit (the cycle's swing, also of one that an undecided motion is on its way to; 0 for rest, else null) [rad],
-multiplier (or null), floor [rad] below which nothing is judged, map_motions (beyond the motion itself); position,
-velocity, integral and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the cycle at the
-same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted) and start, from
-which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself, velocity and
-bristle (null where none hunts); null without such a cycle, of which other_end_reason says why; events, a list of [time,
-name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where
-unknown); status, advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
+tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude [rad] and period [s] (null
+without whole periods), swings (their number); judged: swings [rad], since [s], ratios of each to the one before, limit
+(the cycle's swing, also of one that an undecided motion is on its way to; 0 for rest, else null) [rad], multiplier (or
+null), floor [rad] below which nothing is judged, map_motions (beyond the motion itself); position, velocity, integral
+and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the cycle at the same gain that it
+has not come to, amplitude, period, half_multiplier (null where not to be trusted) and start, from which, at rest, a
+motion was followed that hunts: position, integral, time and, on the cycle itself, velocity and bristle (null where none
+hunts); null without such a cycle, of which other_end_reason says why; events, a list of [time, name, mode before, mode
+after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where unknown); status,
+advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
 Those of a loop of parts: loops/simulate.py; of the loop as built: sampled.py.
 """
 
@@ -56,7 +56,6 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--state", action="append", default=[], metavar="NAME=VALUE", help="a state of a loop of parts at the start"
     )
-    command.add_argument("--regularised", action="store_true", help="switch with the report's stick band eta")
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
     add_drive(command)
 
@@ -84,13 +83,12 @@ def run(options: argparse.Namespace) -> int:
         if remedies:
             first = next(iter(remedies)).replace("_", "-")
             raise InputError(f"{first}: must be left out, a loop has its remedies as parts")
-        left_out(options, "a loop has its own friction, and its table is dense where the motion is fast", "regularised",
-                 "step")  # fmt: skip
+        left_out(options, "the table of a loop is dense where its motion is fast", "step")
         return of_loop(options, loop, length, numbers)
     servo = servo_of(options)
     left_out(options, "it is of a loop of parts", "state")
     if remedies:
-        left_out(options, "with a remedy the motion is one of a loop of parts", "regularised", "step")
+        left_out(options, "with a remedy the motion is one of a loop of parts", "step")
         bare = None
         with suppress(NoOrbit):
             bare = find_orbit(servo, model, gain)
@@ -98,8 +96,12 @@ def run(options: argparse.Namespace) -> int:
     if drive is not None:
         return of_drive(options, servo, drive, length, numbers)
     began = time.perf_counter()
-    found = simulate(servo, model, gain, time=length, regularised=options.regularised, **numbers)
-    kind, other = found.verdict.kind, _other_end(found)
+    found = simulate(servo, model, gain, time=length, **numbers)
+    kind = found.verdict.kind
+    try:
+        other = other_end(found)
+    except effort.GivenUp as error:
+        other = OtherEnd(None, str(error))
     wall_s = time.perf_counter() - began
     advice = None if found.status.ok else _advice(found)
     record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
@@ -111,14 +113,6 @@ def run(options: argparse.Namespace) -> int:
     if cut:
         complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
     return 0 if found.status.ok and not cut else 1
-
-
-def _other_end(found: Trajectory) -> OtherEnd | None:
-    """The cycle that a motion which rests has not come to, as far as the work that is allowed leads."""
-    try:
-        return other_end(found)
-    except effort.GivenUp as error:
-        return OtherEnd(None, str(error))
 
 
 def _size(key: str, text: Any) -> float:

@@ -17,10 +17,7 @@ with the least "phase margin", "gain margin (lowering)", "gain margin (raising)"
 lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
 tasks [{friction, start, time, verdict, reason, status, peak_torque, peak_voltage}]};
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
-before {gain, times (by which the gain grows), lead_time, integral_time or kp, ki, kd, tasks}, null unless --gain or
---out is given; before_assumed: whether that gain is half the fold's, because none was given (with --out);
 servo {key: value}: as given; rounds, evaluations, status, wall_s;
-where no gain will do, with --remedy: refused (why), and the keys of remedies.py;
 as_built, where the servo file has a table [drive]: what the tuned servo does in it (kind, dead_band, sentence);
 tol; made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
 """
@@ -32,30 +29,25 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 from ...checks import choice_of
-from ...design.remedies.cures import Cures
-from ...design.remedies.remedies import remedies
 from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tasks import TASK_STEPS
 from ...design.tune.tuning import Tuning, tune
-from ...errors import InputError, NoOrbit
+from ...errors import InputError
 from ...export import columns_from
-from ...results import tables_of
-from ...servo.parts.table import remedy_name
 from ...servo.sampled.check import AsBuilt
 from ...servo.units import GAIN_UNIT, unit_of
-from ..answers.answer import Answer
 from ..answers.tune import known_to, loop_name, tuning_answer
 from ..evidence.page import TITLE, evidence_page
-from ..evidence.record import before_tasks, evidence_record, made
+from ..evidence.record import evidence_record, made
 from .arguments import add_command, add_out, drive_of, finite, how_of, model_of, positive, servo_of
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
-from .progress import progress, tell, telling
-from .remedies import built_lines, fails_as_built, remedies_as_built, remedy_details, remedy_lines
+from .progress import progress, tell, teller
 from .sampled import as_record, checked, checked_lines
 from .uncertain import uncertainty_of
 
@@ -80,10 +72,6 @@ def add(commands: Any) -> None:
     command.add_argument("--delay", help="of the loop, s (default that of [drive], or 0)")
     command.add_argument("--sample-time", help="of a zero-order hold, s (default that of [drive], or 0)")
     command.add_argument("--max-torque", metavar="NM", help=f"on a step of {max(TASK_STEPS):g} rad, N m")
-    command.add_argument("--gain", help="gain used now, for the simulated tasks before")
-    command.add_argument(
-        "--remedy", metavar="NAME", help="where no gain will do: the size of this remedy at the gain used now"
-    )
     add_out(command, lambda _: FILES, help="write the evidence: tune.html and tune.json")
 
 
@@ -94,46 +82,24 @@ def run(options: argparse.Namespace) -> int:
     how = how_of(options)
     demands = _demands(options)
     servo = servo_of(options)
-    now = None if options.gain is None else positive("gain", options.gain)
     uncertainty = uncertainty_of(options, servo)
     free = [choice_of("free", name, NUMBERS) for name in options.free]
     bounds = bounds_of(options.bounds)
-    remedy = _remedy(options)
 
     stream = progress(options)
-
-    def tuned() -> Tuning:
-        with telling(stream) as note:
-            return tune(
-                servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,
-                options=how, report=note,
-            )  # fmt: skip
-
-    if options.out is None:
-        try:
-            tuning = tuned()
-        except NoOrbit as refusal:
-            if remedy is None or now is None:
-                raise
-            most = None if demands.max_torque == math.inf else demands.max_torque
-            found = remedies(servo, model, now, only=[remedy], max_torque=most, margin=demands.margin,
-                             uncertainty=uncertainty, options=how)  # fmt: skip
-            return _by_remedy(options, str(refusal), found, most)
-        record = evidence_record(tuning, before_tasks(tuning, now) if now is not None else None, how)
+    with nullcontext() if options.out is None else folder(options.out, FILES) as out:
+        tuning = tune(
+            servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,
+            options=how, report=teller(stream),
+        )  # fmt: skip
         built = checked(options, tuning.servo, tuning.gain)
-        record |= {"tol": how.tol, "made": made(options.servo, options.set)} | as_record(built)
-    else:
-        with folder(options.out, FILES) as out:
-            tuning = tuned()
-            tell(stream, "simulating the tasks with the gain used now, and drawing")
-            before = before_tasks(tuning, now)
-            built = checked(options, tuning.servo, tuning.gain)
-            record = evidence_record(tuning, before, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
-            record |= as_record(built) | {"before_assumed": now is None}
-            from ..pictures import tune as pictures_tune
+        record = evidence_record(tuning, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
+        record |= as_record(built)
+        if out is not None:
+            tell(stream, "drawing")
+            from ..pictures.tune import evidence_images
 
-            images = pictures_tune.evidence_images(tuning, before)
-            texts = evidence_page(record, images), json.dumps(record, indent=1) + "\n"
+            texts = evidence_page(record, evidence_images(tuning)), json.dumps(record, indent=1) + "\n"
             options.outputs.write(write_results, out, FILES, dict(zip(FILES, texts, strict=True)))
     where = None if options.out is None or options.outputs.troubles else f"{options.out}/{', '.join(FILES)}"
     answer = tuning_answer(
@@ -175,38 +141,6 @@ def _demands(options: argparse.Namespace) -> Demands:
         **times,
         max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
     )
-
-
-def _remedy(options: argparse.Namespace) -> str | None:
-    """The remedy that is asked for.  Raises InputError: it is none, or goes not with the rest."""
-    if options.remedy is None:
-        return None
-    name = remedy_name(options.remedy)
-    if options.gain is None:
-        raise InputError(f"remedy {name}: goes with --gain, the one used now")
-    if options.out is not None:
-        raise InputError(f"remedy {name}: goes without --out, whose page is of a gain; casahunt remedies has its own")
-    return name
-
-
-def _by_remedy(options: argparse.Namespace, refusal: str, found: Cures, most: float | None) -> int:
-    """The size of a remedy where no gain will do; returns the exit code."""
-
-    limits = {} if most is None else {"max_torque": most}
-    built = remedies_as_built(options, found, servo_of(options), found.gain)
-    of_a_set = options.uncertainty is not None
-    plain = [
-        f"no gain was found that will do: {refusal}",
-        "so the controller stays, with a remedy; the margins asked of the linear loop are not asked of it",
-        *remedy_lines(found, limits, of_a_set=of_a_set, built=built),
-        *built_lines(built, of_a_set=of_a_set),
-    ]
-    answer = Answer(plain, [*remedy_details(found, of_a_set=of_a_set), *built_lines(built, in_full=True)])
-    seen = {"as_built": built} if built else {}
-    give(options, {"refused": refusal} | found.to_dict() | seen, answer, table=tables_of([found]))
-    if not found.best:
-        complain("casahunt tune", "nor does this remedy; casahunt remedies looks at others")
-    return 1 if not found.best else fails_as_built("casahunt tune", found, built)
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:

@@ -16,7 +16,7 @@ from ...checks import known_decimals
 from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS
-from ..answers.tune import BINDS, DOES, loop_name, not_the_users, unless
+from ..answers.tune import BINDS, DOES, loop_name, unless
 from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
@@ -54,7 +54,7 @@ class _Page(Fragments):
 CAPTIONS = {
     "diagram": "Hunting cycles against the gain, stable solid, unstable dashed, with the recommended gain.",
     "sensitivities": "Per cent of the fold gain for one per cent more of each parameter, at the worst friction.",
-    "responses": "The same regulator tasks simulated before and after.",
+    "responses": "The simulated regulator tasks.",
 }
 
 
@@ -94,12 +94,8 @@ def _seen(name: str, record: Mapping[str, Any]) -> str:
         bars = ", ".join(f"{key.replace('_', ' ').replace('.', ': ')} {value:+.3g} %" for key, value in ranked if value)
         return f"Bars: change of the largest gain that hunts, {fold}, for one per cent more of each parameter: {bars}."
     after = [task for task in record["verification"]["tasks"] if task["friction"] == "nominal"]
-    before = record["before"]
-    pairs = ((old["start"], DOES[old["verdict"]], DOES[new["verdict"]])
-             for old, new in zip(before["tasks"], after, strict=False))  # fmt: skip
-    said = "; ".join(f"{start}: {did} before, {does} after" for start, did, does in pairs)
-    gains = f"at gain {before['gain']:.4g} V/rad before and {gain} after"
-    return f"Distance from the set point against time, {gains}. {said[:1].upper()}{said[1:]}."
+    said = "; ".join(f"{task['start']}: {DOES[task['verdict']]}" for task in after)
+    return f"Distance from the set point against time, at gain {gain}. {said[:1].upper()}{said[1:]}."
 
 
 def _answer(p: _Page) -> list[str]:
@@ -122,7 +118,6 @@ def _answer(p: _Page) -> list[str]:
         made_line(p),
         f"<p class=answer>{p.known('gain', '', p.gain_error, most=PLAIN_DIGITS)} <small>V/rad, the recommended gain"
         f"{html.escape(unless(record))}</small></p>",
-        *_against_before(p),
         f"<p>{_result(check)}: {above}</p>",
         *[f"<p class=bad>{p.text(f'verification/against/{i}')}</p>" for i in range(len(check["against"]))],
         *[f"<p class=open>Not verified: {p.text(f'verification/unverified/{i}')}</p>"
@@ -225,23 +220,8 @@ def _loop_row(p: _Page, names: Sequence[str], loop: Mapping[str, Any]) -> list[s
     ]
 
 
-def _against_before(p: _Page) -> list[str]:
-    """How much more gain and torque that is than before."""
-    if p.record["before"] is None:
-        return []
-    old, new = (p.with_unit(f"{where}/tasks/0/peak_torque", "N m", ".3g") for where in ("before", "verification"))
-    return [
-        f"<p>{p.n('before/times', '.3g')} times the gain before, {p.with_unit('before/gain', GAIN_UNIT, '.4g')}"
-        f"{not_the_users(p.record)}: "
-        f"{p.text('verification/tasks/0/start')} takes {new} at most, before {old}.</p>"
-    ]
-
-
 def _tasks(p: _Page) -> list[str]:
-    rows = []
-    if p.record["before"] is not None:
-        rows += [_task_row(p, f"before/tasks/{i}", "before/gain") for i in range(len(p.record["before"]["tasks"]))]
-    rows += [_task_row(p, f"verification/tasks/{i}", "gain") for i in range(len(p.record["verification"]["tasks"]))]
+    rows = [_task_row(p, f"verification/tasks/{i}") for i in range(len(p.record["verification"]["tasks"]))]
     return ["<h2>Simulated regulator tasks</h2>", table([*TASK_COLUMNS], rows)]
 
 
@@ -282,10 +262,10 @@ def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:
     return said
 
 
-def _task_row(p: _Page, key: str, gain: str) -> list[str]:
+def _task_row(p: _Page, key: str) -> list[str]:
     hunts = value_at(p.record, f"{key}/verdict") in ("hunting", "growing")
     colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in SETTLES else "dim"
     verdict = f'<span class="{colour} said">{DOES[value_at(p.record, f"{key}/verdict")]}</span>'
-    shown = p.known(gain, "", p.gain_error if gain == "gain" else 0.0, most=6)
+    shown = p.known("gain", "", p.gain_error, most=6)
     torque, voltage = (p.n(f"{key}/peak_{what}", ".3g") for what in ("torque", "voltage"))
     return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, voltage, verdict, p.text(f"{key}/reason")]

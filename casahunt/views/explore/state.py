@@ -106,7 +106,9 @@ class State:
 
     def address(self) -> str:
         """The state as the query of an address."""
-        said: list[tuple[str, str]] = [("part", _entry(part)) for part in self.parts]
+        said: list[tuple[str, str]] = [
+            ("part", part if isinstance(part, str) else json.dumps(part)) for part in self.parts
+        ]
         said += [] if self.is_loop else [("model", self.model)]
         said += [(key, repr(value)) for key, value in self.values.items()]
         said += [("remedy", self.remedy)] if self.remedy else []
@@ -275,10 +277,6 @@ def _number(key: str, text: str) -> float:
     if math.isnan(value):
         raise InputError(f"{key} = nan: must be a finite number")
     return value
-
-
-def _entry(part: Any) -> str:
-    return part if isinstance(part, str) else json.dumps(part)
 
 
 def _part(text: str) -> Any:

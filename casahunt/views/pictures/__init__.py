@@ -14,5 +14,5 @@ equilibria.py    stick region, generalised Jacobian
 simulation.py    simulated motions, folded records
 identify.py      records laid over the cycle that was fitted to them
 remedies.py      amplitude against the size of each remedy, where the servo rests with it
-tune.py          diagram with the operating point, tasks before and after
+tune.py          diagram with the operating point, the simulated tasks
 """

@@ -49,8 +49,8 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     low, high = float(positive.min()), float(positive.max())
     q, r = folds.values
     seen = np.ma.masked_where(~(gains > 0), gains)
-    levels = _levels(low, high)
-    filled = axes.contourf(q, r, seen, levels=levels, cmap="cividis", extend="both", norm=_norm(low, high))
+    levels, norm = _levels(low, high), "log" if high > WIDE * low else "linear"
+    filled = axes.contourf(q, r, seen, levels=levels, cmap="cividis", extend="both", norm=norm)
     lines = axes.contour(q, r, seen, levels=levels, colors="black", linewidths=0.5)
     for text in axes.clabel(lines, fontsize=SMALL, fmt="%.3g"):
         text.set_bbox({"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.8})
@@ -83,8 +83,3 @@ def _levels(low: float, high: float) -> np.ndarray:
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     levels = np.sort(np.outer(decades, [1.0, 2.0, 5.0]).ravel())
     return levels[(levels > low / 2.5) & (levels < high * 2.5)]
-
-
-def _norm(low: float, high: float) -> str:
-    """The scale of the colours."""
-    return "log" if high > WIDE * low else "linear"

@@ -70,7 +70,7 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     sticks = [(a, b) for mode, a, b in zip(trajectory.modes, trajectory.times, trajectory.times[1:], strict=False)
               if mode == "stick"]  # fmt: skip
     verdict = trajectory.verdict
-    name = f"{NAMES[trajectory.model]}{' with stick band' if trajectory.regularised else ''}, K = {trajectory.gain:.4g}"
+    name = f"{NAMES[trajectory.model]}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}"
     if verdict.kind == "hunting":
         name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
@@ -128,17 +128,6 @@ def loop_motion(step: LoopMotion, set_point: float, title: str, *, ax: Any = Non
     return _three(ax, step.times, curves, sticks, title, LOOKS[MODELS[0]].colour, set_point, ())
 
 
-def _most_of_it(ax: Any, t: Array, values: Array, centre: float, least: float, unit: str) -> None:
-    """Cut off a spike, as at a step, beside which nothing else could be read; least: that is shown about the centre."""
-    away = np.abs(values - centre)
-    usual, peak = max(float(away[t >= t[-1] / 2].max()), least), float(away.max())
-    if LEAST_SHOWN * peak < usual < peak / SPIKE:
-        ax.set_ylim(centre - TIMES_THE_USUAL * usual, centre + TIMES_THE_USUAL * usual)
-        said = f"off the scale, farthest: {values[np.argmax(away)]:.3g} {unit}"
-        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 2}
-        ax.text(0.99, 0.93, said, transform=ax.transAxes, ha="right", va="top", fontsize=SMALL, bbox=box, zorder=5)
-
-
 def _goes_on_until(t: Array, curves: Sequence[Array]) -> float:
     """How far the time axis goes: to the end, or a little beyond the time behind which no curve changes any more."""
     last = 0
@@ -171,7 +160,14 @@ def _three(
         (three[0], curves[0], set_point, 0.0, "rad"), (three[1], curves[1], 0.0, 0.0, "rad/s"),
         (three[2], curves[2], 0.0, max(levels, default=0.0), "N m"),
     ):  # fmt: skip
-        _most_of_it(ax, t, values, centre, least, unit)
+        # Cut off a spike, as at a step, beside which nothing else could be read; least: that is shown about the centre
+        away = np.abs(values - centre)
+        usual, peak = max(float(away[t >= t[-1] / 2].max()), least), float(away.max())
+        if LEAST_SHOWN * peak < usual < peak / SPIKE:
+            ax.set_ylim(centre - TIMES_THE_USUAL * usual, centre + TIMES_THE_USUAL * usual)
+            said = f"off the scale, farthest: {values[np.argmax(away)]:.3g} {unit}"
+            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 2}
+            ax.text(0.99, 0.93, said, transform=ax.transAxes, ha="right", va="top", fontsize=SMALL, bbox=box, zorder=5)
     end = _goes_on_until(t, curves)
     if end < t[-1]:
         three[2].set_xlim(t[0], end)

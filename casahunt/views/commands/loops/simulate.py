@@ -58,7 +58,8 @@ def of_loop(
         "set_point": numbers["set_point"], "time": motion.duration, "tol": numbers["tol"], "start": start,
         "end": motion.end, "verdict": verdict, "reason": reason, "evidence": evidence or None,
         "amplitude": cycle and cycle.amplitude,
-        "period": cycle and cycle.period, "peak_torque": peak, "peak_voltage": _voltage(loop, peak),
+        "period": cycle and cycle.period, "peak_torque": peak,
+        "peak_voltage": peak / loop.value("motor_gain") if "motor_gain" in loop.parameters else None,
         "events": [(event.time, event.event, event.mode) for event in motion.events], "error": motion.error,
         "status": status, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
@@ -81,11 +82,6 @@ def _start(options: argparse.Namespace, loop: Loop, numbers: Mapping[str, float]
     start = loop.at_rest(numbers["position"] - numbers["set_point"])
     given = {state: numbers[option] for option, state in NAMED.items() if numbers[option]}
     return loop.state(**start | given | assigned(options.state, "state", start, "name=value"))
-
-
-def _voltage(loop: Loop, torque: float) -> float | None:
-    """That of a torque [V], where the motor has a gain."""
-    return torque / loop.value("motor_gain") if "motor_gain" in loop.parameters else None
 
 
 def _table(found: LoopMotion) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The Switch servo of the report's simulation, with a stick band of width eta instead of an exact stick.
 
-Controller (see controller.py):   m = -(kp x1 + kd x2 + ki x3),   J x2' = m - F,   x1' = x2,   x3' = x1.
+Controller (see servo/controller.py):   m = -(kp x1 + kd x2 + ki x3),   J x2' = m - F,   x1' = x2,   x3' = x1.
 
     slip+, slip-               |x2| > eta:              F = sgn(x2) g(x2) + sigma2 x2
     stick                      |x2| <= eta, |m| <= Fs:  F = m + J alpha x2, which is x2' = -alpha x2
@@ -10,11 +10,11 @@ This is the report's section 3.2 made consistent.  Printed there, the stick forc
 sign, the transition force has the wrong sign for the u of that section, and F lacks sigma2 x2 in slip; the
 stick rows and the slip rows of its state equation are right.
 
-As eta -> 0 the motion tends to that of the exact Switch servo (hunting.py), with a difference of the
+As eta -> 0 the motion tends to that of the exact Switch servo (servo/hunting.py), with a difference of the
 order of sqrt(eta): the time to cross the band at breakaway is sqrt(2 J eta/(ki |x1|)).
 
-Written as any user writes a system, like hunting.py; eta [rad/s] and alpha [1/s], p.stick_band and p.stick_rate, are
-the entries servo.STICK_BAND of the parameter vector, its last.
+Written as any user writes a system, like servo/hunting.py; eta [rad/s] and alpha [1/s], p.stick_band and
+p.stick_rate, are the entries STICK_BAND of the parameter vector, its last.
 """
 
 from __future__ import annotations
@@ -24,9 +24,20 @@ from typing import Any
 
 import numpy as np
 
-from ..hybrid import Event, Mode, System
-from .hunting import BREAKAWAY_DOWN, BREAKAWAY_UP, SLIP_BACK, SLIP_FORWARD, STATES, called, motor_torque
-from .servo import STICK_BAND, Servo
+from casahunt import Servo
+from casahunt.hybrid import Event, Mode, System
+from casahunt.servo.hunting import (
+    BREAKAWAY_DOWN,
+    BREAKAWAY_UP,
+    SLIP_BACK,
+    SLIP_FORWARD,
+    STATES,
+    called,
+    motor_torque,
+)
+
+STICK_BAND = ("friction.stick_band", "friction.stick_rate")
+"""Entries of the parameter vector behind those of the servo."""
 
 
 def _stick(x: Any, p: Any) -> dict[str, Any]:
@@ -77,7 +88,7 @@ def band_system(servo: Servo, gain: float) -> System:
 def parameters(servo: Servo, gain: float) -> np.ndarray:
     """The parameter vector of the servo with a stick band.
 
-    servo, gain: the problem; gain K [V/rad]. Returns `Servo.names`, then servo.STICK_BAND: eta [rad/s] and alpha [1/s].
+    servo, gain: the problem; gain K [V/rad]. Returns `Servo.names`, then STICK_BAND: eta [rad/s] and alpha [1/s].
     """
     return np.append(servo.parameters(gain), [servo.friction.stick_band, servo.friction.stick_rate])
 
