@@ -55,6 +55,11 @@ TOLD_APART = 0.1
 order in its distance, and off by what comes of another mesh."""
 NEAR_ONE = 0.5
 """The multiplier that is +1 at the point has moved by less than this; where it has moved by 2 the next flip is met."""
+SEVERAL = (
+    "several cycles branch off there, and in which directions the multipliers do not tell; let what is equal differ a "
+    "little, as by a parameter of one of equal units: then the points lie apart, and a cycle branches off at each"
+)
+"""What is said where several multipliers are -1."""
 SINGULAR = 1e-4
 """Smallest over largest singular value below which there is a direction that turns over."""
 
@@ -83,7 +88,7 @@ def branch_off(
     Raises
     ------
     InputError : nothing branches off at such a point.
-    NoOrbit : the new cycle was not computed, or is the old one.
+    NoOrbit : the new cycle was not computed, or is the old one; or several branch off there.
 
     Examples
     --------
@@ -100,6 +105,8 @@ def branch_off(
     orbit, family = special.orbit, cast(Cycles, special.orbit.problem)
     if special.kind not in (FLIP.kind, SYMMETRY_LOST.kind) or family.system is None:
         raise InputError(f"special point {special.kind!r}: must be a flip or a symmetry breaking of a system's cycle")
+    if special.multiplicity > 1:
+        raise NoOrbit(f"{special.meaning}: {SEVERAL}", Status.NOT_FOUND)
     options = options or Options(tol=max(TOLD_APART * orbit.error_estimate, 1e-8))
     problem = family.closing(_twice(family.closure), _both_sections(family))
     t, u, setting = unknowns_of(orbit)

@@ -123,7 +123,7 @@ def march(
     """
     effort.motion_begins()
     s = scheme(degree, kind)
-    at_once = _at_once(system, mode, x, p, s, met) if strict and after is None else None
+    at_once = _at_once(system, mode, x, p, s) if strict and after is None else None
     segments: list[Segment] = [] if at_once is None else [at_once[0]]
     time, used = 0.0, 0
     if at_once is not None:
@@ -157,12 +157,10 @@ def march(
         x = segment.behind
 
 
-def _at_once(
-    system: VectorSystem, name: str, x: Array, p: Array, s: Scheme, met: str
-) -> tuple[Segment, str] | None:
+def _at_once(system: VectorSystem, name: str, x: Array, p: Array, s: Scheme) -> tuple[Segment, str] | None:
     """(phase of no duration, next mode) of a motion that starts in front of an event of its mode, on it and at speed.
 
-    Not where it may just as well be behind it, as one that has just been `met`, or whose own jump leads there.
+    Not where it may just as well be behind it, where its own jump leads.
     """
     mode = system.modes[name]
     for way_out in system.exits[name]:
@@ -171,8 +169,7 @@ def _at_once(
         rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
         jumped = behind(way_out, x, p)
         successor = way_out.successor(x if jumped is None else jumped, p)
-        goes_on = way_out.event.name == met or jumped is None and successor == name
-        if way_out.direction * rate > LEFT_BEHIND * size and not goes_on and not _leads_on(system, way_out, x, p):
+        if way_out.direction * rate > LEFT_BEHIND * size and not _leads_on(system, way_out, x, p):
             w = np.tile(x, 1 if mode.flow is not None else s.degree + 1)[None]
             return Segment(name, way_out.event.name, 0.0, np.array([0.0, 1.0]), w, x.copy(), jumped), successor
     return None

@@ -8,6 +8,13 @@ So what comes back is taken from ever so far, and how far the cycle lies from th
 on for as long again, since one of two turns passes near its start after the first.  Lengths are largest differences of
 states, in units of their sizes in the motion so far; the part of off(t) along the motion is only time.
 
+Next to one whose disturbances grow a hundredfold no first return need be near.  But what the motion has done from its
+first event to where that, or its image, comes again solves the equations of a cycle with another closure,
+
+    x(start) = S x(end) - c - s gap,    s = 1 -> 0
+
+and s leads to the cycle, step by step, as long as the start stays near.
+
 Of a motion that meets events the last phase, which ends where it has come back, and the first, which began there, are
 parts of one phase of the cycle.  One that meets none is cut at the state that moves the fastest, or by turns.
 
@@ -18,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count
+from itertools import count, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,6 +53,8 @@ ends the search in time."""
 AS_LONG, A_NEARER_ONE, BACK = 2.1, 0.5, 1e-3
 """A motion that is surely back is followed until it has taken so many times as long, for a return that is nearer by
 this factor; not where it is so near."""
+EVENTS_ROUND = 6
+"""Events within which a motion that does not come back near may have been round."""
 STATES_OF_AN_INTERVAL = 8
 """Points of an interval at which it is seen how far the motion is from its start."""
 PHASES_AT_MOST, TURNS_AT_MOST, INTERVALS_AT_MOST = 100, 12, 5000
@@ -127,6 +136,23 @@ class FirstReturn:
             if guess is not None:
                 yield guess
 
+    def by_events(self) -> Iterator[Guess]:
+        """The motion from its first event to where that or its image comes again, so far from there as it may be.
+
+        The shift of its closure has the gap in it; its distance is zero.
+        """
+        met = [segment for segment, *_ in self.seen if self.form.ways_out(segment.mode, segment.event)]
+        ways = [(1, np.eye(self.x.size)), *((2, S) for S in symmetries(self.system))]
+        for last, (repeats, S) in product(range(1, min(len(met), EVENTS_ROUND + 1)), ways):
+            begin, end = met[0].behind, S @ met[last].behind
+            closure = Closure.of(S, turned(self.system, begin, end, parts=repeats), repeats)
+            names = (met[0].mode, met[0].event)
+            if repeats > 1:
+                names = image_of(self.form, met[0], closure, self.p, self.scale) or ("", "")
+            if (met[last].mode, met[last].event) == names:
+                gap = replace(closure, shift=tuple((end - begin).tolist()))
+                yield Guess(met[1 : last + 1], gap, 0.0, (), None, self.scale)
+
     def _follow(self, stops: list[engine.Exit]) -> None:
         """The motion until it is back, with planes at which it is looked at; what of it meets no event, in the end."""
         marks = [stop.event.name for stop in stops]
@@ -141,7 +167,8 @@ class FirstReturn:
                 raise
             met = self._march(until, stops, max_time=IN_TIME * ended.time)
         for segment in met[len(self.seen) :]:
-            self._enough(segment, marks)
+            if segment.duration < np.inf:  # it does not stay for ever
+                self._enough(segment, marks)
 
     def _planes(self, step: float, many: int) -> tuple[Section, ...]:
         """Where a motion without events is cut: so many planes, each a step behind the one before."""

@@ -56,7 +56,9 @@ cycles may stick nearer."""
 OUTSIDE = 1.05
 """A LuGre motion starts by this factor outside the Switch cycle, whence it comes in as long as there is a cycle: the
 unstable LuGre cycle, inside which motions creep to rest for hundreds of intervals, lies farther out than the rigid."""
-RINGING, RINGS_OUT = 20, 1e-8
+CLOSELY = 1e-8
+"""Tolerance of a motion whose mesh is to show all that the equations need."""
+RINGING = 20
 """Phases of a motion from which it is followed again, to the tolerance that sees a stiff bristle ring out: a coarse one
 steps over the last hundred reversals, and equations that start without them have a root that is no motion."""
 RINGING_NEARBY = 1.1
@@ -134,9 +136,13 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> A
     """
     q = AtGain(StickMap(model, servo, gain), options)
     met = _at_once(q) if q.newton else None
-    if met is None and q.newton and model == "switch" and q.rigid_cycle is not None:
-        # Where Newton's method is lost from there too, a scan costs less than IPOPT.
-        met = _at_once(replace(q, options=replace(options, solver="newton"), beside=q.rigid_cycle))
+    if met is None and q.newton and model == "switch" and (near := q.rigid_cycle) is not None:
+        # The fixed point itself, closely followed: where a slip begins within microseconds a per cent beside it is too
+        # far, and so is a coarse mesh.  Where Newton's method is lost from there too, a scan costs less than IPOPT.
+        near = near_stable(q.P, near.fixed, close=CLOSER, slope=near.slope) or near
+        with suppress(MarchFailure):
+            near = replace(q.P(near.fixed, tol=CLOSELY), slope=near.slope)
+        met = _at_once(replace(q, options=replace(options, solver="newton"), beside=near))
     if met is not None:
         return met
     start, seen = _beside_a_fixed_point(q)
@@ -290,7 +296,7 @@ def phases_of(motion: HalfCycle, problem: Hunting, options: Options) -> Phases:
     degree, kind = options.scheme_of(problem)
     if _rings(motion):
         P = StickMap(problem.model, problem.servo, problem.gain, motion.swings)
-        motion = P(motion.start, tol=RINGS_OUT, degree=degree, kind=kind)
+        motion = P(motion.start, tol=CLOSELY, degree=degree, kind=kind)
     segments = motion.segments
     signature, sign = tuple((s.mode, s.event) for s in segments), 1.0
     if segments[0].mode.endswith("-"):  # every cycle begins with the positive slip

@@ -11,7 +11,8 @@ import casadi
 import numpy as np
 import pytest
 
-from casahunt.continuation import bifurcations, follow
+from casahunt import NoOrbit
+from casahunt.continuation import bifurcations, branch_off, follow
 from casahunt.hybrid import Mode, System
 from casahunt.hybrid.examples import ball
 from casahunt.orbits import find_cycle
@@ -44,24 +45,38 @@ def test_equal_units_leave_their_common_motion_together(many):
     assert (f"({many - 1} multipliers at once)" in special.meaning) is (many > 2)
 
 
-@pytest.mark.parametrize("many", [1, 2])
-def test_equal_forced_units_flip_together(many):
-    """Of one of them the flip is at 0.2655817861."""
+def forced(many, unlike=0.0):
+    """The branch of units that know nothing of each other, the force on each being so much larger than on the last."""
 
     def field(x, p):
         out = {}
         for k in range(many):
             u, v = getattr(x, f"u{k}"), getattr(x, f"v{k}")
-            out |= {f"u{k}": v, f"v{k}": -0.3 * v + u - u**3 + p.F * casadi.cos(1.2 * x.t)}
+            out |= {f"u{k}": v, f"v{k}": -0.3 * v + u - u**3 + (1 + k * unlike) * p.F * casadi.cos(1.2 * x.t)}
         return out
 
     names = tuple(f"{a}{k}" for k in range(many) for a in "uv")
     system = System("forced", names, {"F": 0.2}, (Mode("m", field),), forcing_period=lambda p: 2 * np.pi / 1.2)
     start = {f"{a}{k}": float(a == "u") for k in range(many) for a in "uv"} | {"t": 0.0}
-    branch = follow(find_cycle(system, start=start, tol=1e-9), "F", to=0.3)
+    return follow(find_cycle(system, start=start, tol=1e-9), "F", to=0.28)
+
+
+@pytest.mark.parametrize("many", [1, 2])
+def test_equal_forced_units_flip_together(many):
+    """Of one of them the flip is at 0.2655817861."""
+    branch = forced(many)
     (special,) = branch.special
     assert special.kind == "flip" and special.multiplicity == many and not branch.missed
     assert abs(special.value - 0.2655817861) <= 3 * special.error + 5e-11
+
+
+def test_what_branches_off_where_two_flip_at_once_is_asked_of_unlike_units():
+    with pytest.raises(NoOrbit, match="several cycles branch off .* let what is equal differ a little"):
+        branch_off(forced(2).special[0], "F")
+    for special in forced(2, unlike=0.01).special:
+        assert special.multiplicity == 1
+        twice = branch_off(special, "F")
+        assert twice.period == pytest.approx(2 * special.orbit.period, rel=1e-9)
 
 
 def beside_a_circle(rates, pairs):
@@ -96,6 +111,24 @@ def test_what_leaves_and_enters_in_one_step_is_told_apart(rates, pairs, met):
     for special, (kind, value, many) in zip(branch.special, met, strict=True):
         assert (special.kind, special.multiplicity) == (kind, many)
         assert abs(special.value - value) <= 3 * special.error < 1e-7
+
+
+def test_a_step_in_which_a_pair_becomes_real_is_looked_at_in_halves():
+    """Roots a +- sqrt(-d), a pair until d = 0, go out at a = 0; one of them comes in at a^2 + d = 0, another beside."""
+
+    def field(x, p):
+        r, a, d = 1 - x.x**2 - x.y**2, 0.4 * (p.s + 0.07), 0.01 - 0.5 * p.s
+        linear = {"z": a * x.z - x.w, "w": d * x.z + a * x.w, "u": -2 * (p.s - 0.045) * x.u}
+        return {"x": x.x * r - x.y, "y": x.y * r + x.x, **linear}
+
+    system = System("beside", ("x", "y", "z", "w", "u"), {"s": -0.15}, (Mode("m", field),))
+    start = dict.fromkeys(system.names.states, 0.0) | {"x": 1.0}
+    branch = follow(find_cycle(system, start=start, settled=True), "s", to=0.15)
+    comes_in = min(np.roots([0.16, 0.16 * 0.14 - 0.5, 0.16 * 0.07**2 + 0.01]))
+    met = [("Neimark-Sacker", -0.07), ("branch point", comes_in), ("branch point", 0.045)]
+    assert not branch.missed and [special.kind for special in branch.special] == [kind for kind, _ in met]
+    for special, (_, value) in zip(branch.special, met, strict=True):
+        assert abs(special.value - value) <= 3 * special.error + 1e-14 < 1e-9
 
 
 def test_a_change_of_stability_that_no_point_explains_is_missed():

@@ -212,3 +212,12 @@ def test_above_the_fold_a_few_motions_show_none():
     assert len(motions) <= 2 * near_by.SECANT_ROUNDS
     with pytest.raises(NoOrbit):
         find_orbit(Servo(), "switch", 1.02 * FOLD, branch="unstable")
+
+
+@pytest.mark.parametrize(("name", "amplitude", "period"), [
+    ("friction.stribeck_velocity", 0.01642836, 12.1058349), ("servo.inertia", 0.01087585915, 18.3654095),
+])  # fmt: skip
+def test_a_slip_that_begins_within_microseconds_is_solved_from_the_maps_own_cycle(name, amplitude, period):
+    """A per cent beside the fixed point Newton's method is lost; the truths are the event map's, to their digits."""
+    orbit = find_orbit(table1.servo().replace(**{name: 1e-6}), "switch", 0.1)
+    assert orbit.amplitude == pytest.approx(amplitude, rel=1e-6) and orbit.period == pytest.approx(period, rel=1e-6)
