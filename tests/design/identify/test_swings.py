@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from casahunt import Drive, Friction, InputError, Pid, Record, Servo, identify
+from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify
 from casahunt.design.identify.built import MOST_ROUNDS
 from casahunt.design.identify.fit import Data
+from casahunt.design.identify.judgement import judged
+from casahunt.design.identify.likelihood import Rows
 from casahunt.design.identify.swings import one_by_one, passages
 from scripts.peers.drive_record import DriveServo
 
@@ -96,3 +99,17 @@ def test_what_the_record_holds_of_a_swing_without_its_passage_is_left_out():
     assert moved.times.min() > at[0] + 0.6 and moved.times.max() < at[-1] - 0.6
     with pytest.raises(InputError, match="must hold more than 6 whole swings, not 5; record longer"):
         one_by_one(Data(t[:500], y[:500], 1.0, 4.0, 1e-4, 1.0, 0.0, 0.0, y, "swings"), 0.0)
+
+
+def test_a_model_whose_period_is_another_does_not_fit(monkeypatch):
+    """However little it leaves of the positions: where the period is one datum no residual shows it."""
+    asked = []
+    monkeypatch.setattr("casahunt.design.identify.identify.judged", lambda *of: asked.append(of) or judged(*of))
+    t, states = find_orbit(Servo(), "switch", 0.04).sample(2000)
+    times = np.arange(0.0, 40.0, 0.05)
+    record = Record(times, np.interp(times % t[-1], t, states[0]), "cycle")
+    identify([record], Servo(), 0.04, free=["friction.static"], advise=False)
+    question, point, noises = asked[-1]
+    for errors, fits in ((1.0, True), (10.0, False)):
+        period = Rows(errors**2, np.zeros(1), np.zeros(1), np.ones(1), np.zeros((1, point.z.size)))
+        assert judged(question, replace(point, rows=(*point.rows, period)), noises).fits == fits
