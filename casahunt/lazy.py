@@ -22,8 +22,9 @@ def lazily(module: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str],
     def __getattr__(name: str) -> Any:
         if name not in home_of:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        value = getattr(import_module(f".{home_of[name]}", own.__package__), name)
-        setattr(own, name, value)
-        return value
+        home = import_module(f".{home_of[name]}", own.__package__)
+        for each in homes[home_of[name]]:  # all of them: one may be named as the module is, which stands there now
+            setattr(own, each, getattr(home, each))
+        return getattr(own, name)
 
     return __getattr__

@@ -6,8 +6,10 @@ likelihood.py positions that carry noise and are rounded
 torque.py     the torque of the motor, where it was measured
 lags.py       the loop as built as a continuous one, to first order in its lags
 fit.py        the computed cycle laid over records
+swings.py     swings that begin one by one, as counts in the loop make them
 climb.py      the way to the likeliest unknowns
 noise.py      the likeliest noise, and the model with it
+built.py      what the loop as built does beside the continuous one
 matched.py    friction with which one swing is that of a record
 start.py      where a fit starts
 intervals.py  intervals by profile likelihood

@@ -160,5 +160,5 @@ def _at_ends(data: Data) -> Array:
 
 def _without(data: Data, mask: Array) -> Data:
     """A record without some samples."""
-    torque = None if data.torque is None else data.torque[~mask]
-    return replace(data, times=data.times[~mask], position=data.position[~mask], torque=torque)
+    each = {name: getattr(data, name) for name in ("times", "position", "torque", "passage", "rising", "beside")}
+    return replace(data, **{name: of[~mask] for name, of in each.items() if isinstance(of, np.ndarray)})

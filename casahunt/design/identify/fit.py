@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError, NoOrbit, Status
-from ...orbits import Options, refined, state_sensitivity
+from ...orbits import Options, StateSensitivity, refined, state_sensitivity
 from ...servo.cold_start import quickly_at
 from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
@@ -71,6 +71,9 @@ class Data:
     name : of the file.
     torque : (m,) of the motor [N m]; None where it was not measured.
     lags : of the drive that made it; None: of a continuous loop.
+    passage, rising : (m,) of each sample, and whether the position rises there, 1 or -1, where its swings begin one by
+        one (swings.py); None: it repeats as the cycle does.
+    beside : (m,) by how much the loop as built is beside the continuous one (built.py) [rad].
     """
 
     times: Array
@@ -85,6 +88,9 @@ class Data:
     name: str
     torque: Array | None = None
     lags: Lags | None = None
+    passage: Array | None = None
+    rising: Array | None = None
+    beside: Array | float = 0.0
 
     @property
     def swings(self) -> int:
@@ -94,7 +100,7 @@ class Data:
     @property
     def count(self) -> float:
         """Of the encoder that the controller reads [rad]: that of the record, or of its drive."""
-        return max(self.quantum, self.lags.reads if self.lags is not None else 0.0)
+        return max(self.quantum, self.lags.drive.count if self.lags is not None else 0.0)
 
     @property
     def size(self) -> float:
@@ -222,7 +228,7 @@ def _compared(data: Data, laid: _Laid, noise: Noise, orbit: HuntingOrbit, stretc
     """What a record says of a cycle that is laid over it, with derivatives by its own unknowns."""
     found = noise.slopes(data.position, laid.position)
     yield Rows(-2 * float(np.sum(found.value)), laid.position, found.score, found.curvature, laid.J)
-    if stretched:
+    if stretched or data.passage is not None:
         off = math.log(data.period / orbit.period) / data.period_error
         J = np.append(laid.log_period / data.period_error, (0.0, 0.0))
         yield Rows(off**2, np.array([-off]), np.array([off]), np.ones(1), J[None])
@@ -288,20 +294,31 @@ class _Laid(NamedTuple):
     torque_J: Array
 
 
+def state_at(
+    orbit: HuntingOrbit, data: Data, tau: float, names: tuple[str, ...], stretched: bool
+) -> tuple[StateSensitivity, Array, float]:
+    """A cycle at the times of a record; (m,) by how much these go with ln T, and the factor of its times, T/measured T.
+
+    All go where it is stretched; where its swings begin one by one the passages, and samples beside these stay so.
+    """
+    along = data.times if stretched and data.passage is None else data.passage
+    if along is None:
+        return state_sensitivity(orbit, data.times - tau * data.period, names), np.zeros(data.times.size), 1.0
+    factor = orbit.period / data.period
+    way = data.times - along + factor * (along - tau * data.period)
+    return state_sensitivity(orbit, way, names), factor * (along - tau * data.period), factor
+
+
 def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool) -> _Laid:
     """A cycle laid over a record."""
     tau, b = z[own]
-    factor = orbit.period / data.period if stretched else 1.0
-    way = data.times - tau * data.period
-    found = state_sensitivity(orbit, way * factor, question.free)
+    found, with_period, factor = state_at(orbit, data, tau, question.free, stretched)
     slopes = question.slopes(z)
     log_period = found.period_derivatives * slopes / orbit.period
 
     def by_unknowns(derivatives: Array, rate: Array) -> Array:
         J = np.zeros((data.times.size, len(question.free) + 2))
-        J[:, :-2] = (derivatives * slopes[:, None]).T
-        if stretched:
-            J[:, :-2] += (rate * way * factor)[:, None] * log_period
+        J[:, :-2] = (derivatives * slopes[:, None]).T + (rate * with_period)[:, None] * log_period
         J[:, -2] = -rate * data.period * factor
         return J
 
@@ -310,7 +327,7 @@ def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: sl
     if data.torque is not None:
         of_motor = torque_of(orbit, found, question.free)
         torque, torque_J = of_motor.value, by_unknowns(of_motor.derivatives, of_motor.rate)
-    return _Laid(found.states[0] + b * data.amplitude, J, log_period, torque, torque_J)
+    return _Laid(found.states[0] + b * data.amplitude + data.beside, J, log_period, torque, torque_J)
 
 
 def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Question, Point]:
@@ -326,7 +343,7 @@ def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tupl
     for i, (data, orbit) in enumerate(zip(question.records, point.orbits, strict=True)):
         phase = question.own(i).start
         known = float(np.mean(data.times**2)) * point.curvature[phase, phase] / data.period**2
-        if not known > 0:  # a cycle so long that the record would be all stick
+        if data.passage is not None or not known > 0:  # a cycle so long that the record would be all stick
             records.append(data)
             continue
         z[phase] *= data.period / orbit.period

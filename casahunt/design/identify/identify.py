@@ -30,6 +30,7 @@ from ..record.file import Record
 from ..record.measure import as_record
 from ..uncertainty.set import Uncertainty
 from .best import best_of_starts, cut_off, explained_from, gain_that_fits
+from .built import as_built
 from .climb import climb, expected
 from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import NEXT_TO_NOTHING, Array, Data, Point, Question, sharpened
@@ -269,8 +270,8 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         found, asked = _elsewhere(question), True
     if found is None:
         raise _does_not_fit(question, "it hunts with no friction that amplitude and period allow")
-    best, noises = found
     stated = question
+    question, best, noises = as_built(question, *found)
     for _ in range(MOST_BETTER + 1):
         question, best = sharpened(question, best, noises)
         best = climb(replace(question, exact=True), best, noises)
@@ -282,7 +283,7 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
                 raise _cut_off(*cut)
             asked, found = True, _elsewhere(stated)
             if found is not None:
-                question, (best, noises) = stated, found
+                question, best, noises = as_built(stated, *found)
                 continue
         if far:
             off = max(*left, judgement.systematic)
@@ -384,7 +385,12 @@ def _what_else(data: Data) -> str:
     encoder = of_few_steps(data.amplitude, data.quantum)
     if not encoder and data.swings > 2:
         return f"it {in_a_pattern(data.swings)}"
-    return (f"suspect {encoder}" if encoder else "are gain, servo and units right?") + maybe_cut_off(data)
+    told = data.lags is not None or not data.quantum
+    else_ = "are gain, servo and units right?" if told else (
+        "are gain, servo and units right? A drive that reads counts swings unevenly: state its sample time and encoder "
+        "(drive, [drive] of a servo file)"
+    )  # fmt: skip
+    return (f"suspect {encoder}" if encoder else else_) + maybe_cut_off(data)
 
 
 def maybe_cut_off(data: Data) -> str:

@@ -12,11 +12,12 @@ and x1(t - d) = x1 - d x2 + O(d2), x2(t - d_v) = x2 - d_v x2' + O(d2), x3(t - d_
     J -> J - K cm kd d_v,      kd -> kd - kp d,      kp -> kp - ki d_w
 
 What is left is of second order: of Table 1 and seven other servos amplitude and period are off by
-0.3 to 0.85 (omega d_v)^2, omega^2 = kp/J, with delays or filters from 0.05 to 0.2/omega.  Half of that square counts as
-an error that no record is free of (judgement.py), and where it is more than `MOST_LEFT_OUT` the record is refused.
+0.3 to 0.85 (omega d_v)^2, omega^2 = kp/J, with delays or filters from 0.05 to 0.2/omega.  built.py computes it where a
+fit ends; how the motion changes with friction is known to the first order, so where half of that square is more than
+`MOST_LEFT_OUT` the record is refused.
 
-What quantisation does is not in it (readings.py says what that leaves unknown): the derivative makes of each count a
-step of the torque, which shakes a servo loose that sticks, so that what is found is the friction of the shaken one.
+What quantisation does is not in it: swings.py takes each swing by itself, readings.py says what all of them leave
+unknown.
 """
 
 from __future__ import annotations
@@ -33,21 +34,20 @@ from ..record.file import Record
 
 FRICTION = "friction."
 """Of which parameters begin that lags leave as they are."""
-MOST_LEFT_OUT = 0.01
+MOST_LEFT_OUT = 0.1
 """Of what lags leave out, in amplitudes."""
 SHAKEN = 0.02
 """Torque that a count makes by the derivative, as a part of static friction, above which it is told."""
 
 
 class Lags(NamedTuple):
-    """How late the controller sees position, velocity and its sum [s]; what that leaves out, in amplitudes; and the
-    count of the encoder that it reads [rad]."""
+    """How late the controller of a drive sees position, velocity, sum [s]; what that leaves out, in amplitudes."""
 
     position: float
     velocity: float
     sum: float
     left_out: float
-    reads: float = 0.0
+    drive: Drive
 
 
 def lags_of(drive: Drive, servo: Servo, gain: float) -> Lags:
@@ -56,7 +56,7 @@ def lags_of(drive: Drive, servo: Servo, gain: float) -> Lags:
     d = drive.delay + half + drive.error_filter_time
     d_v, kp = d + half + drive.filter_of(servo.controller), servo.torque_gains(gain)[0]
     d_w, left_out = d if drive.integration == "trapezoid" else d - half, kp / servo.inertia * d_v**2 / 2
-    return Lags(d, d_v, d_w, left_out, drive.count)
+    return Lags(d, d_v, d_w, left_out, drive)
 
 
 def as_continuous(servo: Servo, gain: float, lags: Lags) -> Servo:

@@ -20,9 +20,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...orbits import state_sensitivity
 from ...servo.servo import Pid, flatten
-from .fit import Array, Point, Question
+from .fit import Array, Point, Question, state_at
 from .intervals import NORMAL_95, Interval
 from .start import MOTOR_GAIN
 from .torque import torque_of
@@ -33,20 +32,27 @@ def unread(question: Question, point: Point) -> Array:
     found, k = [np.zeros((0, len(question.free)))], len(question.free)
     rows = iter(point.rows)
     for i, (data, orbit) in enumerate(zip(question.records, point.orbits, strict=True)):
-        own = [next(rows) for _ in range(1 if data.torque is None else 2)]
+        own = [next(rows) for _ in range(1 + (data.passage is not None) + (data.torque is not None))]
         if not data.count:
             continue
         servo = orbit.servo
         names = (*(() if isinstance(servo.controller, Pid) else (MOTOR_GAIN,)), *servo.controller_names)
-        laid = state_sensitivity(orbit, data.times - point.z[question.own(i)][0] * data.period, names)
-        moved = [laid.derivatives[:, 0]]
+        laid, with_period, _ = state_at(orbit, data, point.z[question.own(i)][0], names, stretched=False)
+        log_period = laid.period_derivatives / orbit.period
+        moved = [laid.derivatives[:, 0] + log_period[:, None] * laid.rates[0] * with_period]
+        if data.passage is not None:
+            moved.append(log_period[:, None] / data.period_error)
         if data.torque is not None:
             of_motor = torque_of(orbit, laid, names).derivatives
             moved.append(of_motor - of_motor.mean(axis=1)[:, None])
         pull = sum(each.J.T @ (each.weights[:, None] * by.T) for each, by in zip(own, moved, strict=True))
+        e, size = data.count / (data.amplitude * math.sqrt(12)), np.array([flatten(servo)[name] for name in names])
+        if data.passage is not None:
+            level = point.z[question.own(i)][1] * data.amplitude
+            read = own[0].J.T @ (own[0].weights * (point.positions[i] - level))
+            pull, size = np.column_stack([pull, read]), np.append(size, 1.0)
         dz = np.linalg.lstsq(point.curvature, pull, rcond=None)[0][:k]
-        size = np.array([flatten(servo)[name] for name in names]) * data.count / (data.amplitude * math.sqrt(12))
-        found.append((question.slopes(point.z)[:, None] * dz * size).T)
+        found.append((question.slopes(point.z)[:, None] * dz * size * e).T)
     return np.concatenate(found)
 
 

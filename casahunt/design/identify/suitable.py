@@ -18,11 +18,10 @@ from ..record.measure import Measurement, measured
 from .clipped import of_clipped
 from .fit import Data
 from .lags import Lags
+from .swings import LEAST_PERIOD_ERROR, one_by_one
 
 MOST_FITTED = 20_000
 """Of a record that are fitted; of more, every second, third ... one."""
-LEAST_PERIOD_ERROR = 1e-4
-"""Relative error below which a measured period is not trusted on the way."""
 MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
 MOVED_STEPS = 50.0
@@ -85,11 +84,14 @@ def gains_of(gains: float | Sequence[float], count: int) -> list[float]:
 
 def data_of(record: Record, m: Measurement, gain: float, lags: Lags | None = None) -> Data:
     """A measured record as it is fitted: its whole periods, behind the transient."""
-    inside = np.flatnonzero((record.times >= m.crossings[0]) & (record.times <= m.crossings[-1]))
+    beside = m.period / 4 if lags is not None else 0.0
+    first, last = m.crossings[0] - beside, m.crossings[-1] + beside
+    inside = np.flatnonzero((record.times >= first) & (record.times <= last))
     inside = inside[:: -(-inside.size // MOST_FITTED)]
-    t = record.times[inside]
-    return Data(
+    t, torque = record.times[inside], None if record.torque is None else record.torque[inside]
+    data = Data(
         t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
         max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, m.quantum, m.noise, m.shape, record.name,
-        None if record.torque is None else record.torque[inside], lags,
+        torque, lags,
     )  # fmt: skip
+    return data if lags is None else one_by_one(data, m.mean_level)

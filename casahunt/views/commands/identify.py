@@ -205,8 +205,8 @@ def not_explained(found: Identification) -> str:
             "the samples, and not in the model"
         )
         likely = (
-            "suspect the encoder's counts in the derivative of the controller (filter it, or record more counts of "
-            "amplitude, at a lower gain), a transient (--from), or a disturbance"
+            "suspect the encoder's counts in the loop (state sample time and encoder in [drive]: each swing is taken "
+            "by itself then; or record more counts of amplitude, at a lower gain), a transient (--from), a disturbance"
         )
     return (
         f"the {found.model} model does not explain the record{many}: {left}; the values are its nearest, and less "

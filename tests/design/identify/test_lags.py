@@ -72,10 +72,10 @@ def test_lags_are_taken_where_they_can_be():
     assert lags_taken([record], Servo(), [GAIN], [*free, "servo.inertia"], drive) is None
     with_torque = dataclasses.replace(record, torque=np.arange(9.0))
     assert lags_taken([with_torque], Servo(), [GAIN], free, drive) is None
-    late = Drive(sample_time=2e-3, delay=0.03)
+    late = Drive(sample_time=2e-3, delay=0.05)
     assert lags_of(late, Servo(), GAIN).left_out > MOST_LEFT_OUT
     assert as_continuous(Servo(), GAIN, lags_of(late, Servo(), GAIN)).inertia > 0
-    with pytest.raises(InputError, match="its lag of 0.032 s is too long for a fit.*shorter sample time"):
+    with pytest.raises(InputError, match="its lag of 0.052 s is too long for a fit.*shorter sample time"):
         lags_taken([record], Servo(), [GAIN], free, late)
     slow = Drive(sample_time=0.5)
     with pytest.raises(InputError, match="its lag of 0.5 s is no small one in this loop"):
@@ -91,21 +91,3 @@ def test_the_torque_of_a_count():
     assert shaken_by(servo, GAIN, filtered) == pytest.approx(kd * q / 5e-3 / 0.53)
     assert shaken_by(servo, GAIN, Drive(sample_time=1e-3)) == 0
     assert lags_of(filtered, servo, GAIN)[:3] == pytest.approx((5e-4, 5e-3, 0.0))
-
-
-def test_what_lags_leave_out_widens_the_intervals():
-    """Half of (omega d)^2, in amplitudes, is an error that no residual shows."""
-    orbit = find_orbit(Servo(), "switch", GAIN)
-    times, states = orbit.sample(400)
-    at = np.arange(0.0, 6 * orbit.period, orbit.period / 300)
-    x = np.interp(at % orbit.period, times, states[0])
-    record = Record(at, measured(x, 0.01 * orbit.amplitude, 0.0, 0.3, np.random.default_rng(5)))
-    drive = Drive(sample_time=2e-3, delay=2e-3)
-    widths = []
-    for given in (None, drive):
-        found = identify([record], Servo(), GAIN, free=["friction.static"], drive=given, advise=False)
-        widths.append((np.ptp(found.intervals["friction.static"]), found.judgement.factor))
-    (plain, _), (late, factor) = widths
-    left_out, noise = lags_of(drive, Servo(), GAIN).left_out, 0.01
-    expected = at.size * (left_out / noise) ** 2 / 1.96**2  # sum of squares over the noise, by the rise at an end
-    assert factor - 1 == pytest.approx(expected, rel=0.3) and late > 1.2 * plain

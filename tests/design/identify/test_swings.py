@@ -1,0 +1,115 @@
+"""Records of drives whose controller reads counts, made by an integrator that is not the package's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify
+from casahunt.design.identify.built import MOST_ROUNDS
+from casahunt.design.identify.fit import Data
+from casahunt.design.identify.judgement import judged
+from casahunt.design.identify.likelihood import Rows
+from casahunt.design.identify.swings import one_by_one, passages
+from scripts.peers.drive_record import DriveServo
+
+T, COUNT = 1e-3, 1e-3
+SCREW = Servo(
+    inertia=0.03, motor_gain=1.0, controller=Pid(kp=240.0, ki=4500.0, kd=3.0),
+    friction=Friction(static=90.0, coulomb=65.0, stribeck_velocity=2.0, viscous=0.8, stiffness=3e4, damping=30.0),
+)  # fmt: skip
+"""Axis of a ball screw, mm, N, s: 30 kg, P-PI of 30 1/s, 3 N s/mm and 20 ms, which reads counts of 1 um."""
+TRUE = {"friction.static": 90.0, "friction.coulomb": 65.0, "friction.viscous": 0.8, "friction.stribeck_velocity": 2.0}
+WRONG = SCREW.replace(**{"friction.static": 60.0, "friction.coulomb": 35.0, "friction.viscous": 0.3,
+                         "friction.stribeck_velocity": 4.0})  # fmt: skip
+
+
+def screw(step: float, seconds: float, every: int) -> Record:
+    """From a step of the set point on, 57 counts of amplitude."""
+    reads = 2 * math.pi / COUNT
+    built = DriveServo(0.03, 90.0, 65.0, 2.0, 0.8, 240.0, 4500.0, 3.0, T, encoder=reads, proportional=30.0)
+    return Record(*built.record(step, round(seconds / T), every), "screw")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("step", "seconds", "every"), [(1, 12, 5), (0.3, 20, 5), (1, 12, 17), (5, 30, 1)])
+def test_the_axis_of_a_screw(step, seconds, every):
+    """Its swings begin apart by more than a tenth of a slip, and each is logged by a few samples."""
+    drive = Drive(sample_time=T, encoder=2 * math.pi / COUNT)
+    found = identify([screw(step, seconds, every)], WRONG, 1.0, drive=drive, advise=False)
+    assert found.judgement.explained and found.status.ok
+    for name, (low, high) in found.intervals.items():
+        assert low <= TRUE[name] <= high
+    assert np.ptp(found.intervals["friction.static"]) < 0.1 * TRUE["friction.static"]
+
+
+@pytest.mark.slow
+def test_the_axis_of_a_screw_whose_drive_is_not_told():
+    """Its periods differ, which no cycle of a continuous loop does."""
+    try:
+        found = identify([screw(1.0, 12.0, 5)], WRONG, 1.0, advise=False)
+    except InputError as refusal:
+        assert "drive" in str(refusal)
+    else:
+        assert not found.judgement.explained
+
+
+def test_what_lags_leave_out_is_computed_as_built(monkeypatch):
+    """Exact readings, at samples so far apart that what is of second order moves friction by half a per cent."""
+    built = DriveServo(0.03, 90.0, 65.0, 2.0, 0.8, 240.0, 4500.0, 3.0, 2 * T)
+    record, off = Record(*built.record(0.06, 8000, 2), "exact"), {}
+    for rounds in (MOST_ROUNDS, 0):
+        monkeypatch.setattr("casahunt.design.identify.built.MOST_ROUNDS", rounds)
+        drive = Drive(sample_time=2 * T)
+        found = identify([record], SCREW, 1.0, drive=drive, advise=False, free=["friction.static"])
+        off[rounds] = abs(found.values["friction.static"] / TRUE["friction.static"] - 1)
+    assert off[MOST_ROUNDS] < 5e-4 < 0.003 < off[0]
+
+
+def swinging(jitter: np.ndarray, each: int = 50) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, positions and passages of swings as steep as tanh that come early or late, two seconds each way."""
+    at = 1.0 + 2 * np.arange(jitter.size) + jitter
+    t = np.arange(0.0, 2 * jitter.size, 1 / each)
+    y = -np.ones(t.size)
+    for k, when in enumerate(at):
+        y += (-1) ** k * (1 + np.tanh((t - when) / 0.2))
+    return t, y, at
+
+
+def test_swings_are_moved_to_where_they_repeat():
+    jitter = 0.1 * np.random.default_rng(3).standard_normal(24)
+    t, y, at = swinging(jitter)
+    found, rising = passages(t, y, 0.25)
+    assert np.abs(found - at).max() < 2e-3 and np.array_equal(rising, (-1.0) ** np.arange(24))
+    moved = one_by_one(Data(t, y, 1.0, 4.0, 1e-4, 1.0, 0.0, 0.0, y, "swings"), 0.0)
+    mean = float(np.mean(np.diff(at[::2]) / 2 + np.diff(at[1::2]) / 2))
+    assert abs(moved.period - mean) < 3 * moved.period_error * mean and moved.period_error < 0.05
+    beside = moved.times - moved.passage
+    assert np.abs(moved.position - moved.rising * np.tanh(beside / 0.2)).max() < 0.02
+
+
+def test_what_the_record_holds_of_a_swing_without_its_passage_is_left_out():
+    """The second half of a slip at the beginning would be compared with a stick."""
+    t, y, at = swinging(np.zeros(20))
+    held = (t > at[0] + 0.05) & (t < at[-1] - 0.05)
+    moved = one_by_one(Data(t[held], y[held], 1.0, 4.0, 1e-4, 1.0, 0.0, 0.0, y, "swings"), 0.0)
+    assert moved.times.min() > at[0] + 0.6 and moved.times.max() < at[-1] - 0.6
+    with pytest.raises(InputError, match="must hold more than 6 whole swings, not 5; record longer"):
+        one_by_one(Data(t[:500], y[:500], 1.0, 4.0, 1e-4, 1.0, 0.0, 0.0, y, "swings"), 0.0)
+
+
+def test_a_model_whose_period_is_another_does_not_fit(monkeypatch):
+    """However little it leaves of the positions: where the period is one datum no residual shows it."""
+    asked = []
+    monkeypatch.setattr("casahunt.design.identify.identify.judged", lambda *of: asked.append(of) or judged(*of))
+    t, states = find_orbit(Servo(), "switch", 0.04).sample(2000)
+    times = np.arange(0.0, 40.0, 0.05)
+    record = Record(times, np.interp(times % t[-1], t, states[0]), "cycle")
+    identify([record], Servo(), 0.04, free=["friction.static"], advise=False)
+    question, point, noises = asked[-1]
+    for errors, fits in ((1.0, True), (10.0, False)):
+        period = Rows(errors**2, np.zeros(1), np.zeros(1), np.ones(1), np.zeros((1, point.z.size)))
+        assert judged(question, replace(point, rows=(*point.rows, period)), noises).fits == fits
