@@ -48,14 +48,14 @@ FINER_FOR_GRAZINGS = 0.1
 """Of the tolerance of folds, that of cycles whose branch ends at an event that is met for the first time."""
 MOST_UNSTABLE = 20
 """Cycles that are followed on to a fold where they have lost their stability before."""
-MOST_CYCLES, MOST_WORK_OF_AN_END = 60, 4e5
+MOST_CYCLES, MOST_WORK_OF_AN_END = 150, 4e5
 """Orbits, and work (effort.py: ten seconds of a processor or less), after which cycles are followed no further, and
 motions tell where hunting ends: where slips all but stop half-way, steps become ever smaller."""
 FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; from where cycles are
 followed; and where motions alone tell the size."""
 MOTIONS_ERROR = 0.02
-"""Relative error that is said of a size: next to a fold motions may leave hunting too soon, or too late."""
+"""Relative error that is said of a size, at least: next to a fold motions may leave hunting too soon, or too late."""
 LOOKED_AT_BEYOND, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
 """So much beyond a border, relatively, motions are looked at, next to a fold, where they take long to leave, from the
 second on; where they hunt, cycles are followed from there, so many times at most."""
@@ -180,7 +180,8 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
         return replace(_without_end(remedy, seen, size, last), first=first, evidence=evidence)
     hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
     why = f"cycles were not followed to their end: {hunt}, and none does at {seen.ended:.4g}"
-    return Border("motions", seen.ended, MOTIONS_ERROR * abs(seen.ended), first, None, why=why, evidence=evidence,
+    error = max(MOTIONS_ERROR * abs(seen.ended), abs(seen.ended - seen.hunts))
+    return Border("motions", seen.ended, error, first, None, why=why, evidence=evidence,
                   swing=seen.swing or swing, fold=next(iter(folds), math.nan))  # fmt: skip
 
 

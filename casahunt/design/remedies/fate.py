@@ -37,7 +37,7 @@ ENDED: tuple[Verdict, ...] = ("rests", "decays")
 """Verdicts of motions that hunt no more."""
 LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 16
 """Periods of the first look at a motion; each next one is twice as long."""
-WORK_OF_A_FATE = 5e4
+WORK_OF_A_FATE = 2e5
 """Work (effort.py) of a motion; most take a tenth."""
 TOLERANCE_OF_A_FATE = 1e-7
 """Error of an interval: series march as fast to 1e-9 as to 1e-4."""
