@@ -9,6 +9,7 @@ import pytest
 from casahunt import Controller, Friction, Pid, Servo, Uncertainty, effort, find_orbit, remedies
 from casahunt.design.remedies import border, fate
 from casahunt.design.remedies import remedies as table
+from casahunt.design.remedies import scan as scans
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of
 
@@ -64,7 +65,7 @@ def test_a_smaller_cycle_is_hunting_and_what_dies_out_is_not():
         seen = fate.fate(filtered, filtered.at_rest(-start), before)
         assert seen.verdict == "hunts" and seen.swing.amplitude == pytest.approx(0.0032756, rel=0.03)
     loop = loop_of(Servo(), "switch", 0.7)  # above the fold, at 0.647
-    dies = fate.scan(loop, fate.Swing.of(find_orbit(Servo(), "switch", 0.6)))
+    dies = scans.scan(loop, fate.Swing.of(find_orbit(Servo(), "switch", 0.6)))
     assert dies.verdict in fate.ENDED
 
 
@@ -72,10 +73,10 @@ def test_turns_that_shrink_towards_a_cycle_do_not_die_out():
     signs = (-1.0) ** np.arange(120)
     assert not fate._shrinks(np.abs(np.diff(signs * (1e-4 + 0.9 ** np.arange(120)))))
     assert fate._shrinks(np.abs(np.diff(signs * 0.9 ** np.arange(120))))
-    assert not fate._settles(signs * 0.9 ** np.arange(120), 1, -1.0, 0.05)
+    assert not fate._settles(list(signs * 0.9 ** np.arange(120)), 1, -1.0, 0.05)
     for left, turns in ((0.05, 40), (1e-5, 120)):  # 0.9^40 is 0.015: beside the cycle, and not yet on it
-        assert fate._settles(signs[:turns] * (1 + 0.9 ** np.arange(turns)), 1, -1.0, left)
-    assert not fate._settles(signs[:40] * (1 + 0.9 ** np.arange(40)), 1, -1.0, 1e-5)
+        assert fate._settles(list(signs[:turns] * (1 + 0.9 ** np.arange(turns))), 1, -1.0, left)
+    assert not fate._settles(list(signs[:40] * (1 + 0.9 ** np.arange(40))), 1, -1.0, 1e-5)
 
 
 @pytest.mark.slow
@@ -137,8 +138,8 @@ def test_what_grows_beside_what_nobody_knows_is_not_over(monkeypatch):
     told = iter(["rests", "undecided", "rests", "grows"])
     loop = loop_of(Servo(), "switch", 0.04)
     seen = [fate.Fate(verdict, np.array([1.0, 1.0]), None) for verdict in told]
-    monkeypatch.setattr(fate, "fate", lambda *more: seen.pop(0) if len(seen) > 1 else seen[0])
-    monkeypatch.setattr(fate, "_gap", lambda ways: None)
-    found = fate.scan(loop, fate.Swing({"x1": 1.0}, 1.0, 1.0))
+    monkeypatch.setattr(scans, "fate", lambda *more: seen.pop(0) if len(seen) > 1 else seen[0])
+    monkeypatch.setattr(scans, "_gap", lambda ways: None)
+    found = scans.scan(loop, fate.Swing({"x1": 1.0}, 1.0, 1.0))
     assert found.verdict == "grows" and found.unclear and not found.over
-    assert fate.Scan("grows").over and not fate.Scan("undecided").over
+    assert scans.Scan("grows").over and not scans.Scan("undecided").over

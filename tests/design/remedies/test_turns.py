@@ -6,6 +6,7 @@ import pytest
 
 from casahunt import Controller, Friction, Options, Servo, Uncertainty, effort, find_orbit, remedies
 from casahunt.design.remedies import border, fate
+from casahunt.design.remedies import scan as scans
 from casahunt.errors import NoOrbit, Status
 from casahunt.servo.parts import REMEDIES
 
@@ -53,7 +54,7 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
 def test_where_nobody_knows_the_row_says_so(monkeypatch):
     """No motion hunts beside the first cycle, or what becomes of it is unclear up to the last size."""
     for verdict, says in (("rests", "no motion hunts on the cycle"), ("undecided", "beyond is not known")):
-        monkeypatch.setattr(border, "scan", lambda *more, rest=0.0, verdict=verdict: fate.Scan(verdict))
+        monkeypatch.setattr(border, "scan", lambda *more, rest=0.0, verdict=verdict: scans.Scan(verdict))
         row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
         assert row.kind == "not found" and says in row.why and row.first is not None
 
@@ -97,8 +98,8 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     def end(hunts, unclear=lambda size: False):
         def scan(size, before, rest):
             if not hunts(size):
-                return fate.Scan("rests")
-            return fate.Scan("undecided") if unclear(size) else fate.Scan("hunts", fate.Swing({}, 1.0, 1.0))
+                return scans.Scan("rests")
+            return scans.Scan("undecided") if unclear(size) else scans.Scan("hunts", fate.Swing({}, 1.0, 1.0))
 
         monkeypatch.setattr(border, "scan", scan)
         return border.end_of_motions(None, leak, first, 1.0, 10.0, border.MOTIONS_KNOW)
