@@ -22,14 +22,14 @@ from typing import Literal, cast
 import numpy as np
 
 from ... import effort
-from ...continuation import SpecialPoint, follow, largest, smallest
+from ...continuation import Branch, SpecialPoint, follow, largest, smallest
 from ...errors import ComesToRest, NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
-from ...servo.parts.verbs import fold_in, loop_cycle
+from ...servo.parts.verbs import loop_cycle
 from .fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing
 from .scan import Scan, scan
 
@@ -47,10 +47,12 @@ SIZE_KNOWN = 1e-6
 FINER_FOR_GRAZINGS = 0.1
 """Of the tolerance of folds, that of cycles whose branch ends at an event that is met for the first time."""
 MOST_UNSTABLE = 20
-"""Cycles that are followed on to a fold where they have lost their stability before."""
+"""Cycles that are followed on where they have lost their stability: they may win it back, or come to a fold."""
 MOST_CYCLES, MOST_WORK_OF_AN_END = 150, 4e5
 """Orbits, and work (effort.py: ten seconds of a processor or less), after which cycles are followed no further, and
 motions tell where hunting ends: where slips all but stop half-way, steps become ever smaller."""
+OUTSIDE_BY = 1e-4
+"""A multiplier that is larger than 1 by more makes a cycle unstable."""
 FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; from where cycles are
 followed; and where motions alone tell the size."""
@@ -254,35 +256,63 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
     cycle = loop_cycle(loop, remedy.size, start=swing.state, options=options)
     if cycle.seen_stable is False:
         raise NoOrbit("the cycle next to a motion that hunts is not stable", Status.NOT_FOUND)
-    finer = replace(options, tol=FINER_FOR_GRAZINGS * options.tol)
-    branch = follow(cycle, remedy.size, to=last, options=finer, until=_ends, max_points=MOST_CYCLES)
-    special, end = next(filter(_ends, branch.special), None), branch.end
-    if special is not None and special.kind == "fold":
-        fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
-        if fold.value_error <= SIZE_KNOWN:
-            return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit, moves=fold.sensitivities)
-    if special is not None:
-        error = max(np.nan_to_num(special.error), SIZE_KNOWN * abs(special.value))
-        kind: Kind = "fold" if special.kind == "fold" else "instability"
-        fold_beyond = _fold_beyond(cycle, remedy, last, options)
-        return Border(kind, special.value, error, orbit=special.orbit, why=special.meaning, fold=fold_beyond)
-    if end.kind not in ("grazing", "Hopf"):
-        raise NoOrbit(str(end), Status.NOT_FOUND)
-    error = max(end.error, 10 * finer.tol * abs(end.value))
+    losses, at, before = list[SpecialPoint[SystemOrbit]](), cycle, None
+    while True:
+        branch = _further(at, before, remedy, last, options, MOST_UNSTABLE if losses else MOST_CYCLES)
+        passed = [] if branch is None else [each for each in branch.special if _may_end(each)]
+        for special in passed:
+            if special.kind == "fold":
+                fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
+                if _outside(special.orbit):
+                    return _lost(losses, fold.value)
+                return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit,
+                              moves=fold.sensitivities)  # fmt: skip
+            losses += [] if _outside(special.orbit) else [special]
+        if branch is None or not passed:
+            break
+        before, at = branch.orbits[-2:]
+    if losses and (branch is None or branch.orbits[-1].seen_stable is False):
+        return _lost(losses, math.nan)
+    if branch is None or branch.end.kind not in ("grazing", "Hopf"):
+        raise NoOrbit("" if branch is None else str(branch.end), Status.NOT_FOUND)
+    end = branch.end
+    error = max(end.error, 10 * FINER_FOR_GRAZINGS * options.tol * abs(end.value))
     return Border(cast(Kind, end.kind), end.value, error, orbit=branch.orbits[-1], why=str(end))
 
 
-def _ends(special: SpecialPoint[SystemOrbit]) -> bool:
-    """Whether stable cycles end there."""
+def _further(
+    at: SystemOrbit, before: SystemOrbit | None, remedy: Remedy, last: float, options: Options, most: int
+) -> Branch[SystemOrbit] | None:
+    """The branch up to the next point at which stable cycles may end or begin.
+
+    None where cycles that have lost their stability could not be followed.  Raises NoOrbit: stable ones could not.
+    """
+    finer = replace(options, tol=FINER_FOR_GRAZINGS * options.tol)
+    try:
+        return follow(at, remedy.size, to=last, previous=before, options=finer, until=_may_end, max_points=most)
+    except NoOrbit:
+        if before is None:
+            raise
+        return None
+
+
+def _may_end(special: SpecialPoint[SystemOrbit]) -> bool:
+    """Whether stable cycles may end there, or begin anew."""
     return special.kind in (*LOSSES, "fold")
 
 
-def _fold_beyond(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> float:
-    """Where the branch of a cycle folds that has lost its stability before; nan where that was not found."""
-    try:
-        return fold_in(cycle, remedy.size, sense=remedy.sense, to=last, options=options, max_points=MOST_UNSTABLE).value
-    except NoOrbit:
-        return math.nan
+def _outside(orbit: SystemOrbit) -> bool:
+    """Whether multipliers lie outside the unit circle, besides those that pass it."""
+    return bool((np.abs(orbit.multipliers.half[1:]) > 1 + OUTSIDE_BY).any())
+
+
+def _lost(losses: list[SpecialPoint[SystemOrbit]], fold: float) -> Border:
+    """The last loss of stability; fold: that of the branch behind it, nan where it was not found."""
+    if not losses:
+        raise NoOrbit("cycles are not stable, and where they were was not found", Status.NOT_FOUND)
+    special = losses[-1]
+    error = max(np.nan_to_num(special.error), SIZE_KNOWN * abs(special.value))
+    return Border("instability", special.value, error, orbit=special.orbit, why=special.meaning, fold=fold)
 
 
 def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Scan]:
