@@ -61,6 +61,8 @@ MOTIONS_ERROR = 0.02
 LOOKED_AT_BEYOND, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
 """So much beyond a border, relatively, motions are looked at, next to a fold, where they take long to leave, from the
 second on; where they hunt, cycles are followed from there, so many times at most."""
+BRIEFLY = LOOKED_AT_BEYOND[0]
+"""Cycles that win their stability back for a smaller part of the size than this are no hunting that would be seen."""
 MOST_UNCLEAR = 2
 """Sizes one after the other with which nobody knows whether motions hunt, behind which no more is looked at."""
 NO_FIRST = "no cycle with a little of it was found"
@@ -265,10 +267,12 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
                 fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
                 if _outside(special.orbit):
                     return _lost(losses, fold.value)
+                if len(losses) > 1 and abs(fold.value - losses[-1].value) <= BRIEFLY * abs(fold.value):
+                    return _lost(losses[:-1], fold.value)
                 return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit,
                               moves=fold.sensitivities)  # fmt: skip
             losses += [] if _outside(special.orbit) else [special]
-        if branch is None or not passed:
+        if branch is None or not passed or branch.orbits[-1].problem.value(remedy.size) == last:
             break
         before, at = branch.orbits[-2:]
     if losses and (branch is None or branch.orbits[-1].seen_stable is False):

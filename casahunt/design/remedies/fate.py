@@ -39,8 +39,8 @@ LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 16
 """Periods of the first look at a motion; each next one is twice as long."""
 WORK_OF_A_FATE = 2e5
 """Work (effort.py) of a motion; most take a tenth."""
-TOLERANCE_OF_A_FATE = 1e-7
-"""Error of an interval: series march as fast to 1e-9 as to 1e-4."""
+TOLERANCE_OF_A_FATE, TO_BE_SAMPLED = 1e-7, 1e-9
+"""Error of an interval; and where the motion is sampled, whose largest torque is looked for among its points."""
 MOVES_NOT = 1e-7
 """A state that moves by less than this part of its size stands still."""
 ROUNDING_OF_A_STATE = 1e-12
@@ -135,6 +135,7 @@ class _Watched:
         self.place = self.system.states.index("x1")
         self.farthest = 0.0, self.start
         self.kind: Kind = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
+        self.tol = TO_BE_SAMPLED if self.meshed else TOLERANCE_OF_A_FATE
         self.meshed |= not all(mode.ends for mode in self.system.modes)  # turns are no events there
 
     def motion(self, phases: list[Segment]) -> Motion:
@@ -180,7 +181,7 @@ class _Watched:
         """A phase with a mesh."""
         return march(
             self.system.vector_form, segment.mode, segment.start, self.system.values(None), scale=self.scale,
-            until=lambda _: True, tol=TOLERANCE_OF_A_FATE, kind=self.kind, max_time=segment.duration,
+            until=lambda _: True, tol=self.tol, kind=self.kind, max_time=segment.duration,
         )  # fmt: skip
 
     def _place(self, t: float, x: float) -> None:
@@ -270,7 +271,7 @@ def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array,
     since = len(watched.phases)
     phases = march(
         watched.system.vector_form, mode, x, watched.system.values(None), scale=watched.scale, until=watched.seen,
-        tol=TOLERANCE_OF_A_FATE, kind=watched.kind, max_time=length, strict=True, meshed=watched.meshed,
+        tol=watched.tol, kind=watched.kind, max_time=length, strict=True, meshed=watched.meshed,
     )  # fmt: skip
     if watched.verdict is not None:
         return x, mode, length
