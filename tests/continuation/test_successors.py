@@ -76,7 +76,7 @@ def test_a_stop_that_must_stick_gets_its_stick():
     branch = follow(cycle, "V", to=0.3)
     assert branch.end.kind == "range"
     (special,) = branch.special
-    assert special.kind == "the successor changes"
+    assert special.kind in ("the successor changes", "grazing")  # the stick that is born there has no duration yet
     _, states = special.orbit.sample()
     truth = stops_with_the_pull([abs(states[0, 0]), abs(states[2, 0]), 0.67])
     assert special.value == pytest.approx(truth[2], abs=1e-7)
