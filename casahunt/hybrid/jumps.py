@@ -9,6 +9,7 @@ the states on which steps change, at the places where they do, both sides are co
 
     |f(x, s_behind) - f(x, s_before)| <= ONE_PART (|f| + |f|) + (STEP_PLACE |d(f - f)/dx| + ENDS_ROUNDING |df/dx|) |x|
 
+Where something is divided by, |x|, fmin and fmax are steps, too: x/|x| jumps, x |x|/(1 + |x|) does not.
 The second term is what the place is not known to, the third rounding of the states, as in an angle of many turns.
 Parameters are tried at their values and next to them.
 """
@@ -42,6 +43,7 @@ LONGEST_TEXT = 60
 
 _STEPS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL,
           ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2}  # fmt: skip
+_KINKS, _DIVIDES = {ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX}, {ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW}
 
 
 class Looked(NamedTuple):
@@ -71,6 +73,8 @@ def _split(operation: int, u: list[ca.SX], s: ca.SX) -> ca.SX:
     """An operation of these operands with its step for itself."""
     if operation == ca.OP_COPYSIGN:
         return ca.fabs(u[0]) * s
+    if operation in _KINKS:
+        return u[0] * s if operation == ca.OP_FABS else u[0] * s + u[1] * (1 - s)
     if operation in (ca.OP_FMOD, ca.OP_REMAINDER):
         return u[0] - u[1] * s
     if operation == ca.OP_ATAN2:  # s = +-1 beside the cut, seen from the other side of the origin, and 0 elsewhere
@@ -83,6 +87,10 @@ def _step(operation: int, u: list[ca.SX]) -> ca.SX:
     """What steps in an operation of these operands."""
     if operation == ca.OP_COPYSIGN:
         return ca.copysign(1, u[1])
+    if operation == ca.OP_FABS:
+        return 2 * (u[0] >= 0) - 1
+    if operation in _KINKS:
+        return u[0] > u[1] if operation == ca.OP_FMAX else u[0] < u[1]
     if operation in (ca.OP_FMOD, ca.OP_REMAINDER):
         turns = u[0] / u[1]
         return ca.sign(turns) * ca.floor(ca.fabs(turns)) if operation == ca.OP_FMOD else ca.floor(turns + 0.5)
@@ -95,7 +103,8 @@ def _steps_of(values: ca.SX, given: tuple[ca.SX, ...], moving: int) -> _Steps | 
     """The steps in (m,) expressions of the symbols `given`, of which the first `moving` change; None for none."""
     graph = ca.Function("graph", list(given), [ca.densify(values)])
     operations = [graph.instruction_id(k) for k in range(graph.n_instructions())]
-    if not _STEPS.intersection(operations):
+    stepping = _STEPS | _KINKS if _DIVIDES.intersection(operations) else _STEPS
+    if not stepping.intersection(operations):
         return None
     natural: list[Any] = [None] * graph.sz_w()
     split, moves = list(natural), [False] * graph.sz_w()
@@ -115,7 +124,7 @@ def _steps_of(values: ca.SX, given: tuple[ca.SX, ...], moving: int) -> _Steps | 
             u, v = [natural[i] for i in of], [split[i] for i in of]
             natural[into[0]], split[into[0]] = apply(operation, *u), apply(operation, *v)
             moves[into[0]] = any(moves[i] for i in of)
-            if operation in _STEPS and moves[into[0]]:
+            if operation in stepping and moves[into[0]]:
                 found.append((ca.SX.sym("s"), _step(operation, u), (operation, u)))
                 split[into[0]] = _split(operation, v, found[-1][0])
     if not found:
@@ -238,9 +247,9 @@ def _text(step: tuple[int, list[ca.SX]], given: tuple[ca.SX, ...], names: Names)
         str(value) for value in ca.substitute(
             [ca.SX(each) for each in u], [ca.vertcat(*given)], [ca.vertcat(*map(ca.SX.sym, called))])
     ]  # fmt: skip
-    if operation in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE):
+    if operation in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX):
         text = f" where {' = '.join(reversed(written) if ca.SX(u[0]).is_constant() else written)}"
-    elif operation == ca.OP_SIGN:
+    elif operation in (ca.OP_SIGN, ca.OP_FABS):
         text = f" where {written[0]} = 0"
     else:
         name = {ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder",
