@@ -22,6 +22,10 @@ from .poincare_section import apart_by_kinks
 from .special_points import FOLD, Monitor
 from .walk import step_along
 
+Array = np.ndarray
+
+HALFWAY = 0.5, 0.45
+"""Part of a step at which it is looked at, and where the equations are singular just there, as where branches cross."""
 LOOKED_INSIDE = 5
 """A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
 
@@ -116,10 +120,19 @@ class Inside(Generic[AnyOrbit]):
             return False
         at, values = np.array(places).T
         if monitor.kind != FOLD.kind:  # multipliers span many decades: in units of 1, or of themselves
-            return hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
+            bounces = monitor.by_multipliers and self._may_bounce(at, np.arctanh(np.clip(values, -0.999, 0.999)), x.at)
+            return bounces or hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
         # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
         # No component comes out larger than 1: squares are summed, and the root taken, without falling below its own.
         return hides_a_pair(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
+
+    @staticmethod
+    def _may_bounce(at: Array, values: Array, low: float) -> bool:
+        """Whether the lines before and behind a step, those that there are, reach zero inside: ranks may swap."""
+        k = int(np.flatnonzero(at == low)[0])
+        ways = [(k, k - 1, k + 1)] * (k > 0) + [(k + 1, k + 2, k)] * (k + 2 < at.size)
+        met = [values[i] + (values[i] - values[j]) / (at[i] - at[j]) * (at[to] - at[i]) for i, j, to in ways]
+        return bool(ways) and all(value * values[k] <= 0 for value in met) and values[k] * values[k + 1] > 0
 
     def _mean_slope(self, x: Station[AnyOrbit], y: Station[AnyOrbit]) -> float:
         """The mean of d lambda/d s over a step, which its ends know."""
@@ -132,10 +145,11 @@ class Inside(Generic[AnyOrbit]):
         length = length_to(y.orbit, x.orbit, x.point, vary)
         seen = seen_from(x.point, x.orbit, vary, parameter_value(y.orbit, vary))
         start = replace(x.point, bend=bend(y.point, x.point, seen, side=1.0))
-        outcome = step_along(start, x.orbit, vary, length / 2, *problem.range_of(vary), self.options)
-        if isinstance(outcome, str) or outcome[0].signature != x.orbit.signature:
-            return None
-        return Station(outcome[0], arrived(x.orbit, outcome[0], vary), (x.at + y.at) / 2)
+        for part in HALFWAY:
+            outcome = step_along(start, x.orbit, vary, part * length, *problem.range_of(vary), self.options)
+            if not isinstance(outcome, str) and outcome[0].signature == x.orbit.signature:
+                return Station(outcome[0], arrived(x.orbit, outcome[0], vary), x.at + part * (y.at - x.at))
+        return None
 
     def value(self, monitor: Monitor, station: Station[AnyOrbit], *, zero: bool = False) -> float:
         """The value of a monitor, NaN where its sign is not sure; or `zero` where multipliers show that it is.

@@ -100,6 +100,7 @@ def beside_a_circle(rates, pairs):
     [
         ([], [lambda s: s] * 2, [("Neimark-Sacker", 0.0, 2)]),
         ([lambda s: s], [lambda s: 0.01 - s], [("branch point", 0.0, 1), ("Neimark-Sacker", 0.01, 1)]),  # one comes in
+        ([lambda s: s, lambda s: 0.01 - s], [], [("branch point", 0.0, 1), ("branch point", 0.01, 1)]),
         ([lambda s: s, lambda s: s - 0.001], [], [("branch point", 0.0, 1), ("branch point", 0.001, 1)]),
     ],
 )
