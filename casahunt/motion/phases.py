@@ -203,7 +203,10 @@ def _phase(
     most: tuple[float, int],
     by_series: bool,
 ) -> tuple[Segment, str]:
-    """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed."""
+    """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed.
+
+    by_series: False where steps have shown that it is stiff, or worse.
+    """
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
@@ -239,6 +242,7 @@ def _check_start(
     pendulum that is pushed on; or one whose own jump leads there, as a walker begins its step where its foot stands.
     """
     met = met if before is None else before.event
+    modes = system.exits if before is None else (before.mode,)
     mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
     for way_out in system.exits[segment.mode]:
         begins = way_out.direction * float(way_out.event.function(x, 0.0, p))
@@ -250,7 +254,7 @@ def _check_start(
             following = segment.w[0].reshape(-1, n)[1:]
             times = scheme(len(following)).stages
         elif mode.flow is None:
-            following, times = segment.nodes[1:4], segment.breaks[1:4]
+            following, times = segment.nodes[1:4], segment.breaks[1:4]  # the first just behind the event
         else:
             times = FIRST_MOMENTS
             following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
@@ -260,7 +264,10 @@ def _check_start(
         else:  # a phase of one step
             rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
             at_speed = way_out.direction * rate > LEFT_BEHIND * size
-        left = at_speed and (way_out.event.name == met or _leads_on(system, way_out, x, p))
+        same = way_out.event.name == met and any(
+            other.direction == way_out.direction for name in modes for other in system.ways_out(name, met)
+        )  # modes on both sides of an event may give it one name, and cross it in opposite directions
+        left = at_speed and (same or _leads_on(system, way_out, x, p))
         if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
             raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
 
@@ -302,12 +309,17 @@ def _on_its_event(
 
 def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> None:
     """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
-    if mode.admissible is None or not np.isfinite(segment.duration):
+    if mode.admissible is None:
         return
-    values = np.asarray(mode.admissible(segment.nodes.T, p, mode.sign))
+    lasts, first = np.isfinite(segment.duration), np.append(0.0, FIRST_MOMENTS)
+    nodes = segment.nodes if lasts else np.array(flow_at(mode, segment.start, first, p))  # for ever: in closed form
+    values = np.asarray(mode.admissible(nodes.T, p, mode.sign))
     wrong = np.flatnonzero(values < -mode.slack - PASSED)
+    if wrong.size and wrong[0] == 0:
+        where = f"at {time:.6g} the mode {mode.name!r} does not hold where it begins ({values[0]:.3g})"
+        raise MarchFailure(f"{where}: start in the mode that does, or let the event before lead there")
     if wrong.size:
-        at = time + segment.duration * np.append(segment.breaks[:-1], 1.0)[wrong[0]]
+        at = time + (segment.duration * segment.breaks if lasts else first)[wrong[0]]
         raise MarchFailure(
             f"at {at:.6g} the mode {mode.name!r} does not hold any more ({values[wrong[0]]:.3g}), and none of its "
             "exits was met: an exit is missing, the modes on both sides of an event lead to it (then one that slides "

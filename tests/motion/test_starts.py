@@ -144,3 +144,24 @@ def test_every_state_of_a_sample_can_be_simulated(system, mode, start):
             with suppress(NoOrbit):
                 followed.append(simulate(system, each.name, start=begins, duration=cycle.period).duration)
         assert followed == pytest.approx([cycle.period] * len(followed)) and followed
+
+
+@pytest.mark.parametrize(("beyond", "told"), [(0.5, "does not hold where it begins"), (1e-9, "does not hold any more")])
+def test_a_mode_that_does_not_hold_at_the_start_is_no_motion_for_ever(beyond, told):
+    """A stick beyond what static friction holds has its only event behind it."""
+    refused(belt, told, mode="stick", x=1.0 + beyond, v=0.2, duration=5.0)
+    with pytest.raises(NoOrbit, match=told):
+        find_cycle(belt, "stick", x=1.0 + beyond, v=0.2)
+
+
+@pytest.mark.parametrize("names", [("stop", "stop"), ("up stops", "down stops")])
+def test_modes_on_both_sides_of_an_event_may_give_it_one_name(names):
+    """Dry friction without a stick: where both sides lead to v = 0 neither goes on, whatever its event is called."""
+
+    def moves(name, end, sign, to):
+        field = lambda x, p: {"x": x.v, "v": -x.x - 0.6 * sign + ca.cos(0.35 * x.t)}  # noqa: E731
+        return Mode(name, field, ends=(Event(end, lambda x, p: x.v, -int(sign), to=to),))
+
+    modes = moves("up", names[0], 1.0, "down"), moves("down", names[1], -1.0, "up")
+    system = System("dry", ("x", "v"), {}, modes, forcing_period=lambda p: 2 * np.pi / 0.35)
+    refused(system, "starts on its own event", mode="up", x=0.0, v=0.5, duration=40.0)
