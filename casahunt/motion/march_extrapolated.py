@@ -23,7 +23,7 @@ from ..compiled import Caller, caller, kept
 from ..hybrid.system import Exit, Field, VectorMode, VectorSystem
 from ..roots import MOST_HALVINGS, Bracket
 from .march_exits import EVENT_TOLERANCE, behind
-from .march_watch import EVENT_LIMIT, ON_EVENT
+from .march_watch import ON_EVENT
 from .segment import Segment
 
 Array = np.ndarray
@@ -52,7 +52,7 @@ class Followed(NamedTuple):
 
 
 class Lost(Exception):
-    """Steps are many, as in a stiff mode, or became nothing, or an event is crossed and vanishes nowhere."""
+    """Steps are many, as in a stiff mode, or became nothing, or an event is no number on the way to its zero."""
 
 
 def by_steps(
@@ -61,7 +61,8 @@ def by_steps(
     """(segment, next mode) of a phase without a mesh: its `w` are the states at which steps begin.
 
     x, p, scale: (n,) state, parameters, (n,) sizes of the states; tol, max_time: as of `march`.
-    Returns None where it has to be followed otherwise: in closed form, by intervals where the mode is stiff.
+    Returns None where it has to be followed otherwise: in closed form, by intervals where the mode is stiff, through an
+    event that leads back into it.
     """
     mode, exits = system.modes[name], system.exits[name]
     if mode.stiff or mode.flow is not None:
@@ -71,10 +72,14 @@ def by_steps(
     except Lost:
         return None
     states, duration = found.states * scale, float(found.times[-1])
+    if not duration > 0:
+        return None
     jumped, successor, event = None, name, ""
     if found.way_out is not None:
         jumped, event = behind(found.way_out, states[-1], p), found.way_out.event.name
         successor = found.way_out.successor(states[-1] if jumped is None else jumped, p)
+        if successor == name and jumped is None and not found.way_out.mark:  # it was grazed: the phase goes on
+            return None
     return Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped), successor
 
 
@@ -203,13 +208,11 @@ class _Steps:
             for i in np.flatnonzero(crossed[k] | tops[k]).tolist():
                 high, f_high = h, float(e[k + 1, i])
                 if not crossed[k, i]:
-                    high, left, end = self._zero(start, 2, i, (0.0, float(r[k, i])), (h, float(r[k + 1, i])))
+                    high, end = self._zero(start, 2, i, (0.0, float(r[k, i])), (h, float(r[k + 1, i])))
                     f_high = float(end[1][i])
                     if f_high <= 0:
                         continue
-                s, left, end = self._zero(start, 1, i, (0.0, float(e[k, i])), (high, f_high))
-                if abs(left) > EVENT_LIMIT:
-                    raise Lost
+                s, end = self._zero(start, 1, i, (0.0, float(e[k, i])), (high, f_high))
                 if best is None or s < best[0]:
                     best = s, end[0], self._exits[i]
             if best is not None:
@@ -218,19 +221,21 @@ class _Steps:
 
     def _zero(
         self, start: tuple[Array, float], which: int, i: int, low: tuple[float, float], high: tuple[float, float]
-    ) -> tuple[float, float, list[Array]]:
-        """Length of the step at whose end an event, or its rate, vanishes; what is left of it, and what is there."""
+    ) -> tuple[float, list[Array]]:
+        """Length of the step at whose end an event, or its rate, vanishes to rounding; and what is there."""
         s, f = high
         end = self._at(*start, s)
         if f == 0:
-            return s, f, end
+            return s, end
         bracket, small = Bracket(*low, *high), EVENT_TOLERANCE * max(abs(low[1]), abs(f))
         for _ in range(MOST_HALVINGS):
             slope, before = float(end[2][i]) if which == 1 else 0.0, s
             s = bracket.newton(s, f, slope) if slope and bracket.holds(s) else bracket.illinois
             end = self._at(*start, s)
             f = float(end[which][i])
+            if not np.isfinite(f):
+                raise Lost
             if abs(f) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
                 break
             bracket = bracket.told(s, f)
-        return s, f, end
+        return s, end

@@ -8,7 +8,9 @@ import pytest
 
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid.examples import belt
-from casahunt.motion import march
+from casahunt.motion import MarchFailure, march
+
+RESTS = Mode("rests", lambda x, p: {"x": 0.0})
 
 
 def followed(system: System, mode: str, x: list[float], many: int, **how):
@@ -19,9 +21,8 @@ def followed(system: System, mode: str, x: list[float], many: int, **how):
         seen.append(segment)
         return len(seen) == many
 
-    p = system.values(None)
-    return march(system.vector_form, mode, np.array(x, float), p, scale=np.ones(len(x)), until=until, tol=1e-8,
-                 strict=True, **how)  # fmt: skip
+    p, how = system.values(None), {"strict": True, "tol": 1e-8} | how
+    return march(system.vector_form, mode, np.array(x, float), p, scale=np.ones(len(x)), until=until, **how)
 
 
 def bouncing(g: float = 9.81, e: float = 0.7) -> System:
@@ -78,3 +79,55 @@ def test_what_takes_too_many_steps_is_left_to_intervals():
     (phase,) = followed(system, "slaved", [1.0, 0.0], 1, meshed=False)
     assert phase.w.shape[1] > 2
     assert phase.duration == pytest.approx(np.pi / 3 + 1e-5, abs=1e-9)
+
+
+def test_an_event_that_leads_back_into_its_mode_ends_no_phase():
+    half = Event("half", lambda x, p: x.x - 0.5, +1, to=lambda x, p: "goes" if p.k > 0 else "rests")
+    ends = half, Event("whole", lambda x, p: x.x - 1, +1, to="rests")
+    system = System("grazed", ("x",), {"k": 1.0},
+                    (Mode("goes", lambda x, p: {"x": p.k}, ends=ends), RESTS))  # fmt: skip
+    (phase,) = followed(system, "goes", [0.0], 1, meshed=False)
+    assert phase.event == "whole" and phase.duration == pytest.approx(1.0, rel=1e-12)
+
+
+def test_an_event_that_is_no_number_on_the_way_to_its_zero_is_left_to_others():
+    """(x - 3)^3 with a part that counts for nothing and has no value from 3.05 to 4.5: a step leads beyond."""
+    nothing = lambda x, p: p.k * ca.sqrt((x.x - 3.05) * (x.x - 4.5))  # noqa: E731
+    ends = (Event("three", lambda x, p: (x.x - 3) ** 3 + nothing(x, p), +1, to="rests"),)
+    system = System("no number", ("x",), {"k": 0.0},
+                    (Mode("goes", lambda x, p: {"x": 1.0}, ends=ends), RESTS))  # fmt: skip
+    try:
+        (phase,) = followed(system, "goes", [-5.0], 1, meshed=False)
+    except MarchFailure:
+        return
+    assert phase.duration == pytest.approx(8.0, abs=1e-3)
+
+
+def test_rounding_of_the_state_with_which_a_slip_begins_does_not_end_it():
+    """v' = t - t^2 - 1e-13 from 1e-27: forwards by less than rounding, back by as much, and forwards for 3/2."""
+    stops = Event("stops", lambda x, p: x.v, -1, to="stands")
+    system = System("slip", ("v", "t"), {"less": 1e-13},
+                    (Mode("slips", lambda x, p: {"v": x.t - x.t**2 - p.less, "t": 1.0}, ends=(stops,)),
+                     Mode("stands", lambda x, p: {"v": 0.0, "t": 1.0})))  # fmt: skip
+    (slip,) = followed(system, "slips", [1e-27, 0.0], 1, meshed=False, strict=False)
+    assert slip.duration == pytest.approx(1.5, rel=1e-9)
+
+
+def test_an_event_of_a_state_that_is_rounding_itself_is_located_in_its_own_units():
+    """x = 1e-14 (exp t - e) passes zero at 1, and not wherever it is as small."""
+    ends = (Event("passes", lambda x, p: x.x, +1, to="rests"),)
+    system = System("small", ("x", "y"), {"k": 1e-14},
+                    (Mode("goes", lambda x, p: {"x": p.k * x.y, "y": x.y}, ends=ends),
+                     Mode("rests", lambda x, p: {"x": 0.0, "y": 0.0})))  # fmt: skip
+    (phase,) = followed(system, "goes", [1e-14 * (1 - np.e), 1.0], 1, meshed=False, strict=False)
+    assert phase.duration == pytest.approx(1.0, rel=1e-8)
+
+
+def test_on_one_event_another_one_is_met_at_once():
+    """v = -7e-7 + 300 t turns at 7e-7/300; x begins at zero, on an event of its own."""
+    ends = Event("x", lambda x, p: x.x, +1, to="rests"), Event("v", lambda x, p: x.v, +1, to="rests")
+    system = System("two", ("x", "v"), {"a": 300.0},
+                    (Mode("goes", lambda x, p: {"x": x.v, "v": p.a}, ends=ends),
+                     Mode("rests", lambda x, p: {"x": 0.0, "v": 0.0})))  # fmt: skip
+    (phase,) = followed(system, "goes", [0.0, -7e-7], 1, meshed=False, strict=False)
+    assert phase.event == "v" and phase.duration == pytest.approx(7e-7 / 300, rel=1e-9)
