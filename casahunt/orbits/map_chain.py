@@ -63,10 +63,24 @@ class MapChain:
 
         A f- = f+ for the exact maps: of all directions it is the one whose image is known.
         """
+        off, behind = self._flows_missed()
+        return off / np.where(behind > 0, behind, 1.0)
+
+    @property
+    def jumps_by(self) -> float:
+        """The most that the map of an element misses the flow, of the larger one at its ends: not small, a field jumps.
+
+        Where the time is a state its map is exact, and the trivial multiplier 1, whatever the others are.
+        """
+        off, behind = self._flows_missed()
+        size = np.maximum(behind, np.linalg.norm(self.flows[self.elements], axis=1))
+        return float(np.max(off / np.where(size > 0, size, 1.0), initial=0.0))
+
+    def _flows_missed(self) -> tuple[Array, Array]:
+        """(E,) |A f- - f+| and |f+| of every element."""
         behind = self.flows[self.elements + 1]
         image = (self.factors[self.elements] @ self.flows[self.elements][:, :, None])[:, :, 0]
-        size = np.linalg.norm(behind, axis=1)
-        return np.linalg.norm(image - behind, axis=1) / np.where(size > 0, size, 1.0)
+        return np.linalg.norm(image - behind, axis=1), np.linalg.norm(behind, axis=1)
 
 
 def saltation(f_before: Array, f_after: Array, h_x: Array, jump: Array | None = None) -> Array:

@@ -45,6 +45,8 @@ DEFECT = 1e-9
 DEFECT_POWER, MOST_CUTS = 1 / 6, 8
 """An interval is cut in (defect / DEFECT)^DEFECT_POWER parts, no more than MOST_CUTS: orders are 11 and more, but for
 kinks."""
+JUMPS = 1e-3
+"""A flow that the map of some interval misses by more, on any mesh, jumps there, and the multipliers are off."""
 NO_STEP = 1e-11
 """A Newton step smaller than this is not taken: what it moves is below what is asked of multipliers."""
 
@@ -155,7 +157,8 @@ def _refining(
         best = floquet.chain_multipliers(own.chain, t.cycle.repeats, frame)
         finer = collocation_chain(*_intervals_cut(start, np.full(t.intervals, 2)))
         best = floquet.compared(best, floquet.rough_multipliers(finer, best.frame)[0], share=1.0)
-    return best, place
+    jump = place.chain.jumps_by
+    return (replace(best, error=max(best.error, jump)) if jump > JUMPS else best), place
 
 
 def _solved_in_batch(requests: Sequence[_Request], solver: Solver) -> list[_SolvedForMultipliers | None]:

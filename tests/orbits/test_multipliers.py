@@ -386,3 +386,16 @@ def test_eigenvectors_that_are_all_but_one_resolve_nothing(monkeypatch):
     """Whether they can be told apart, or overflow, is rounding."""
     monkeypatch.setattr(graded.np.linalg, "inv", lambda matrix: np.full(matrix.shape, np.inf))
     assert not _resolved(np.eye(2), np.diag([2.0, 1.0]), 1.0)[1]
+
+
+@pytest.mark.parametrize(("steep", "trusted"), [(1e4, True), (1e10, False)])
+def test_multipliers_of_a_field_that_all_but_jumps_inside_an_interval(steep, trusted):
+    """x'' = cos 0.6 t - x - 0.2 erf(s x'): to 1e-4 those of the sign, by maps between its zeros, -0.20143 +- 0.42735i.
+
+    The time is a state: its trivial multiplier is 1 on any mesh.  Where no mesh shows the jump the error says so.
+    """
+    field = lambda x, p: {"x": x.v, "v": -x.x - 0.2 * ca.erf(steep * x.v) + ca.cos(0.6 * x.t)}  # noqa: E731
+    system = System("dry", ("x", "v"), {}, (Mode("smooth", field),), forcing_period=lambda p: 2 * math.pi / 0.6)
+    found = find_cycle(system, x=0.5, v=1.0, t=0.0, tol=1e-8).multipliers
+    off = min(abs(found.full - (-0.20143 + 0.42735j)))
+    assert found.trusted is trusted and off < max(1e-4, found.error)
