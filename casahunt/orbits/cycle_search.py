@@ -59,6 +59,8 @@ LEADS_ASTRAY = (Status.SINGULAR, Status.NOT_CONVERGED, Status.FAR_FROM_GUESS)
 LEAST_CLOSED, MOST_CLOSING = 1e-5, 50
 """Part of a gap that is closed in one step at least; steps of that, of which three to four dozens were seen to serve
 where a disturbance of 1 % grows seventyfold within a half turn."""
+UNSTABLE = "an unstable cycle was passed, which the motion leaves"
+NEITHER = "a cycle was computed of which is not known whether the motion stays there"
 MOST_LONG = 2
 """Long recurrences that are tried."""
 
@@ -292,8 +294,8 @@ class _CycleSearch(Returning):
         lin = outcome.solution.linearisation
         scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
         M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale
-        if not self.attracts(orbit, M):  # what cannot be told to attract is not accepted
-            self.refused(r, "an unstable cycle was passed, which the motion leaves")
+        if not (attracts := self.attracts(orbit, M)):  # what cannot be told to attract is not accepted
+            self.refused(r, UNSTABLE if attracts is False else NEITHER)
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return None

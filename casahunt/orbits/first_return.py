@@ -222,7 +222,7 @@ class FirstReturn:
         place, mode = np.vstack(places), np.concatenate(modes)
         self.scale = size = sizes_of(system, x, self.scale)
         away = np.max(np.abs(x - turned(system, self.x, x) - self.x) / size, axis=1)
-        farthest, along = np.maximum.accumulate(away), self.rate / size
+        farthest, along = np.maximum.accumulate(np.where(away > MOVES_BELOW, away, 0.0)), self.rate / size
         self.nearest = float(away[int(np.argmax(away)) :].min())
         for repeats, S in ((1, np.eye(size.size)), *((2, S) for S in symmetries(system))):
             image = x @ S.T

@@ -18,6 +18,7 @@ from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.problem import Kind
 from ..motion.phases import MARCHED_AT_MOST, Segment, march
+from ..motion.rest import STANDS
 from ..motion.segment import NoEnd
 from ..motion.simulation import MARCH_DEGREE
 from .closure import Closure, Section, turned, turns, with_sections
@@ -202,15 +203,20 @@ class Returning:
         return loop_distance(self.system, self.segments, r, self.scale) < REPEATED
 
     def rests(self, phases: int) -> bool:
-        """Whether the motion has become so small that its returns say nothing, or takes longer for each of them."""
-        if self.turning is not None or len(self.segments) <= 2 * phases:  # the first may have begun anywhere
+        """Whether the motion has become so small that its returns say nothing, or takes longer for each of them.
+
+        After one return what it did before is no return, for it may have begun anywhere: then it has to stand still.
+        """
+        if self.turning is not None:
             return False
-        loops = self.segments[-2 * phases : -phases], self.segments[-phases:]
+        again = len(self.segments) > 2 * phases
+        loops = self.segments[-2 * phases if again else 0 : -phases], self.segments[-phases:]
         before, last = (
-            np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale) for loop in loops
-        )
+            np.max(np.ptp(np.array([x for s in loop for x in (s.start, s.end)]), axis=0) / self.scale, initial=0.0)
+            for loop in loops
+        )  # fmt: skip
         longer = sum(s.duration for s in loops[1]) > EVER_LONGER * sum(s.duration for s in loops[0])
-        return bool(last <= RESTS and last < before) or longer
+        return bool(last <= (RESTS if again else STANDS) and last < before or again and longer)
 
     def check_patience(self) -> None:
         """Raise NotMet where the motion was followed for long enough: for longer where it is about to repeat."""

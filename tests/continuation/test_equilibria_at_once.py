@@ -28,11 +28,14 @@ def followed(names, field, s=0.37, start=None, low=-1.0, high=1.0):
 
 
 def holds(branch, expected):
-    """The points that are expected, each within three of its errors, and none besides."""
+    """The points that are expected, each within three of its errors, and none besides.
+
+    A point at 1e-5 of a crossing is known to rounding by that: two eigenvalues are told to vanish at once to 1e-9.
+    """
     assert [(one.kind, one.multiplicity) for one in branch.special] == [one[:2] for one in expected]
     assert not branch.missed
     for special, (*_, value) in zip(branch.special, expected, strict=True):
-        assert abs(special.value - value) <= 3 * special.error < 1e-10 * max(1, abs(value))
+        assert abs(special.value - value) <= 3 * special.error < 1e-9 * max(1, abs(value))
 
 
 PARTS = {

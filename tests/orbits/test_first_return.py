@@ -77,6 +77,17 @@ def test_an_unstable_outer_cycle(beside):
     assert orbit.from_start == pytest.approx(abs(beside - 1), rel=0.05)
 
 
+@pytest.mark.parametrize("mode", ["right", "left"])
+@pytest.mark.parametrize("v", [-2.17, 2.172713])
+def test_a_start_on_an_event(mode, v):
+    """Van der Pol in two modes, from the place where they change: in the mode that ends at once, and in the other."""
+    field = lambda x, p: {"x": x.v, "v": (1 - x.x**2) * x.v - x.x}  # noqa: E731
+    left = Mode("left", field, ends=(Event("up", lambda x, p: x.x, 1, to="right"),))
+    right = Mode("right", field, ends=(Event("down", lambda x, p: x.x, -1, to="left"),))
+    orbit = find_cycle(System("vdp", ("x", "v"), {}, (left, right)), mode, x=0.0, v=v, settled=True, tol=1e-9)
+    assert orbit.period == pytest.approx(6.6632868593231301, rel=1e-9) and orbit.from_start < 1e-3
+
+
 @pytest.mark.parametrize("v", [2.0, 2.172713, 2.3])
 def test_van_der_pol_backwards(v):
     """Disturbances grow by 1163 in a turn; the period is that forwards."""
