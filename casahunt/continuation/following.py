@@ -104,7 +104,8 @@ def follow(
         what is looked for; default fold, branch point, flip or symmetry breaking, Neimark-Sacker and changes of the
         phases, but for those at a kink (`Mode.unsplit`).
     until
-        the branch ends at the first special point for which it holds.
+        the branch ends at the first special point for which it holds, with some orbits beyond, which are looked at
+        together.
     first_step, smallest_step, largest_step
         arclength of a step, in units of the state, of the logarithm of the first duration, and of the parameter; below
         the smallest one it gives up.
@@ -158,6 +159,7 @@ def follow(
         with effort.until(time_limit):
             end = _followed(run, float(np.sign(to - here)), previous)
             run.add(passed=line.rest())
+            end = run.told_to_end() or end
     except effort.OutOfTime:
         value = parameter_value(run.branch.orbits[-1], vary)
         end = End("time", f"stopped after {time_limit:g} s at {vary} = {value:.6g}")

@@ -89,6 +89,16 @@ def test_fold_and_flip_of_the_bouncing_ball():
     assert not down.missed and down.values[-1] == 0.02 and not down.stable[-1]
 
 
+def test_a_branch_ends_at_the_special_point_that_is_asked_for():
+    """At the flip, wherever the range ends behind it, and not at a fold, of which it has none."""
+    for to, most in ((0.05, 0.05), (10.0, 5.0)):
+        up = follow(bouncing(), "a", to=to, options=TIGHT, until=lambda special: special.kind == "flip")
+        assert up.end.kind == "flip" and up.end.value == pytest.approx(FLIP, rel=1e-9)
+        assert FLIP < up.values[-1] <= most
+    other = follow(bouncing(), "a", to=0.03, options=TIGHT, until=lambda special: special.kind == "fold")
+    assert other.end.kind == "range" and other.values[-1] == 0.03
+
+
 def test_two_bounces_branch_off_at_the_flip():
     """Followed until both bounces differ; each maps to the other."""
     (flip,) = follow(bouncing(), "a", to=0.05, options=TIGHT).special
