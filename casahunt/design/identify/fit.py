@@ -99,8 +99,8 @@ class Data:
 
     @property
     def count(self) -> float:
-        """Of the encoder that the controller reads [rad]: that of the record, or of its drive."""
-        return max(self.quantum, self.lags.drive.count if self.lags is not None else 0.0)
+        """Of the encoder that the controller of a drive reads [rad], its own or the record's; 0 without a drive."""
+        return 0.0 if self.lags is None else max(self.quantum, self.lags.drive.count)
 
     @property
     def size(self) -> float:

@@ -4,8 +4,7 @@ Standardised residuals, whatever the rounding: s_i/sqrt(I_i), score over its exp
 
     misfit     sum over parts of a period (sum s)^2/(sum I), over their number less that of the unknowns: 1 of noise;
                parts of as much time and way as each other, so that a slip has as many as the rest
-    scatter    the same over consecutive stretches of time: above 1 where noise lasts longer than a sample, and then
-               what the misfit is measured by
+    scatter    the same over consecutive stretches of time: above 1 where noise lasts longer than a sample
     unsteady   variance between stretches less that of the parts, and less what the samples within them make by
                chance; its root by the amplitude: of a motion that does not repeat, whatever the noise of its samples
     untold     v' J v small for a unit vector v of logarithms, J the marginal information: q_1^v_1 q_2^v_2 ... free
@@ -122,11 +121,10 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     misfit, chance = _ratio(parts, unknowns)
     scatter, other = _ratio(stretches, unknowns)
     periods_off = [row.deviance for row in point.rows if row.values.size == 1]
-    alike = _ratio([*(np.array(parts) / (scatter if other < UNSURE else 1.0)), *periods_off], unknowns)[1]
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
     factor += doubt / NORMAL_95**2
     systematic = math.sqrt(left / size)
-    fits = alike >= IMPROBABLE or systematic < NEGLIGIBLE and sum(periods_off) < MOST_OFF**2 * size
+    fits = (chance >= IMPROBABLE or systematic < NEGLIGIBLE) and sum(periods_off) <= MOST_OFF**2 * len(periods_off)
     return Judgement(misfit, scatter, fits, systematic, factor, math.sqrt(differ / size))
 
 
