@@ -8,7 +8,7 @@
     fold         a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
     Hopf         the cycle shrinks to a point
     grazing      the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
-    instability  the cycle loses its stability, and no motion beyond hunts on another one
+    instability  the cycle loses its stability and does not win it back, and no motion beyond hunts on another one
     motions      cycles could not be followed: simulated motions hunt up to there, and none does beyond
     none         motions hunt at the last size that is looked at
 """
@@ -45,7 +45,7 @@ end hunting already."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
 FINER_FOR_GRAZINGS = 0.1
-"""Of the tolerance of folds, that of cycles whose branch ends at an event that is met for the first time."""
+"""Of the tolerance of folds, that of the cycles on the way: their branch may end at an event met for the first time."""
 MOST_UNSTABLE = 20
 """Cycles that are followed on where they have lost their stability: they may win it back, or come to a fold."""
 MOST_CYCLES, MOST_WORK_OF_AN_END = 150, 4e5
@@ -265,6 +265,8 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
         for special in passed:
             if special.kind == "fold":
                 fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
+                if not fold.value_error <= SIZE_KNOWN:
+                    raise NoOrbit(f"the fold is known to {fold.value_error:.2g} only", Status.NOT_FOUND)
                 if _outside(special.orbit):
                     return _lost(losses, fold.value)
                 if len(losses) > 1 and abs(fold.value - losses[-1].value) <= BRIEFLY * abs(fold.value):

@@ -55,13 +55,14 @@ def outcome(loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None) -> Ou
         return Outcome("at rest", STANDS_FOR_GOOD)
     try:
         return _hunting(_cycle_from(loop, motion.phases[-1].mode, _end(motion), tol))
-    except ComesToRest:
-        stays = _stays(loop, found)
-        return Outcome("at rest", STANDS_FOR_GOOD) if stays else Outcome("decaying", COMES_TO_REST)
     except NoOrbit as why:
+        if isinstance(why, ComesToRest) and _stays(loop, found):
+            return Outcome("at rest", STANDS_FOR_GOOD)
         if still:
             since = f"since {LATE * motion.duration:.4g} s nothing has moved, and no cycle was found"
             return Outcome("at rest", since)
+        if isinstance(why, ComesToRest):
+            return Outcome("decaying", COMES_TO_REST)
         if bare is None:
             return Outcome("undecided", NOT_FOLLOWED, evidence=str(why))
         return _followed_on(loop, found, tol, bare, str(why))

@@ -1,6 +1,7 @@
 """Where cycles are not followed to their end, motions tell where hunting ends; and what is said where nobody knows."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -126,3 +127,27 @@ def test_no_size_is_told_where_motions_alone_do_not_show_the_end(monkeypatch):
     row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
     assert row.kind == "not found" and row.evidence == "its cycles are not to be followed"
     assert "whether any hunts beyond is not known" in row.why
+
+
+def test_what_motions_leave_open_is_the_error_of_their_size(monkeypatch):
+    """None is known to hunt from 0.03 on, none does from 0.05 on."""
+    swing = fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
+    seen = border.EndOfMotions(0.03, swing, 0.05, "rests")
+    monkeypatch.setattr(border, "end_of_motions", lambda *more: seen)
+    monkeypatch.setattr(border, "_end_of_stable", without_end_of_cycles)
+    row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
+    assert row.kind == "motions" and row.size == 0.05 and row.size_error == pytest.approx(0.02)
+
+
+def test_a_fold_that_is_not_known_is_no_size(monkeypatch):
+    """Motions tell it then, and the row says what is wrong with the fold."""
+    real = border.largest
+
+    def known_badly(special, vary, options):
+        found = real(special, vary, options=options)
+        return replace(found, value_error=1e-3)
+
+    monkeypatch.setattr(border, "largest", known_badly)
+    row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
+    assert row.kind == "motions" and "known to 0.001 only" in row.evidence
+    assert row.size == pytest.approx(0.04334572, rel=border.MOTIONS_ERROR)
