@@ -153,6 +153,7 @@ def test_the_step_of_the_plain_servo_as_a_loop(capsys, loop_file):
     assert found["peak_torque"] == pytest.approx(plain["peak_torque"], rel=1e-3)  # of points that differ
 
 
+@pytest.mark.slow
 def test_a_motion_that_rests_its_lines_table_and_picture(capsys, loop_file, tmp_path):
     """Two masses: both angles step; a band that is wider than the smallest one ends hunting."""
     path = tmp_path / "two.toml"
@@ -296,7 +297,8 @@ BELT = {
 """A motor and a load with a belt between them."""
 
 
-def test_a_motion_that_creeps_to_rest_has_one_verdict(capsys, tmp_path):
+@pytest.mark.parametrize("position", [0.0017, pytest.param(0.0005, marks=pytest.mark.slow)])
+def test_a_motion_that_creeps_to_rest_has_one_verdict(capsys, tmp_path, position):
     """Its last slip is slower and slower: whether that still stops, and how often, is rounding, and no error of it.
 
     It is at rest with the load where the motor is, and the integrator carries less than the static friction.
@@ -304,10 +306,9 @@ def test_a_motion_that_creeps_to_rest_has_one_verdict(capsys, tmp_path):
     path, parts = tmp_path / "belt.toml", '["two masses", "Switch friction", "PID by gains", "integrator"]'
     lines = [f"{name} = {value}" for name, value in BELT.items()]
     path.write_text("\n".join([f"[loop]\nparts = {parts}\n[values]\ngain = 1.0", *lines]))
-    for position in (0.0017, 0.0005):
-        words = "--gain", 7.5, "--position", position
-        code, out, err = run(capsys, "simulate", path, *words, "--json", "--quiet")
-        said = one_json(out)
-        assert (code, err, said["verdict"]) == (0, "", "at rest") and said["error"] <= said["tol"]
-        assert abs(said["end"]["x1"] - said["end"]["load_angle"]) < 1e-9
-        assert 7.5 * 12.0 * abs(said["end"]["x3"]) <= 0.25 * (1 + 1e-6)
+    words = "--gain", 7.5, "--position", position
+    code, out, err = run(capsys, "simulate", path, *words, "--json", "--quiet")
+    said = one_json(out)
+    assert (code, err, said["verdict"]) == (0, "", "at rest") and said["error"] <= said["tol"]
+    assert abs(said["end"]["x1"] - said["end"]["load_angle"]) < 1e-9
+    assert 7.5 * 12.0 * abs(said["end"]["x3"]) <= 0.25 * (1 + 1e-6)

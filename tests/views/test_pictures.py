@@ -93,7 +93,7 @@ DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "phase_portrait": (3, lambda: ([branch().orbits[0]],)),
     "remedy_sizes": (1, lambda: (leak(),)),
     "rest_positions": (1, lambda: (leak(),)),
-    "tasks": (3, lambda: ((0.3, tuning().verification.tasks), tuning().verification.tasks)),
+    "tasks": (3, lambda: (tuning().verification.tasks,)),
     "time_traces": (3, lambda: ([branch().orbits[0]],)),
 }  # fmt: skip
 """By name: panels, and what is drawn."""

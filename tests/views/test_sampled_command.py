@@ -428,6 +428,6 @@ def test_a_cycle_that_motions_leave_is_not_said_to_be_hunting():
 
 @pytest.mark.slow
 def test_the_size_of_dither_is_explained_where_it_is_named(capsys):
-    said = [" ".join(run(capsys, "remedies", "--gain", 0.04, "--only", name, "--quiet")[1].split())
+    said = [" ".join(run(capsys, "remedies", "--gain", 0.04, "--only", name, "--quiet", "--details")[1].split())
             for name in ("dither", "leak")]  # fmt: skip
     assert "root mean square of the velocity" in said[0] and "root mean square" not in said[1]

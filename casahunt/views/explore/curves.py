@@ -18,20 +18,20 @@ DRAWN_SPEEDS, SPEED_POINTS = 10.0, 200
 
 
 def branches_shown(orbits: Any, fold: Any = None) -> dict[str, Any]:
-    """Amplitude against gain of cycles along a branch, as two curves: attracting and not.
+    """Amplitude against gain of cycles along a branch, as two curves: attracting and not; what is not known is neither.
 
     fold: the first one of the branch, where it is known; it is put in if the branch goes no further up.
     """
     gains = np.array([orbit.problem.value("gain") for orbit in orbits])
     amplitudes = np.array([orbit.amplitude for orbit in orbits])
-    stable = np.array([orbit.seen_stable for orbit in orbits])
+    stable = np.array([orbit.seen_stable for orbit in orbits], dtype=object)
     if fold is not None and gains.max() < fold.problem.value(GAIN):
         turn = int(np.argmax(gains))
         turn += bool(amplitudes[turn] > fold.amplitude)
         gains = np.insert(gains, turn, fold.problem.value("gain"))
         amplitudes, stable = np.insert(amplitudes, turn, fold.amplitude), np.insert(stable, turn, False)
     curves = {}
-    for name, on in (("stable", stable), ("unstable", ~stable)):
+    for name, on in (("stable", stable == True), ("unstable", stable == False)):  # noqa: E712, of each one
         # where the one becomes the other the point belongs to both: the curves have no gap
         near = on | (np.roll(on, 1) & (np.arange(on.size) > 0)) if name == "stable" else on
         curves[name] = curve(gain=np.where(near, gains, np.nan), amplitude=np.where(near, amplitudes, np.nan))
