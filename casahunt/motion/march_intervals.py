@@ -16,7 +16,7 @@ from .march_exits import locate_exit
 from .march_series import Reached
 from .march_step import ExtrapolatedStages, Previous, extrapolated_stages
 from .march_watch import EventWatch, TooLong
-from .segment import MarchFailure
+from .segment import MarchFailure, Segment
 from .series import TooMany
 
 Array = np.ndarray
@@ -26,6 +26,21 @@ GOAL = 1e-7  # of the tolerance: what Newton leaves of an interval's equations
 ACCEPTED_ERROR = 4.0  # an interval's error, in units of the tolerance
 LENGTHENING = 2.5  # of an interval's length from one to the next; none behind one that was too long
 VANISHED = "the step size vanished"
+
+
+class Begins(NamedTuple):
+    """Length of the first interval of a phase, 0 where it is to be chosen, then at most so long."""
+
+    length: float = 0.0
+    at_most: float = np.inf
+
+
+def begins_with(after: Segment | None, mode: str) -> Begins:
+    """What the intervals in front of a phase foretell: in another mode only that longer ones miss what is there."""
+    if after is None or after.length == 0:
+        return Begins()
+    goes_on = after.mode == mode and after.jumped is None
+    return Begins(length=after.length) if goes_on else Begins(at_most=after.length)
 
 
 class _Interval(NamedTuple):

@@ -18,7 +18,6 @@ Symbols: n states, d stages, R = n (d + 1), N intervals of a segment.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from ..collocation.scheme import Kind, Scheme, scheme
 from ..hybrid.system import Exit, Phase, VectorMode, VectorSystem
 from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
 from .march_extrapolated import by_steps
-from .march_intervals import collocated
+from .march_intervals import Begins, begins_with, collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
 from .march_watch import EventWatch
@@ -175,21 +174,6 @@ def _at_once(system: VectorSystem, name: str, x: Array, p: Array, s: Scheme) -> 
     return None
 
 
-class _Begins(NamedTuple):
-    """Length of the first interval of a phase, 0 where it is to be chosen, then at most so long."""
-
-    length: float = 0.0
-    at_most: float = np.inf
-
-
-def _begins(after: Segment | None, mode: str) -> _Begins:
-    """What the intervals in front of a phase foretell: in another mode only that longer ones miss what is there."""
-    if after is None or after.length == 0:
-        return _Begins()
-    goes_on = after.mode == mode and after.jumped is None
-    return _Begins(length=after.length) if goes_on else _Begins(at_most=after.length)
-
-
 def _phase(
     system: VectorSystem,
     name: str,
@@ -203,15 +187,12 @@ def _phase(
     most: tuple[float, int],
     by_series: bool,
 ) -> tuple[Segment, str]:
-    """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed.
-
-    by_series: False where steps have shown that it is stiff, or worse.
-    """
+    """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed."""
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
     stepper = Stepper(mode.field, s, p, scale, mode.sign)
-    begins, left = _begins(after, name), (most[0] - spent[0], most[1] - spent[1])
+    begins, left = begins_with(after, name), (most[0] - spent[0], most[1] - spent[1])
     try:
         segment, successor = _followed(system, name, x, stepper, tol, *left, begins, by_series)
     except TooMany as many:
@@ -241,8 +222,7 @@ def _check_start(
     is the one that has just been `met`, before or at the end of the phase before, and is left behind at speed, as by a
     pendulum that is pushed on; or one whose own jump leads there, as a walker begins its step where its foot stands.
     """
-    met = met if before is None else before.event
-    modes = system.exits if before is None else (before.mode,)
+    met, modes = (met, list(system.exits)) if before is None else (before.event, [before.mode])
     mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
     for way_out in system.exits[segment.mode]:
         begins = way_out.direction * float(way_out.event.function(x, 0.0, p))
@@ -264,9 +244,9 @@ def _check_start(
         else:  # a phase of one step
             rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
             at_speed = way_out.direction * rate > LEFT_BEHIND * size
-        same = way_out.event.name == met and any(
-            other.direction == way_out.direction for name in modes for other in system.ways_out(name, met)
-        )  # modes on both sides of an event may give it one name, and cross it in opposite directions
+        # modes on both sides of an event may give it one name, and cross it in opposite directions
+        ways = [other.direction for each in modes for other in system.ways_out(each, met)]
+        same = way_out.event.name == met and way_out.direction in ways
         left = at_speed and (same or _leads_on(system, way_out, x, p))
         if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
             raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
@@ -315,7 +295,7 @@ def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> N
     nodes = segment.nodes if lasts else np.array(flow_at(mode, segment.start, first, p))  # for ever: in closed form
     values = np.asarray(mode.admissible(nodes.T, p, mode.sign))
     wrong = np.flatnonzero(values < -mode.slack - PASSED)
-    if wrong.size and wrong[0] == 0:
+    if 0 in wrong:
         where = f"at {time:.6g} the mode {mode.name!r} does not hold where it begins ({values[0]:.3g})"
         raise MarchFailure(f"{where}: start in the mode that does, or let the event before lead there")
     if wrong.size:
@@ -367,7 +347,7 @@ def _followed(
     tol: float,
     max_time: float,
     max_intervals: int,
-    begins: _Begins,
+    begins: Begins,
     by_series: bool,
 ) -> tuple[Segment, str]:
     """(segment, next mode) of a phase without closed form: series as far as they lead, then intervals in a row."""

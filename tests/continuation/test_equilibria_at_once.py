@@ -7,6 +7,7 @@ determinant at B = (1 + d_x q_j)(A^2 + d_y q_j)/(d_y q_j): modes j and n - j at 
 
 import math
 
+import casadi as ca
 import pytest
 
 from casahunt.continuation import equilibria, equilibrium_crossings
@@ -151,10 +152,11 @@ def test_what_is_not_located_is_missed_where_the_count_changes(monkeypatch):
 
 
 def test_a_jump_of_an_eigenvalue_is_no_point():
-    """|x| has a kink at the equilibrium x = r = 0.37, where the rate beside it jumps from -1 to 1."""
+    """Kinks of a field meet at the equilibrium x = r = 0.37, y = 0: the rate beside it jumps from -1 to 1 there."""
 
     def field(x, p):
-        return {"x": p.r - x.x, "y": ((x.x - 0.37) ** 2) ** 0.5 / (x.x - 0.37 + 1e-300) * x.y - x.y**3}
+        u = x.x - 0.37
+        return {"x": p.r - x.x, "y": ca.fabs(u + x.y / 2) - ca.fabs(u - x.y / 2) - x.y**3}
 
     branch = followed(("x", "y"), field, start={"x": -0.63, "y": 0.0}, high=0.3)
     assert not branch.special and [one.kind for one in branch.missed] == ["change of stability"]
