@@ -295,7 +295,7 @@ class _CycleSearch(Returning):
         scaled = lin.return_map() if lin is not None else np.full((self.x.size, self.x.size), np.nan)
         M = scaled * outcome.setting.scale[:, None] / outcome.setting.scale
         if not (attracts := self.attracts(orbit, M)):  # what cannot be told to attract is not accepted
-            self.refused(r, UNSTABLE if attracts is False else NEITHER)
+            self.refused(r, UNSTABLE if attracts is False else NEITHER + self.hidden)
             if r.phases > FEW_PHASES:
                 raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
             return None
