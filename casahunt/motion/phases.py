@@ -223,6 +223,8 @@ def _check_start(
     pendulum that is pushed on; or one whose own jump leads there, as a walker begins its step where its foot stands.
     """
     met, modes = (met, list(system.exits)) if before is None else (before.event, [before.mode])
+    # modes on both sides of an event may give it one name, and cross it in opposite directions
+    crossed = {(met, one.direction) for name in modes for one in system.ways_out(name, met)}
     mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
     for way_out in system.exits[segment.mode]:
         begins = way_out.direction * float(way_out.event.function(x, 0.0, p))
@@ -244,9 +246,7 @@ def _check_start(
         else:  # a phase of one step
             rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
             at_speed = way_out.direction * rate > LEFT_BEHIND * size
-        # modes on both sides of an event may give it one name, and cross it in opposite directions
-        ways = [other.direction for each in modes for other in system.ways_out(each, met)]
-        same = way_out.event.name == met and way_out.direction in ways
+        same = (way_out.event.name, way_out.direction) in crossed
         left = at_speed and (same or _leads_on(system, way_out, x, p))
         if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
             raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))

@@ -297,7 +297,8 @@ class _CycleSearch(Returning):
         if not (attracts := self.attracts(orbit, M)):  # what cannot be told to attract is not accepted
             self.refused(r, UNSTABLE if attracts is False else NEITHER + self.hidden)
             if r.phases > FEW_PHASES:
-                raise self.not_met(f"the motion is irregular, next to an unstable cycle of {r.phases} phases")
+                what = "an unstable cycle" if attracts is False else "a cycle, stable or not,"
+                raise self.not_met(f"the motion is irregular, next to {what} of {r.phases} phases")
             return None
         if not sure and (r.distance >= RETURNED or away > FARTHER * r.distance + orbit.error_estimate + RESTS):
             self.known.append((r, orbit, M))
