@@ -68,6 +68,8 @@ IN_PLACE = 1e-12
 """A multiplier is brought to its place to this, or to its error where that is larger."""
 SLOPE_BY = 10.0
 """Values tell the slope of a monitor that differ by so many times what is not known of them."""
+STEEP = 0.5
+"""What runs through so much to either side of zero within the error of an orbit is no place on a branch."""
 FIRST_PART, STEPS_NEARER = 0.25, 30
 """First step of a walk from one orbit to the other, as a part of the way; how many it makes."""
 
@@ -153,6 +155,10 @@ class Located(NamedTuple, Generic[AnyOrbit]):
     at: float | None = None
 
 
+class _TooSteep(Exception):
+    """A multiplier runs past its place within the error of the orbits, as in a canard: no other step shows it."""
+
+
 def locate_special_point(
     before: AnyOrbit, after: AnyOrbit, monitor: Monitor, *, vary: str, options: Options
 ) -> Located[AnyOrbit] | None:
@@ -169,9 +175,12 @@ def locate_special_point(
     start, end = ends(before, after, vary)
     if abs(monitor.value(after, end)) < abs(monitor.value(before, start)):
         before, after = after, before
-    located = _located_from(before, after, monitor, vary=vary, options=options)
-    located = located or _located_from(after, before, monitor, vary=vary, options=options)
-    return located or _located_nearer(before, after, monitor, vary=vary, options=options)
+    try:
+        located = _located_from(before, after, monitor, vary=vary, options=options)
+        located = located or _located_from(after, before, monitor, vary=vary, options=options)
+        return located or _located_nearer(before, after, monitor, vary=vary, options=options)
+    except _TooSteep:
+        return None
 
 
 def _located_nearer(
@@ -291,6 +300,9 @@ def _located_from(
             break
         last = min((abs(value) for _, value in search.seen), default=np.inf)
         search = search.told(ds, f)
+        steep = min(abs(search.bracket.f_a), abs(search.bracket.f_b)) > STEEP
+        if monitor.by_multipliers and steep and search.bracket.width <= before.error_estimate:
+            raise _TooSteep
         if abs(f) > last and max(abs(search.bracket.f_a), abs(search.bracket.f_b)) <= accepted:
             break  # a jump over zero, by the error of the orbits: their meshes change from one step to the next
     return line.located()

@@ -38,6 +38,8 @@ PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
 """The next step, in units of the one that would have the tolerance; and in units of this one, at least and at most."""
 FIRST_MOVES = 1e-3
 """No state moves by a larger part of its size in the first step of a phase."""
+LEAST_PART, ROUNDS_OF_A_CUBIC = 0.1, 3
+"""Of a bracket its next place cuts off so much at least; steps to the zero of a cubic, from where others begin."""
 ROUNDING_OF_ONE = float(np.finfo(float).eps)
 SEEN_BEHIND = 1e-3
 """Part of the first step after which it is seen to which side an event is left."""
@@ -49,6 +51,14 @@ class Followed(NamedTuple):
     times: Array
     states: Array
     way_out: Exit | None
+
+
+class Place(NamedTuple):
+    """A length of a step, and an event and its rate at the end."""
+
+    s: float
+    event: float
+    rate: float
 
 
 class Lost(Exception):
@@ -156,17 +166,17 @@ class _Steps:
         for _ in range(MOST_CALLS):
             effort.interval()
             ends, after, lengths, taken, e, r = self._steps(x, t, h, max_time - t)
-            good = taken > 0
-            if not good.any():
-                raise Lost
-            ends, after, e, r = ends[good], after[good], e[good], r[good]
+            if not (good := taken > 0).all():
+                if not good.any():
+                    raise Lost
+                ends, after, taken, e, r = ends[good], after[good], taken[good], e[good], r[good]
             if on.any():  # to which side an event is left on which the phase begins; it is not looked at before
-                just = SEEN_BEHIND * float(taken[good][0])
+                just = SEEN_BEHIND * float(taken[0])
                 found = self._at(x, t, just)
                 ends, e, r = (np.vstack(both) for both in zip(found, (ends, e, r), strict=True))
                 after, e_last, on = np.append(t + just, after), np.where(on, np.nan, e_last), on & False
-            ends, after = np.vstack([x, ends]), np.append(t, after)
-            e, r = np.vstack([e_last, e]), np.vstack([r_last, r])
+            ends, after = np.concatenate([x[None], ends]), np.concatenate([[t], after])
+            e, r = np.concatenate([e_last[None], e]), np.concatenate([r_last[None], r])
             crossing = self._first(ends, after, e, r)
             many = len(after) if crossing is None else crossing[0] + 1
             times.append(after[1:many])
@@ -200,42 +210,75 @@ class _Steps:
 
         An event that rises towards zero at the start of a step and falls at its end has its top in between.
         """
-        crossed = (e[:-1] < 0) & (e[1:] >= 0)
-        tops = (e[:-1] < 0) & (e[1:] < 0) & (r[:-1] > 0) & (r[1:] < 0)
+        below = e[:-1] < 0
+        crossed = below & (e[1:] >= 0)
+        tops = below & (e[1:] < 0) & (r[:-1] > 0) & (r[1:] < 0)
         best: tuple[float, Array, Exit] | None = None
         for k in np.flatnonzero((crossed | tops).any(axis=1)).tolist():
             start, h = (states[k], float(times[k])), float(times[k + 1] - times[k])
             for i in np.flatnonzero(crossed[k] | tops[k]).tolist():
-                high, f_high = h, float(e[k + 1, i])
-                if not crossed[k, i]:
-                    high, end = self._zero(start, 2, i, (0.0, float(r[k, i])), (h, float(r[k + 1, i])))
-                    f_high = float(end[1][i])
-                    if f_high <= 0:
-                        continue
-                s, end = self._zero(start, 1, i, (0.0, float(e[k, i])), (high, f_high))
+                low = Place(0.0, float(e[k, i]), float(r[k, i]))
+                high: Place | None = Place(h, float(e[k + 1, i]), float(r[k + 1, i]))
+                high = high if crossed[k, i] else self._above(start, i, low, high)
+                if high is None:
+                    continue
+                s, end = self._zero(start, i, low, high)
                 if best is None or s < best[0]:
-                    best = s, end[0], self._exits[i]
+                    best = s, end, self._exits[i]
             if best is not None:
                 return k, start[1] + best[0], best[1], best[2]
         return None
 
-    def _zero(
-        self, start: tuple[Array, float], which: int, i: int, low: tuple[float, float], high: tuple[float, float]
-    ) -> tuple[float, list[Array]]:
-        """Length of the step at whose end an event, or its rate, vanishes to rounding; and what is there."""
-        s, f = high
-        end = self._at(*start, s)
-        if f == 0:
-            return s, end
-        bracket, small = Bracket(*low, *high), EVENT_TOLERANCE * max(abs(low[1]), abs(f))
+    def _above(self, start: tuple[Array, float], i: int, low: Place, high: Place) -> Place | None:
+        """Where an event that rises at one place below zero and falls at another is above it; None: nowhere between.
+
+        Between them it is below its tangents, for whose slopes twice as much is taken.
+        """
         for _ in range(MOST_HALVINGS):
-            slope, before = float(end[2][i]) if which == 1 else 0.0, s
-            s = bracket.newton(s, f, slope) if slope and bracket.holds(s) else bracket.illinois
-            end = self._at(*start, s)
-            f = float(end[which][i])
-            if not np.isfinite(f):
-                raise Lost
-            if abs(f) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
+            width = high.s - low.s
+            top = min(low.event + 2 * low.rate * width, high.event - 2 * high.rate * width)
+            if top < 0 or width <= 4 * ROUNDING_OF_ONE * high.s:
+                return None
+            part = min(max(low.rate / (low.rate - high.rate), LEAST_PART), 1 - LEAST_PART)
+            place = self._seen(start, i, low.s + part * width)[0]
+            if place.event > 0:
+                return place
+            low, high = (place, high) if place.rate > 0 else (low, place)
+        return None
+
+    def _seen(self, start: tuple[Array, float], i: int, s: float) -> tuple[Place, Array]:
+        """An event, and the state, after a step of a length.  Raises Lost."""
+        end, events, rates = self._at(*start, s)
+        if not np.isfinite(events[i]):
+            raise Lost
+        return Place(s, float(events[i]), float(rates[i])), end
+
+    def _zero(self, start: tuple[Array, float], i: int, low: Place, high: Place) -> tuple[float, Array]:
+        """Length of the step at whose end an event vanishes to rounding, from below to above; and the state there."""
+        if high.event == 0:
+            return high.s, self._seen(start, i, high.s)[1]
+        bracket, small = Bracket(low.s, low.event, high.s, high.event), EVENT_TOLERANCE * max(-low.event, high.event)
+        s, before = _cubic_zero(low, high), high.s
+        for _ in range(MOST_HALVINGS):
+            at, end = self._seen(start, i, s)
+            if abs(at.event) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
                 break
-            bracket = bracket.told(s, f)
+            bracket, before = bracket.told(s, at.event), s
+            s = bracket.newton(s, at.event, at.rate)
         return s, end
+
+
+def _cubic_zero(low: Place, high: Place) -> float:
+    """Where the cubic through two places vanishes, about."""
+    h = high.s - low.s
+    c = 3 * (high.event - low.event) - h * (2 * low.rate + high.rate)
+    d = 2 * (low.event - high.event) + h * (low.rate + high.rate)
+    bracket = Bracket(0.0, low.event, 1.0, high.event)
+    part = bracket.illinois
+    for _ in range(ROUNDS_OF_A_CUBIC):
+        f = low.event + part * (h * low.rate + part * (c + part * d))
+        if f == 0:
+            break
+        bracket = bracket.told(part, f)
+        part = bracket.newton(part, f, h * low.rate + part * (2 * c + part * 3 * d))
+    return low.s + part * h

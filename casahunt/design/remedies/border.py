@@ -267,10 +267,9 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
                 fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
                 if not fold.value_error <= SIZE_KNOWN:
                     raise NoOrbit(f"the fold is known to {fold.value_error:.2g} only", Status.NOT_FOUND)
-                if _outside(special.orbit):
-                    return _lost(losses, fold.value)
-                if len(losses) > 1 and abs(fold.value - losses[-1].value) <= BRIEFLY * abs(fold.value):
-                    return _lost(losses[:-1], fold.value)
+                briefly = len(losses) > 1 and abs(fold.value - losses[-1].value) <= BRIEFLY * abs(fold.value)
+                if briefly or _outside(special.orbit):
+                    return _lost(losses[: len(losses) - briefly], fold.value)
                 return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit,
                               moves=fold.sensitivities)  # fmt: skip
             losses += [] if _outside(special.orbit) else [special]

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -64,20 +65,25 @@ class Loop:
                 allowed = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
                 raise InputError(f"{name} = {value:g}: must be {allowed} ({owners[name].name})")
 
-    @property
+    @cached_property
     def present(self) -> tuple[Part, ...]:
         """The parts that are there: of size zero, none is."""
         return tuple(part for part in self.parts if not part.size or self.value(part.size) != part.absent)
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, float]:
         """Those of the parts that are there."""
         return {name: self.value(name) for part in self.present for name in part.parameters}
 
+    @cached_property
+    def _numbers(self) -> dict[str, float]:
+        """Those of all parts."""
+        defaults = {name: value for part in self.parts for name, value in part.parameters.items()}
+        return {name: float(self.values.get(name, value)) for name, value in defaults.items()}
+
     def value(self, name: str) -> float:
         """One parameter."""
-        defaults = {name: value for part in self.parts for name, value in part.parameters.items()}
-        return float(self.values.get(name, defaults[choice_of("parameter", name, defaults)]))
+        return self._numbers[choice_of("parameter", name, self._numbers)]
 
     def replace(self, **values: float) -> Loop:
         """The loop with other numbers."""
