@@ -218,11 +218,11 @@ class _Steps:
             start, h = (states[k], float(times[k])), float(times[k + 1] - times[k])
             for i in np.flatnonzero(crossed[k] | tops[k]).tolist():
                 low = Place(0.0, float(e[k, i]), float(r[k, i]))
-                high: Place | None = Place(h, float(e[k + 1, i]), float(r[k + 1, i]))
-                high = high if crossed[k, i] else self._above(start, i, low, high)
-                if high is None:
+                high = Place(h, float(e[k + 1, i]), float(r[k + 1, i]))
+                above = high if crossed[k, i] else self._above(start, i, low, high)
+                if above is None:
                     continue
-                s, end = self._zero(start, i, low, high)
+                s, end = self._zero(start, i, low, above)
                 if best is None or s < best[0]:
                     best = s, end, self._exits[i]
             if best is not None:

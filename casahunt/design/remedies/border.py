@@ -23,9 +23,11 @@ import numpy as np
 
 from ... import effort
 from ...continuation import Branch, SpecialPoint, follow, largest, smallest
-from ...errors import ComesToRest, NoOrbit, Status
+from ...errors import NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
+from ...roots import boundary
+from ...servo.parts.linear import linear_stable
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
@@ -61,6 +63,8 @@ MOTIONS_ERROR = 0.02
 LOOKED_AT_BEYOND, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
 """So much beyond a border, relatively, motions are looked at, next to a fold, where they take long to leave, from the
 second on; where they hunt, cycles are followed from there, so many times at most."""
+LIMIT_KNOWN, BESIDE_UNSTABLE = 1e-4, 0.01
+"""Part of a step to which a size is known from which on the loop is unstable; how far in front of it is looked."""
 BRIEFLY = LOOKED_AT_BEYOND[0]
 """Cycles that win their stability back for a smaller part of the size than this are no hunting that would be seen."""
 MOST_UNCLEAR = 2
@@ -156,23 +160,26 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
     first = _with_a_little(loop, remedy, start, unit, options)
     if isinstance(first, Border):
         return first
-    swing, size, last = Swing.of(first), first.problem.value(remedy.size), remedy.last * unit
+    swing, size = Swing.of(first), first.problem.value(remedy.size)
+    limit, last = _of_stable_loops(loop, remedy, size, remedy.last * unit)
     folds, evidence, families, rest = list[float](), "", 0, LEFT_OF_A_SWING
     while True:
         begun, seen = (size, swing), end_of_motions(loop, remedy, swing, size, last, NEAR_ENOUGH, rest)
         if seen.swing is None or math.isnan(seen.ended):
-            return replace(_without_end(remedy, seen, size, last), first=first)
+            return replace(_without_end(remedy, seen, size, last, limit), first=first, evidence=evidence)
         size, swing, families = seen.hunts, seen.swing, families + 1
         try:
             if families > MOST_FAMILIES:
                 raise NoOrbit("one kind of cycles follows the other", Status.NOT_FOUND)
             with effort.at_most(MOST_WORK_OF_AN_END):
                 found = _end_of_stable(with_remedy(loop, remedy, size), remedy, swing, last, options)
+            if found.kind == "none":
+                return replace(found, first=first, why=_unstable_from(remedy, limit))
         except (NoOrbit, effort.PartGivenUp) as refusal:
-            if isinstance(refusal, ComesToRest) and rest != NEARLY_THERE:  # on its way to hunting something ended it
+            evidence = str(refusal)
+            if rest != NEARLY_THERE and families <= MOST_FAMILIES:  # it may have left again what it seemed to come to
                 (size, swing), rest, families = begun, NEARLY_THERE, families - 1
                 continue
-            evidence = str(refusal)
             break
         at, beyond = _beyond(loop, remedy, found)
         if beyond.swing is None:
@@ -181,7 +188,7 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
         size, swing = at, beyond.swing
     seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW, rest)
     if math.isnan(seen.ended):
-        return replace(_without_end(remedy, seen, size, last), first=first, evidence=evidence)
+        return replace(_without_end(remedy, seen, size, last, limit), first=first, evidence=evidence)
     hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
     why = f"cycles were not followed to their end: {hunt}, and none does at {seen.ended:.4g}"
     error = max(MOTIONS_ERROR * abs(seen.ended), abs(seen.ended - seen.hunts))
@@ -208,15 +215,45 @@ def _with_a_little(
     return Border("not found", math.nan, why=NO_FIRST, evidence=stopped)
 
 
-def _without_end(remedy: Remedy, seen: EndOfMotions, size: float, last: float) -> Border:
-    """What is known where no end was seen: hunting goes on, or nobody knows.  size: at which it was begun with."""
+def _of_stable_loops(loop: Loop, remedy: Remedy, size: float, last: float) -> tuple[float, float]:
+    """(size from which on the loop is unstable, last size that is looked at); NaN where it is not, or is not linear.
+
+    Where it is unstable without dry friction, which is bounded, large motions grow: such a size ends no hunting.
+    """
+    if linear_stable(with_remedy(loop, remedy, size)) is not True:
+        return math.nan, last
+    at = size
+    while remedy.sense * at < remedy.sense * last:
+        more = more_of(remedy, at, 1 + FIRST_MORE)
+        more = last if remedy.sense * more > remedy.sense * last else more
+        if linear_stable(with_remedy(loop, remedy, more)) is False:
+            width = LIMIT_KNOWN * abs(more - at)
+            at, more = boundary(lambda x: not linear_stable(with_remedy(loop, remedy, x)), at, more, width=width)
+            return more, more_of(remedy, more, 1 - BESIDE_UNSTABLE)
+        at = more
+    return math.nan, last
+
+
+def _unstable_from(remedy: Remedy, limit: float) -> str:
+    """What is said of a size from which on the loop is unstable; "" where there is none."""
+    return "" if math.isnan(limit) else (
+        f"from {limit:.4g} {remedy.unit}".rstrip() + " on the loop itself is unstable, even without dry friction"
+    )
+
+
+def _without_end(remedy: Remedy, seen: EndOfMotions, size: float, last: float, limit: float) -> Border:
+    """What is known where no end was seen: hunting goes on, or nobody knows.
+
+    size, last: at which it was begun with, and the last one; limit: from which on the loop is unstable.
+    """
     if seen.swing is not None and seen.hunts == last:
-        return Border("none", last, swing=seen.swing)
+        return Border("none", last, swing=seen.swing, why=_unstable_from(remedy, limit))
     if seen.swing is None and math.isfinite(seen.ended):
         why = f"with {size:.4g} {remedy.unit} of it no motion hunts on the cycle that was found".replace("  ", " ")
         return Border("not found", size, why=why)
-    up = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
-    return Border("not found", seen.hunts, why=f"{up}; whether any hunts beyond is not known", swing=seen.swing)
+    up = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip() + "; whether any hunts beyond is not known"
+    why = "; ".join(filter(None, (up, _unstable_from(remedy, limit))))
+    return Border("not found", seen.hunts, why=why, swing=seen.swing)
 
 
 def end_of_motions(
@@ -278,6 +315,8 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
         before, at = branch.orbits[-2:]
     if losses and (branch is None or branch.orbits[-1].seen_stable is False):
         return _lost(losses, math.nan)
+    if branch is not None and branch.end.kind == "range" and branch.orbits[-1].seen_stable:
+        return Border("none", last, swing=Swing.of(branch.orbits[-1]))
     if branch is None or branch.end.kind not in ("grazing", "Hopf"):
         raise NoOrbit("" if branch is None else str(branch.end), Status.NOT_FOUND)
     end = branch.end

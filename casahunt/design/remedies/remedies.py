@@ -24,7 +24,7 @@ from ...servo.hunting import MODELS, Model, called
 from ...servo.parts.cascade import P_PI
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
 from ...servo.parts.inertia import INERTIA
-from ...servo.parts.linear import linear_margins
+from ...servo.parts.linear import linear_margins, linear_stable
 from ...servo.parts.loop import Loop
 from ...servo.parts.lugre import LUGRE
 from ...servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
@@ -265,6 +265,8 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
 
 def _stays(loop: Loop, remedy: Remedy, found: Border, at: float, before: Swing) -> Verdict:
     """What becomes of motions at a size beyond a border, which the search for it may have asked already."""
+    if linear_stable(with_remedy(loop, remedy, at)) is False:
+        return "grows"
     asked = more_of(remedy, found.size, 1 + LOOKED_AT_BEYOND[-1])
     seen = found.beyond if found.beyond is not None and at == asked else scan(with_remedy(loop, remedy, at), before)
     return seen.verdict
@@ -273,7 +275,7 @@ def _stays(loop: Loop, remedy: Remedy, found: Border, at: float, before: Swing) 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
     """A remedy with which motions hunt at the last size."""
     size, to = f"{found.size:.4g} {remedy.unit}".rstrip(), "up to" if remedy.sense > 0 else "down to"
-    why = f"hunting goes on {to} {size}, the last size looked at: {remedy.why_not}".rstrip(": ")
+    why = f"hunting goes on {to} {size}, {found.why or 'the last size looked at'}: {remedy.why_not}".rstrip(": ")
     return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(asked.loop)), why=why,
                 followed_to=found.size, first=found.first)  # fmt: skip
 

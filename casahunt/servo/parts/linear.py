@@ -43,13 +43,22 @@ def linear_margins(loop: Loop) -> Margins | None:
     crossovers = gain_crossovers(numerator, denominator)
     if not crossovers:
         return None
-    stable = bool(np.linalg.eigvals(A - np.outer(b, c)).real.max() < 0)
+    stable = linear_stable(loop)
     least = min(crossovers, key=lambda at: at.margin % 360 if stable else at.margin)
     if not stable:
         return Margins(least.frequency, min(least.margin, 0.0), math.nan, math.nan, False)
     factors = [at.margin for at in phase_crossovers(numerator, denominator)]
     low, high = max((f for f in factors if f < 1), default=0.0), min((f for f in factors if f > 1), default=math.inf)
     return Margins(least.frequency, least.margin % 360, low, high, True)
+
+
+def linear_stable(loop: Loop) -> bool | None:
+    """Whether the loop without dry friction is stable; None where it is not linear."""
+    matrices = _opened(loop)
+    if matrices is None:
+        return None
+    A, b, c = matrices
+    return bool(np.linalg.eigvals(A - np.outer(b, c)).real.max() < 0)
 
 
 def _opened(loop: Loop) -> tuple[Array, Array, Array] | None:

@@ -22,11 +22,12 @@ from casahunt import (
     remedies,
 )
 from casahunt.design.remedies import remedies as module
-from casahunt.design.remedies.border import MOTIONS_KNOW
+from casahunt.design.remedies.border import MOTIONS_KNOW, with_remedy
 from casahunt.design.remedies.cures import Cure
 from casahunt.design.remedies.fate import ENDED, Swing
 from casahunt.design.remedies.price import task
 from casahunt.servo.parts.plain_loop import loop_of
+from casahunt.servo.parts.table import remedy_of
 from casahunt.views.commands.remedies import advice_of
 
 
@@ -211,11 +212,11 @@ def test_rows_have_the_margins_of_their_linear_loop():
 
 
 def test_larger_sizes_are_looked_at():
-    """A dead band ends it for good; of an error filter all larger ones grow."""
-    band, lag = row("dead band", 0.04), row("error filter", 0.04)
+    """A dead band ends it for good."""
+    band = row("dead band", 0.04)
     assert band.keeps_it_ended and len(band.beyond) == len(band.stays) >= 4
     assert band.beyond[0] == band.recommended and band.beyond[-1] == pytest.approx(3 * band.size)
-    assert not lag.keeps_it_ended and set(lag.stays) == {"grows"}
+    assert not replace(band, stays=("rests", "rests", "rests", "grows")).keeps_it_ended
 
 
 def test_the_price_of_gain_is_its_torque():
@@ -251,8 +252,9 @@ def test_the_verdicts_are_those_of_motions_by_another_integrator():
 
 def test_a_motion_that_grows_has_no_price():
     """What the torque was when it was left is no peak."""
-    found = row("error filter", 0.04)
-    assert "grows" in found.stays and math.isnan(found.peak_torque) and math.isnan(found.settling)
+    lagging = with_remedy(loop_of(Servo(), "switch", 0.04), remedy_of("error filter", "switch"), 0.2)
+    step = task(lagging, Swing.of(find_orbit(Servo(), "switch", 0.04)), 0.0)
+    assert math.isnan(step.peak_torque) and math.isnan(step.settling)
 
 
 def test_motions_that_come_to_rest_are_followed_with_the_sizes_that_they_had():
