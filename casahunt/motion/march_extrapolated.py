@@ -30,8 +30,8 @@ Array = np.ndarray
 
 EXTRAPOLATIONS = 5
 """K: steps of order 10."""
-STEPS_TOGETHER, MOST_CALLS = 16, 6
-"""Steps of a call, and calls of a phase: a slip takes some 40 steps, and what takes more than that is stiff."""
+STEPS_TOGETHER, MOST_CALLS = 16, 10
+"""Steps of a call, and calls of a phase: a slip takes 30 to 110 steps, and what takes more than 160 is stiff."""
 OF_THE_TOLERANCE = 1e-2
 """Error of a step, as a part of the tolerance of an interval, whose end is as much better than its inside."""
 PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
