@@ -279,7 +279,7 @@ class _CycleSearch(Returning):
         try:
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
         except NoOrbit as refusal:
-            many = one_of_many(begin, self.system.names.states) if refusal.status in LEADS_ASTRAY else ""
+            many = one_of_many(begin) if refusal.status in LEADS_ASTRAY else ""
             if many:
                 raise self.not_met(f"the motion repeats after {_phases_of(r)}, but {many}") from None
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
