@@ -267,8 +267,8 @@ def _on_its_event(
                 return (
                     f"at {time:.6g} the mode {before.mode!r} meets two events at once, {before.event!r} and {name!r}, "
                     "and which is the first is rounding: state them as one event, casadi.fmin (falling) or fmax "
-                    "(rising) of their functions, whose reset and `to` look at which of them are zero; or start where "
-                    "they do not meet"
+                    "(rising) of their functions, whose reset and `to` look at which of them are within 1e-9 of zero; "
+                    "or start where they do not meet"
                 )
     return (
         f"at {time:.6g} the mode {segment.mode!r} starts on its own event {name!r} and moves on through it: another "

@@ -26,7 +26,19 @@ def prey(x, p):
     return {"x": x.x * (1 - x.y), "y": x.y * (x.x - 1)}
 
 
+def planet(x, p):
+    pull = (x.x**2 + x.y**2) ** -1.5
+    return {"x": x.u, "y": x.w, "u": -pull * x.x, "w": -pull * x.y}
+
+
+def two_of_a_kind(x, p):
+    return {**oscillator(x, p), "y": x.u, "u": p.m * (1 - x.y**2) * x.u - x.y}
+
+
 CASES = {
+    "Kepler": (planet, dict(x=1.0, y=0.0, u=0.0, w=0.8), "in 3 ways"),  # energy, direction, angular momentum
+    "equal oscillators": (two_of_a_kind, dict(x=2.0, v=0.0, y=1.5, u=1.0), "differ in y and u"),
+    "equal oscillators opposite": (two_of_a_kind, dict(x=2.0, v=0.0, y=-2.0, u=0.0), "differ in y and u"),
     "linear": (lambda x, p: {"x": x.y, "y": -p.m * x.x}, dict(x=0.0, y=1.0), "differ in x and y"),
     "Hamiltonian": (lambda x, p: {"x": x.v, "v": -(x.x**3)}, dict(x=1.0, v=0.0), "differ in x and v"),
     "predator and prey": (prey, dict(x=1.0, y=0.5), "differ in x and y"),
