@@ -33,11 +33,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..hybrid.system import Exit, Feature
+from ..hybrid.system import Exit, Feature, VectorMode
+from ..roots import boundary
 from .conditions import Conditions, NotSymbolic
 from .near_grazing import comes_and_goes, tops_of
 from .resolution import BARELY, NOISE, RESOLUTION, dense_rule, largest_of_phase, not_clear
-from .successors import contradicted, undecided
+from .successors import AT_ONE_PLACE, contradicted, starts_through, taken_over, undecided
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -99,11 +100,13 @@ def check_admissible(t: Transcription, u: Array, setting: Setting) -> Admissibil
                 sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
                 return Admissibility(sentence, k, inside.unclear, lowest=float(lowest))
         passed, by_little = _passed(ways, k, inside.unclear) if phase.exits else ("", False)
+        for way_out in ways.starts_on(k):
+            if starts_through(t, u, setting, k, way_out):
+                passed = way_out.event.name
         if passed:
             return Admissibility(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
-        if other := contradicted(t, u, setting, k):
-            sentence = f"phase {k + 1} ({mode.name}): {phase.end.name!r} leads to {other!r}, not to what follows"
-            return Admissibility(sentence, k, inside.unclear)
+        if why := contradicted(t, u, setting, k):
+            return Admissibility(f"phase {k + 1} ({mode.name}): {why}", k, inside.unclear)
         barely = k if by_little and barely < 0 else barely
     return Admissibility("", -1, inside.unclear, barely)
 
@@ -183,14 +186,14 @@ def _passed(ways: _WaysOut, k: int, unclear: Array) -> tuple[str, bool]:
     for i, way_out in enumerate(phase.exits):
         surely, beyond, seen, unknown = ways.passing(k, i)
         if not beyond.any():
-            if (seen.any() or unknown.any()) and _leaves(way_out, phase.mode.name, _looked_at(told, k), p):
+            if (seen.any() or unknown.any()) and _leaves(way_out, phase.mode, _looked_at(told, k), p):
                 by_little |= bool(seen.any())
                 if t.counts[k] and not seen.any():
                     unclear[own] |= unknown.any(axis=1)
             continue
         if not surely.any():
             unclear[own] |= beyond.any(axis=1)
-        elif way_out.mark or _leaves(way_out, phase.mode.name, _looked_at(told, k), p):
+        elif way_out.mark or _leaves(way_out, phase.mode, _looked_at(told, k), p):
             return way_out.event.name, False
     return "", by_little
 
@@ -208,6 +211,11 @@ class _WaysOut:
     def __init__(self, told: Conditions) -> None:
         self.told = told
         self._values: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
+
+    def starts_on(self, k: int) -> list[Exit]:
+        """The ways out of a phase that is one, on whose event it starts; after `passing`."""
+        exits = self.told.t.cycle.phases[k].exits
+        return [e for i, e in enumerate(exits) if abs(self._values[k, i][0][0, 0]) <= AT_ONE_PLACE]
 
     def passing(self, k: int, i: int) -> tuple[Array, Array, Array, Array]:
         """Where (..., N, m) way out i of phase k is passed, surely and as it looks; by little, surely and perhaps."""
@@ -242,12 +250,21 @@ class _WaysOut:
             self._values[j, i] = values[..., rows, :], tops[..., rows, :], doubt[..., rows, :]
 
 
-def _leaves(way_out: Exit, mode: str, states: Array, p: Array) -> bool:
+def _leaves(way_out: Exit, mode: VectorMode, states: Array, p: Array) -> bool:
     """Whether one of the states next to which a way out is passed leads to another mode: a contact may lead on."""
+
+    def beyond(low: Array, high: Array) -> bool:
+        if way_out.successor(high, p) != mode.name or way_out.reset is not None:
+            return True
+
+        def passed(part: float) -> bool:
+            return bool(way_out.direction * way_out.event.function(low + part * (high - low), 0.0, p) >= 0)
+
+        return bool(way_out.others and taken_over(mode, way_out, low + boundary(passed, 0.0, 1.0)[1] * (high - low), p))
+
     values = way_out.direction * np.asarray(way_out.event.function(states.T, 0.0, p), float)
     below = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
-    seen = [way_out.successor(x, p) != mode or way_out.reset is not None for x in states[below + 1]]
-    return any(seen) or not seen
+    return any(map(beyond, states[below], states[below + 1])) or not below.size
 
 
 def _closed_form(told: Conditions, k: int, slack: float) -> tuple[Array, Array]:

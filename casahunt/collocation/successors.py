@@ -6,19 +6,76 @@
 more than x is known to along each state: where any of the answers is the mode that follows, what decides is
 within its error, and that is no contradiction (`undecided`).
 
+A `to` that names its own mode ignores the event: nothing ends.  That goes for a graze, and for a threshold that counts
+under some condition only; but not where the motion goes at speed to where another mode lives, which ends as it comes
+back over the same place and has not ended otherwise, and nothing but `to` says that it may (`taken_over`).
+
 Symbols: n states.
 """
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 
+from ..compiled import Caller, caller, kept
+from ..hybrid.system import Exit, VectorEvent, VectorMode
+from .interval import field_at
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
 
 DECIDED_BEYOND = 1e-6
 """How far from x `to` is asked, in units of the state scale."""
+GRAZED = 1e-10
+"""An event of order one that is passed by less before it is passed back is grazed."""
+AT_ONE_PLACE = 1e-9
+"""Events, of order one, that are both so near zero are zero at once."""
+
+
+def at_speed(mode: VectorMode, event: VectorEvent, direction: int, x: Array, p: Array) -> bool:
+    """Whether a mode passes an event in a direction, not as at a graze: h'^2/(2 |h''|) is as far as that would go."""
+    buffers = _rates(mode, event, x.size, p.size).buffers
+    buffers.inputs[0][:], buffers.inputs[1][:] = x, p
+    buffers.trigger()
+    rate, bend = (float(one[0]) for one in buffers.outputs)
+    return direction * rate > 0 and rate * rate > GRAZED * 2 * abs(bend)
+
+
+@kept(maxsize=256)
+def _rates(mode: VectorMode, event: VectorEvent, n: int, parameters: int) -> Caller:
+    """h' and h'' of an event along the field of a mode."""
+    x, p = ca.SX.sym("x", n), ca.SX.sym("p", parameters)
+    f = ca.densify(mode.field(x, p, mode.sign))
+    rate = ca.jtimes(event.function(x, 0.0, p), x, f)
+    rates = ca.Function("rates", [x, p], [ca.densify(rate), ca.densify(ca.jtimes(rate, x, f))])
+    return caller(rates, [n, parameters], [1, 1])
+
+
+def taken_over(mode: VectorMode, way_out: Exit, x: Array, p: Array) -> str:
+    """Why a mode cannot go on through an event that says it does; "" where it can.
+
+    mode, way_out: the mode and the event; x, p: (n,) state on the event, parameters.
+    """
+    if not way_out.others or not at_speed(mode, way_out.event, way_out.direction, x, p):
+        return ""
+    said = f"the mode {mode.name!r} meets {way_out.event.name!r} at speed, and `to` names {mode.name!r} itself"
+    for other, ends in way_out.others:
+        values = [direction * float(event.function(x, 0.0, p)) for event, direction in ends]
+        lives = other.admissible is None or other.admissible(x, p, other.sign) >= -other.slack - AT_ONE_PLACE
+        if not lives or max(values, default=-1.0) > AT_ONE_PLACE:
+            continue
+        behind_it = [end for end, value in zip(ends, values, strict=True) if value >= -AT_ONE_PLACE]
+        if any(at_speed(mode, event, -direction, x, p) for event, direction in behind_it):
+            return (
+                f"{said}, while beyond it is {other.name!r}, which ends as it comes back there: where neither is the "
+                f"motion, a mode that stays there is missing; where {mode.name!r} goes on, its `holds` says so"
+            )
+    decided = {way_out.successor(y, p) for y in around(x, DECIDED_BEYOND * np.maximum(1.0, np.abs(x)))} - {mode.name}
+    return decided and (
+        f"{said} there and {sorted(decided)[0]!r} right beside it: rounding decides what it looks at, such as whether "
+        "the event is passed, which is so wherever it is asked; let it decide by something else"
+    ) or ""
 
 
 def behind(t: Transcription, u: Array, setting: Setting, k: int) -> Array:
@@ -28,16 +85,38 @@ def behind(t: Transcription, u: Array, setting: Setting, k: int) -> Array:
 
 
 def contradicted(t: Transcription, u: Array, setting: Setting, k: int) -> str:
-    """The other mode to which the event at the end of phase k leads; "" where it leads to the one that follows."""
+    """Why the event at the end of phase k cannot lead to the mode that follows; "" where it does."""
     phase = t.cycle.phases[k]
     if not phase.follows:
         return ""
     x = behind(t, u, setting, k)
     name = phase.leads_to(x, setting.p)
+    if name == phase.mode.name in phase.follows and phase.way_out is not None:
+        return taken_over(phase.mode, phase.way_out, x, setting.p)
     if not name or name in phase.follows:
         return ""
     beside = around(x, DECIDED_BEYOND * setting.scale)
-    return "" if any(phase.leads_to(y, setting.p) in phase.follows for y in beside) else name
+    stays = any(phase.leads_to(y, setting.p) in phase.follows for y in beside)
+    return "" if stays else f"{phase.end.name!r} leads to {name!r}, not to what follows"
+
+
+def starts_through(t: Transcription, u: Array, setting: Setting, k: int, way_out: Exit) -> bool:
+    """Whether phase k, which starts on a way out of its mode, moves on through it.
+
+    Not where the event does not count, or the phase before has come through it the same way.
+    """
+    phase, before, p, scale = t.cycle.phases[k], t.cycle.phases[k - 1], setting.p, setting.scale
+    nodes = t.nodes_of(u)
+    x = nodes[t.phase_start[k]] * scale
+    ignored = way_out.successor(x, p) == phase.mode.name and not taken_over(phase.mode, way_out, x, p)
+    if ignored or way_out.mark or not at_speed(phase.mode, way_out.event, way_out.direction, x, p):
+        return False
+    if before.reset is not None:
+        return True
+    came = field_at(before.mode.field, nodes[t.phase_end[k - 1]], before.mode.sign, p, scale) * scale
+    came = (came if k else t.cycle.closure @ came) * AT_ONE_PLACE**0.5 / np.max(np.abs(came / scale))
+    rises = float(way_out.event.function(x + came, 0.0, p)) - float(way_out.event.function(x - came, 0.0, p))
+    return bool(way_out.direction * rises <= 0)
 
 
 def around(x: Array, reach: Array) -> list[Array]:

@@ -51,6 +51,7 @@ KINK_LEFT_OUT = "phases come or go that are parts of one mode: the field has but
 """What is said of a change of phases by which the motion hardly changes."""
 COUNTED = {FOLD.kind, BRANCH_POINT.kind, NEIMARK_SACKER.kind}
 """What must be looked for, besides -1, for all multipliers that leave the unit circle to be explained."""
+OPPOSITE = "one multiplier seems to leave the unit circle there while another one enters"
 AS_NEAR = 10.0
 """At a fold of several multipliers they are 1 to so many times what the nearest one is off by."""
 LOOSELY = 1e3
@@ -194,10 +195,14 @@ class Crossings(Generic[AnyOrbit]):
         earlier = self._line[k - 2] if k > 1 and not before.opens else None
         later = self._line[k + 1] if k + 1 < len(self._line) else None
         stations = [before, *self._steps.stations(before, after, earlier, later, self._halvings), after]
-        for x, y in pairwise(stations):
-            found = self._passed(x, y, self._halvings)
+        passed = [self._passed(x, y, self._halvings) for x, y in pairwise(stations)]
+        for found in passed:
             special += found.special
             missed += found.missed
+        line = [s for s in (earlier, *stations, later) if s is not None]
+        for i, j in ((i, i + k) for i in range(len(passed)) for k in (1, 2) if i + k <= len(passed)):
+            if not any(map(any, passed[i:j])) and self._steps.opposite(line, stations[i], stations[j]):
+                missed.append(self._not_located("change of stability", stations[i], stations[j], OPPOSITE))
         special = in_order(special, before.orbit, after.orbit, self._vary, self._monitors, self._options.tol)
         return Passed(tuple(special), tuple(missed))
 

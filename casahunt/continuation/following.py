@@ -322,7 +322,7 @@ def _one_of_many(run: Run[AnyOrbit]) -> End | None:
     bounds = (run.how["low"], run.how["high"])
     for value in (*(x for x in bounds if abs(problem.distance(vary, x)) <= NEXT_TO_MANY), run.value(orbit)):
         there = replace(setting, p=problem.with_value(vary, value).vector())
-        if many := one_of_many((t, u, there), problem.system.names.entries):
+        if many := one_of_many((t, u, there)):
             return End("one of many", f"the branch ends at {vary} = {value:.6g}: {many}", value)
     return None
 

@@ -16,6 +16,7 @@ import numpy as np
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
 from ..roots import hides_a_pair
+from .bifurcations import NEIMARK_SACKER
 from .curve import CurvePoint, arrived, bend, in_units_of, parameter_value, secant_direction, seen_from
 from .locating import length_to
 from .poincare_section import apart_by_kinks
@@ -26,8 +27,9 @@ Array = np.ndarray
 
 HALFWAY = 0.5, 0.45
 """Part of a step at which it is looked at, and where the equations are singular just there, as where branches cross."""
-LOOKED_INSIDE = 5
-"""A step is looked at inside to this part of it, as a power of two: what is narrower is a jump."""
+LOOKED_INSIDE, LOOKED_CLOSER = 5, 15
+"""A step is looked at inside to this part of it, as a power of two: what is narrower is a jump; and how often it is
+halved on where one multiplier may leave the unit circle while another one enters."""
 
 
 class Station(NamedTuple, Generic[AnyOrbit]):
@@ -92,11 +94,14 @@ class Inside(Generic[AnyOrbit]):
         later: Station[AnyOrbit] | None, halvings: int,
     ) -> Iterator[Station[AnyOrbit]]:  # fmt: skip
         """Stations inside a step, where zeros may hide there."""
-        if not halvings or x.orbit.signature != y.orbit.signature:
-            return
         around = [s for s in (earlier, x, y, later) if s is not None]
+        if x.orbit.signature != y.orbit.signature or halvings <= 0 and not (
+            -LOOKED_CLOSER < halvings and self.opposite(around, x, y)
+        ):
+            return
         alike = [s for s in around if s.orbit.signature == x.orbit.signature or apart_by_kinks(s.orbit, x.orbit)]
-        if not any(self._may_hide(monitor, alike, x, y) for each in self.monitors.values() for monitor in each):
+        every = [monitor for each in self.monitors.values() for monitor in each]
+        if halvings > 0 and not any(self._may_hide(monitor, alike, x, y) for monitor in every):
             return
         middle = self.middle(x, y)
         if middle is None:
@@ -104,6 +109,23 @@ class Inside(Generic[AnyOrbit]):
         yield from self.stations(x, middle, earlier, y, halvings - 1)
         yield middle
         yield from self.stations(middle, y, x, later, halvings - 1)
+
+    def opposite(self, around: Sequence[Station[AnyOrbit]], x: Station[AnyOrbit], y: Station[AnyOrbit]) -> bool:
+        """Whether one multiplier may leave the unit circle in a step while another one enters, as those around show.
+
+        As many are outside at both ends, and both the last of them and the first one inside turn back next to it.
+        """
+        ranks = self.monitors.get(NEIMARK_SACKER.kind, ())
+        alike = [s for s in around if s.orbit.signature == x.orbit.signature]
+        at, values = np.array([s.at for s in alike]), np.array([[self.value(k, s) for k in ranks] for s in alike])
+        many, last = (int(np.sum(values[at == s.at] > 0)) for s in (x, y))
+        if many != last or not 0 < many < len(ranks):
+            return False
+        pair = values[:, many - 1 : many + 1]
+        known = np.all(np.isfinite(pair), axis=1)
+        at, pair = at[known], np.arctanh(np.clip(pair[known], -0.999, 0.999))
+        side_by_side = x.at in at and y.at in at and not np.any((at > x.at) & (at < y.at))
+        return side_by_side and all(self._may_bounce(at, way, x.at) for way in pair.T)
 
     def _may_hide(
         self, monitor: Monitor, alike: list[Station[AnyOrbit]], x: Station[AnyOrbit], y: Station[AnyOrbit]

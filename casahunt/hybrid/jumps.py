@@ -11,11 +11,15 @@ the states on which steps change, at the places where they do, both sides are co
 
 Where something is divided by, |x|, fmin and fmax are steps, too: x/|x| jumps, x |x|/(1 + |x|) does not.
 The second term is what the place is not known to, the third rounding of the states, as in an angle of many turns.
+
+Without a step a jump is where something is divided by that vanishes, as in tanh(1/x), at a pole of tan, a root or a
+logarithm of zero: where that changes its sign on a line, or turns, f has limits from both sides, and not one.
 Parameters are tried at their values and next to them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -36,6 +40,10 @@ LINE_HALVED = 60
 ONE_PART, STEP_PLACE, ENDS_ROUNDING, NO_JUMP = 1e-9, 1e-12, 1e-13, 1e-30
 """Parts that meet to this part of their sizes are one; the place of a step, as part of its line; rounding, as part of
 the sizes at the ends of the line; nothing at all."""
+OFF_ZERO, LARGEST_LINE = np.array([1e-13, 1e-12, 1e-11]), 1e4
+"""How far beside a zero limits are looked at, as parts of a line, and how long lines may be for that."""
+ONE_LIMIT = 1e-2
+"""Values beside a zero have a limit where they differ by less than this part of the jump."""
 TRIED_NEXT_TO = 0.1
 """How far from their values parameters are tried, relative to these and to one."""
 LONGEST_TEXT = 60
@@ -44,6 +52,7 @@ LONGEST_TEXT = 60
 _STEPS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL,
           ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2}  # fmt: skip
 _KINKS, _DIVIDES = {ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX}, {ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW}
+_SINGULAR = _DIVIDES | {ca.OP_TAN, ca.OP_LOG, ca.OP_ATAN2}
 
 
 class Looked(NamedTuple):
@@ -61,12 +70,14 @@ class _Steps(NamedTuple):
     ----------
     values : (m,) of the symbols, and of the steps as symbols.
     symbols, steps : these, and what they are; texts : where each of them steps.
+    zeros : what is singular where it vanishes.
     """
 
     values: ca.SX
     symbols: ca.SX
     steps: ca.SX
     texts: list[tuple[int, list[ca.SX]]]
+    zeros: ca.SX
 
 
 def _split(operation: int, u: list[ca.SX], s: ca.SX) -> ca.SX:
@@ -87,7 +98,7 @@ def _step(operation: int, u: list[ca.SX]) -> ca.SX:
     """What steps in an operation of these operands."""
     if operation == ca.OP_COPYSIGN:
         return ca.copysign(1, u[1])
-    if operation == ca.OP_FABS:
+    if operation in (ca.OP_FABS, ca.OP_SIGN):  # by the whole jump, without what it is at zero alone
         return 2 * (u[0] >= 0) - 1
     if operation in _KINKS:
         return u[0] > u[1] if operation == ca.OP_FMAX else u[0] < u[1]
@@ -99,16 +110,23 @@ def _step(operation: int, u: list[ca.SX]) -> ca.SX:
     return (ca.SX.unary if len(u) == 1 else ca.SX.binary)(operation, *u)
 
 
+def _zero(operation: int, u: list[ca.SX]) -> ca.SX:
+    """What an operation of these operands is singular at the zeros of."""
+    if operation in (ca.OP_POW, ca.OP_CONSTPOW) and u[1].is_constant() and float(u[1]) >= 0:
+        return ca.SX(1)
+    return ca.cos(u[0]) if operation == ca.OP_TAN else u[1] if operation == ca.OP_DIV else u[0]
+
+
 def _steps_of(values: ca.SX, given: tuple[ca.SX, ...], moving: int) -> _Steps | None:
     """The steps in (m,) expressions of the symbols `given`, of which the first `moving` change; None for none."""
     graph = ca.Function("graph", list(given), [ca.densify(values)])
     operations = [graph.instruction_id(k) for k in range(graph.n_instructions())]
     stepping = _STEPS | _KINKS if _DIVIDES.intersection(operations) else _STEPS
-    if not stepping.intersection(operations):
+    if not (stepping | _SINGULAR).intersection(operations):
         return None
     natural: list[Any] = [None] * graph.sz_w()
     split, moves = list(natural), [False] * graph.sz_w()
-    out, found = ca.SX(values.numel(), 1), []
+    out, found, zeros = ca.SX(values.numel(), 1), [], []
     for k, operation in enumerate(operations):
         of, into = graph.instruction_input(k), graph.instruction_output(k)
         if operation == ca.OP_OUTPUT:
@@ -124,13 +142,13 @@ def _steps_of(values: ca.SX, given: tuple[ca.SX, ...], moving: int) -> _Steps | 
             u, v = [natural[i] for i in of], [split[i] for i in of]
             natural[into[0]], split[into[0]] = apply(operation, *u), apply(operation, *v)
             moves[into[0]] = any(moves[i] for i in of)
+            if operation in _SINGULAR and not _zero(operation, u).is_constant():
+                zeros.append(_zero(operation, u))
             if operation in stepping and moves[into[0]]:
                 found.append((ca.SX.sym("s"), _step(operation, u), (operation, u)))
                 split[into[0]] = _split(operation, v, found[-1][0])
-    if not found:
-        return None
-    symbols, steps, texts = zip(*found, strict=True)
-    return _Steps(out, ca.vertcat(*symbols), ca.vertcat(*steps), list(texts))
+    symbols, steps, texts = zip(*found, strict=True) if found else ((), (), ())
+    return _Steps(out, ca.vertcat(*symbols), ca.vertcat(*steps), list(texts), ca.vertcat(*zeros))
 
 
 def _ends(n: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -186,6 +204,35 @@ def _changes(
     return a + low * (b - a), (before, behind), (before, last)
 
 
+class _Lines(NamedTuple):
+    """Where expressions are looked at: on lines from a to b, both (n, LINES).
+
+    Attributes
+    ----------
+    looked, names : what is looked at, and what the entries of x and p are called.
+    given : the symbols (x, T, p, sign).
+    a, b : the ends, of (x, T); at, p, sign : the parameters tried (np, LINES), given, and the sign of the mode.
+    """
+
+    looked: list[Looked]
+    names: Names
+    given: tuple[ca.SX, ...]
+    a: Array
+    b: Array
+    at: Array
+    p: Array
+    sign: float
+
+    def refuse(self, jumps: Array, f: Array, g: Array, which: Callable[[int], tuple[int, list[ca.SX]]]) -> None:
+        """Raise InputError where one of the expressions `jumps` (m, LINES) from f to g; `which`: where, by the line."""
+        jumps = jumps & (np.array([not one.event for one in self.looked])[:, None] | (np.sign(f) * np.sign(g) <= 0))
+        if jumps.any():
+            i = int(np.flatnonzero(jumps.any(axis=1))[0])
+            k = int(min(np.flatnonzero(jumps[i]), key=lambda line: np.any(self.at[:, line] != self.p)))
+            where = _text(which(k), self.given, self.names)
+            raise InputError(_refusal(self.looked[i], where, float(g[i, k] - f[i, k])))
+
+
 def check_jumps(looked: list[Looked], given: tuple[ca.SX, ...], names: Names, p: Array, sign: float) -> None:
     """Refuse what jumps.
 
@@ -195,10 +242,20 @@ def check_jumps(looked: list[Looked], given: tuple[ca.SX, ...], names: Names, p:
     parts = _steps_of(ca.vertcat(*[one.value for one in looked]), given, 2)
     if parts is None:
         return
-    z, others, rng = ca.vertcat(*given[:2]), list(given[2:]), np.random.default_rng(0)
-    a, b = _ends(z.numel(), rng)
+    rng = np.random.default_rng(0)
+    a, b = _ends(given[0].numel() + 1, rng)
     a[-1], b[-1] = np.abs(a[-1]), np.abs(b[-1])  # the time in a mode
-    at = _tried(p, rng)
+    lines = _Lines(looked, names, given, a, b, _tried(p, rng), p, sign)
+    if parts.texts:
+        _check_steps(lines, parts)
+    if parts.zeros.numel():
+        _check_zeros(lines, parts.zeros)
+
+
+def _check_steps(lines: _Lines, parts: _Steps) -> None:
+    """Refuse what jumps where a step does."""
+    z, others, a, b = ca.vertcat(*lines.given[:2]), list(lines.given[2:]), lines.a, lines.b
+    at, sign = lines.at, lines.sign
     natural = ca.Function("natural", [z, *others], [ca.densify(parts.steps)])
     place, (before, behind), ends = _changes(natural, a, b, at, sign)
     value = ca.Function("value", [z, *others, parts.symbols], [ca.densify(parts.values)])
@@ -217,12 +274,27 @@ def check_jumps(looked: list[Looked], given: tuple[ca.SX, ...], names: Names, p:
         least = unknown + ENDS_ROUNDING * (np.abs(first) + np.abs(last)) + NO_JUMP
         jumps = np.isfinite(least) & (np.abs(g - f) > ONE_PART * (np.abs(f) + np.abs(g)) + least)
     jumps &= np.any(before != behind, axis=0)
-    jumps &= np.array([not one.event for one in looked])[:, None] | (f * g <= 0)
-    if jumps.any():
-        i = int(np.flatnonzero(jumps.any(axis=1))[0])
-        k = int(min(np.flatnonzero(jumps[i]), key=lambda line: np.any(at[:, line] != p)))
-        which = int(np.flatnonzero(before[:, k] != behind[:, k])[0])
-        raise InputError(_refusal(looked[i], _text(parts.texts[which], given, names), float(g[i, k] - f[i, k])))
+    lines.refuse(jumps, f, g, lambda k: parts.texts[int(np.flatnonzero(before[:, k] != behind[:, k])[0])])
+
+
+def _check_zeros(lines: _Lines, zeros: ca.SX) -> None:
+    """Refuse what has two limits where one of `zeros` vanishes."""
+    (*x, p, sign), a, b, at = lines.given, lines.a, lines.b, lines.at
+    z, way = ca.vertcat(*x), ca.SX.sym("way", len(a))
+    turns = ca.sign(ca.vertcat(zeros, ca.jtimes(zeros, z, way)))
+    natural = ca.Function("natural", [z, ca.vertcat(p, way), sign], [ca.densify(turns)])
+    place, (before, behind), _ = _changes(natural, a, b, np.vstack([at, b - a]), lines.sign)
+    value = ca.Function("value", [z, p, sign], [ca.densify(ca.vertcat(*[one.value for one in lines.looked]))])
+    beside = np.stack([np.array(value(place + s * (b - a), at, lines.sign)) for s in (*-OFF_ZERO, *OFF_ZERO)])
+    left, right = beside[: OFF_ZERO.size], beside[OFF_ZERO.size :]
+    f, g = left[0], right[0]
+    with np.errstate(all="ignore"):
+        strays = np.maximum(np.abs(np.diff(left, axis=0)).max(axis=0), np.abs(np.diff(right, axis=0)).max(axis=0))
+        jumps = (strays < ONE_LIMIT * np.abs(g - f)) & (np.abs(g - f) > ONE_PART * (np.abs(f) + np.abs(g)) + NO_JUMP)
+    jumps &= np.any(before != behind, axis=0) & (np.maximum(np.abs(a), np.abs(b)).max(axis=0) < LARGEST_LINE)
+    sizes = np.abs(np.array(ca.Function("sizes", [z, p, sign], [ca.densify(zeros)])(place, at, lines.sign)))
+    sizes[~np.any((before != behind).reshape(2, -1, LINES), axis=0)] = np.inf
+    lines.refuse(jumps, f, g, lambda k: (ca.OP_SIGN, [zeros[int(np.argmin(sizes[:, k]))]]))
 
 
 def _refusal(one: Looked, where: str, jump: float) -> str:

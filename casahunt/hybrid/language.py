@@ -58,7 +58,8 @@ class Event:
     direction : +1 where h rises through zero, -1 where it falls, 0 for either way.
     to : name of the next mode, or a function (x, p) of numbers that returns it, of the state after the reset.  The name
         of the mode itself makes the event a boundary between two phases although the mode goes on; where a function
-        returns it, the event was grazed only, and the phase goes on.
+        returns it, the event is ignored, and the phase goes on: refused where another mode lives beyond, and no `holds`
+        of this one says that it goes on.
     reset : (x, p) -> the states that jump, by name; what is not named stays.  None where nothing jumps.
 
     Examples
@@ -261,20 +262,30 @@ def _engine_mode(mode: Mode, names: Names) -> engine.VectorMode:
     )
 
 
+def _boundary(event: Event, mode: Mode, names: Names) -> engine.VectorEvent:
+    scalar = Scalar(event.function, names, mode.sign is not None)
+    return engine.VectorEvent(event.name, Bound(scalar, mode.sign or 0.0))
+
+
 def _exits(mode: Mode, system: System) -> Iterator[engine.Exit]:
     """The ways out of a mode; two for an event that is crossed either way."""
     names, signed, sign = system.names, mode.sign is not None, mode.sign or 0.0
     known_modes = tuple(m.name for m in system.modes)
     for event in mode.ends:
         what = f"event {event.name!r} of mode {mode.name!r}"
-        boundary = engine.VectorEvent(event.name, Bound(Scalar(event.function, names, signed), sign))
+        boundary = _boundary(event, mode, names)
+        asked = mode.holds is None and event.reset is None and not isinstance(event.to, str)
+        others = tuple(
+            (_engine_mode(m, names), tuple((_boundary(e, m, names), e.direction) for e in m.ends))
+            for m in system.modes if asked and m is not mode
+        )  # fmt: skip
         next_mode = (
             Always(event.to) if isinstance(event.to, str) else Successor(event.to, names, what, known_modes, mode.sign)
         )
         mark = event.to == mode.name or event.reset is not None
         reset = None if event.reset is None else Reset(event.reset, names, signed, sign)
         for direction in (event.direction,) if event.direction else (+1, -1):
-            yield engine.Exit(boundary, direction, next_mode, mark, reset)
+            yield engine.Exit(boundary, direction, next_mode, mark, reset, others)
 
 
 # What the user wrote, checked: one sentence with the mode, event, state or parameter -------------------------------

@@ -109,7 +109,8 @@ class Exit(HashedOnce):
     """A way out of a mode: where `event` crosses zero in `direction` (+1 rising, -1 falling).
 
     `successor` maps (x, p) at the crossing to the name of the next mode.  `mark` is True for an event that
-    is a phase boundary although the mode goes on.  `reset` is the jump of the state there, or None.
+    is a phase boundary although the mode goes on.  `reset` is the jump of the state there, or None.  `others` are the
+    other modes, each with its events and their directions, where none but `successor` says whether the mode goes on.
     """
 
     event: VectorEvent
@@ -117,6 +118,7 @@ class Exit(HashedOnce):
     successor: Callable[[np.ndarray, np.ndarray], str]
     mark: bool = False
     reset: Reset | None = None
+    others: tuple[tuple[VectorMode, tuple[tuple[VectorEvent, int], ...]], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -141,8 +143,12 @@ class Phase(HashedOnce):
 
     def leads_to(self, x: np.ndarray, p: np.ndarray) -> str:
         """The mode to which the event at the end leads from a state x (n,) behind it; "" where that is not known."""
-        way_out = next((e for e in self.exits if e.event == self.end), None)
-        return "" if way_out is None else way_out.successor(x, p)
+        return "" if self.way_out is None else self.way_out.successor(x, p)
+
+    @property
+    def way_out(self) -> Exit | None:
+        """The exit at the end; None where none of `exits` is it."""
+        return next((e for e in self.exits if e.event == self.end), None)
 
 
 @dataclass(frozen=True)

@@ -23,15 +23,16 @@ import numpy as np
 
 from .. import effort
 from ..collocation.admissibility import PASSED
-from ..collocation.joints import event_rate, flow_at
+from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
-from ..hybrid.system import Exit, Phase, VectorMode, VectorSystem
+from ..collocation.successors import at_speed, taken_over
+from ..hybrid.system import Exit, VectorMode, VectorSystem
 from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
 from .march_extrapolated import by_steps
 from .march_intervals import Begins, begins_with, collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
-from .march_watch import EventWatch
+from .march_watch import ON_EVENT, EventWatch
 from .rest import at_rest, at_rest_since, dies_out_at, is_noise
 from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
@@ -48,12 +49,8 @@ HIDES = (
 )
 NEAR_EVENT = 1e-9
 """A mode that starts so near to its own event starts on it."""
-AT_SPEED = 1.5
-"""An event that grows by a lower power of time is left at speed, as by the first one; from rest it is the second."""
 FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
 """Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
-LEFT_BEHIND = 1e-6
-"""An event whose rate is this part of the size of what it is the sum of changes at speed."""
 UNLIKE_ITS_FIELD = 1e-2
 """A closed form that ends this far off the intervals of its field, in units of the states, is none of it."""
 
@@ -165,10 +162,9 @@ def _at_once(system: VectorSystem, name: str, x: Array, p: Array, s: Scheme) -> 
     for way_out in system.exits[name]:
         if abs(float(way_out.event.function(x, 0.0, p))) > NEAR_EVENT or way_out.mark and way_out.reset is None:
             continue
-        rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
         jumped = behind(way_out, x, p)
         successor = way_out.successor(x if jumped is None else jumped, p)
-        if way_out.direction * rate > LEFT_BEHIND * size and not _leads_on(system, way_out, x, p):
+        if at_speed(mode, way_out.event, way_out.direction, x, p) and not _leads_on(system, way_out, x, p):
             w = np.tile(x, 1 if mode.flow is not None else s.degree + 1)[None]
             return Segment(name, way_out.event.name, 0.0, np.array([0.0, 1.0]), w, x.copy(), jumped), successor
     return None
@@ -231,24 +227,19 @@ def _check_start(
         if abs(begins) > NEAR_EVENT or segment.duration == 0:
             continue
         if way_out.reset is None and (way_out.mark or way_out.successor(x, p) == segment.mode):
+            _led(mode, way_out, x, p)
             continue
         if segment.w.shape[1] > n:
             following = segment.w[0].reshape(-1, n)[1:]
-            times = scheme(len(following)).stages
         elif mode.flow is None:
-            following, times = segment.nodes[1:4], segment.breaks[1:4]  # the first just behind the event
+            following = segment.nodes[1:4]  # the first just behind the event
         else:
-            times = FIRST_MOMENTS
-            following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
+            following = flow_at(mode, x, min(segment.duration, 1.0) * FIRST_MOMENTS, p)
         values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
-        if len(times) > 1:
-            at_speed = bool(values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1])
-        else:  # a phase of one step
-            rate, size = event_rate(Phase(mode, way_out.event), x, 0.0, p)
-            at_speed = way_out.direction * rate > LEFT_BEHIND * size
-        same = (way_out.event.name, way_out.direction) in crossed
-        left = at_speed and (same or _leads_on(system, way_out, x, p))
-        if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
+        fast = at_speed(mode, way_out.event, way_out.direction, x, p)  # it may be back before the first of these states
+        left = fast and ((way_out.event.name, way_out.direction) in crossed or _leads_on(system, way_out, x, p))
+        goes = fast and abs(begins) <= ON_EVENT or np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins))
+        if goes and not left:
             raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
 
 
@@ -258,12 +249,11 @@ def _leads_on(system: VectorSystem, way_out: Exit, x: Array, p: Array) -> bool:
     if jumped is None:
         return False
     name = way_out.successor(jumped, p)
-    for other in system.exits[name]:
-        if abs(float(other.event.function(jumped, 0.0, p))) <= NEAR_EVENT:
-            rate, size = event_rate(Phase(system.modes[name], other.event), jumped, 0.0, p)
-            if other.direction * rate > LEFT_BEHIND * size:
-                return True
-    return False
+    return any(
+        abs(float(other.event.function(jumped, 0.0, p))) <= NEAR_EVENT
+        and at_speed(system.modes[name], other.event, other.direction, jumped, p)
+        for other in system.exits[name]
+    )
 
 
 def _on_its_event(
@@ -277,8 +267,8 @@ def _on_its_event(
                 return (
                     f"at {time:.6g} the mode {before.mode!r} meets two events at once, {before.event!r} and {name!r}, "
                     "and which is the first is rounding: state them as one event, casadi.fmin (falling) or fmax "
-                    "(rising) of their functions, whose reset and `to` look at which of them are zero; or start where "
-                    "they do not meet"
+                    "(rising) of their functions, whose reset and `to` look at which of them are within 1e-9 of zero; "
+                    "or start where they do not meet"
                 )
     return (
         f"at {time:.6g} the mode {segment.mode!r} starts on its own event {name!r} and moves on through it: another "
@@ -315,9 +305,17 @@ def _closed_form(system: VectorSystem, mode: str, x: Array, p: Array) -> tuple[S
     if found is None:
         return Segment(mode, "", np.inf, breaks, w, x.copy()), mode
     duration, way_out, end = found
-    jumped = behind(way_out, end, p)
-    successor = way_out.successor(end if jumped is None else jumped, p)
+    jumped, successor = _led(system.modes[mode], way_out, end, p)
     return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor
+
+
+def _led(mode: VectorMode, way_out: Exit, end: Array, p: Array) -> tuple[Array | None, str]:
+    """(the state behind an exit, None where it does not jump; the next mode).  Raises MarchFailure: it cannot be."""
+    jumped = behind(way_out, end, p)
+    if (successor := way_out.successor(end if jumped is None else jumped, p)) == mode.name:
+        if why := taken_over(mode, way_out, end, p):
+            raise MarchFailure(why)
+    return jumped, successor
 
 
 def _polished(system: VectorSystem, segment: Segment, p: Array, scale: Array) -> Segment:
@@ -358,10 +356,8 @@ def _followed(
     def passes(way_out: Exit, end: Array) -> bool:
         """An event that leads back into its own mode was grazed, not crossed: the motion goes on."""
         nonlocal behind_it
-        jumped = behind(way_out, end * scale, p)
-        successor = way_out.successor(end * scale if jumped is None else jumped, p)
-        behind_it = jumped, successor
-        return successor == name and not way_out.mark and mode.flow is None
+        behind_it = _led(mode, way_out, end * scale, p)
+        return behind_it[1] == name and not way_out.mark and mode.flow is None
 
     stretches: list[list[Piece]] = []
     reached = Reached(0.0, x / scale, None, False, begins.length)
@@ -370,14 +366,13 @@ def _followed(
         following = Following(exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
         reached, stretches = following.run(), following.stretches
     if stretches and reached.over and most_intervals(stretches, stepper.scheme, tol) <= max_intervals:
-        jumped, successor = behind_it if reached.way_out is not None else (None, name)
         event = "" if reached.way_out is None else reached.way_out.event.name
-        ends = name, event, float(reached.time), x.copy(), reached.x * scale, jumped
+        ends = name, event, float(reached.time), x.copy(), reached.x * scale, behind_it[0]
 
         def mesh(tol: float) -> tuple[Array, Array]:
             return _meshed(*intervals_of(mode, stepper, stretches, tol), scale)
 
-        return Segment.followed(ends, following.taken, mesh, tol), successor
+        return Segment.followed(ends, following.taken, mesh, tol), behind_it[1]
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:
@@ -387,10 +382,9 @@ def _followed(
         watch, limits = EventWatch(exits, mode.feature, stepper), (tol, max_time, max_intervals)
         reached = collocated(name, watch, passes, reached, begins.at_most, limits, lengths, pieces)
     breaks, w = _meshed(lengths, pieces, scale)
-    jumped, successor = behind_it if reached.way_out is not None else (None, name)
     event = "" if reached.way_out is None else reached.way_out.event.name
     length = reached.length if by_intervals else 0.0
-    return Segment(name, event, float(reached.time), breaks, w, reached.x * scale, jumped, length), successor
+    return Segment(name, event, float(reached.time), breaks, w, reached.x * scale, behind_it[0], length), behind_it[1]
 
 
 def _meshed(lengths: list[float], pieces: list[Array], scale: Array) -> tuple[Array, Array]:

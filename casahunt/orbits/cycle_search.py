@@ -54,7 +54,7 @@ FARTHER = 10.0
 SEVERAL_TIMES = 1e-7
 """A cycle that is this near to itself, in units of the state scale, after a part of its phases, has a part of its
 period."""
-LEADS_ASTRAY = (Status.SINGULAR, Status.NOT_CONVERGED, Status.FAR_FROM_GUESS)
+LEADS_ASTRAY = (Status.SINGULAR, Status.NOT_CONVERGED, Status.FAR_FROM_GUESS, Status.NOT_FINITE)
 """How it may end to solve for a cycle that is one of many."""
 LEAST_CLOSED, MOST_CLOSING = 1e-5, 50
 """Part of a gap that is closed in one step at least; steps of that, of which three to four dozens were seen to serve
@@ -279,7 +279,7 @@ class _CycleSearch(Returning):
         try:
             orbit = finished(outcome, problem, self.options, time.perf_counter(), "the cycle")
         except NoOrbit as refusal:
-            many = one_of_many(begin, self.system.names.states) if refusal.status in LEADS_ASTRAY else ""
+            many = one_of_many(begin) if refusal.status in LEADS_ASTRAY else ""
             if many:
                 raise self.not_met(f"the motion repeats after {_phases_of(r)}, but {many}") from None
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)

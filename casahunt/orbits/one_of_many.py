@@ -30,15 +30,13 @@ TAKES_PART = 0.02
 """A state that moves by less than this part of the one that moves most does not."""
 
 
-def one_of_many(start: Start, names: tuple[str, ...]) -> str:
-    """What a cycle next to a starting point has beside it, as a sentence; "" where it stands alone, or is at a fold.
-
-    start, names: transcription, unknowns and setting; names of the states.
-    """
+def one_of_many(start: Start) -> str:
+    """What a cycle next to a starting point has beside it, as a sentence; "" where it stands alone, or is at a fold."""
     here = _nearest(start)
     if here is None or stands_still(*here[:2]):
         return ""
     t, u, setting = here
+    names = t.cycle.states
     lin = t.linearise(u, setting)
     left, sizes, right = np.linalg.svd(_dense(lin))
     free = np.flatnonzero(sizes <= NO_SINGULAR_VALUE * sizes[0])

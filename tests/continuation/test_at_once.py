@@ -5,6 +5,7 @@ equation has the characteristic polynomial s^2 + 2 (1 + K) s + K ((1 + c1^2) K +
 K = -2 (1 + c1 c2)/(1 + c1^2).  Beside x^2 + y^2 = 1 linear parts with rates of their own pass at the zeros of those.
 """
 
+import re
 from dataclasses import replace
 
 import casadi
@@ -140,3 +141,35 @@ def test_a_change_of_stability_that_no_point_explains_is_missed():
     branch = follow(orbit, "a", to=0.03, monitors=monitors)
     (missed,) = branch.missed
     assert not branch.special and missed.kind == "change of stability" and branch.stable[0] and not branch.stable[-1]
+
+
+def stretches(missed):
+    """The two values of the parameter between which something was missed."""
+    return [tuple(map(float, re.search(r"between s = (\S+) and (\S+) was", one.meaning).groups())) for one in missed]
+
+
+@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize(("apart", "rate"), [(0.0, -1.0), (1e-5, -0.37), (1e-3, -1.0)])
+def test_one_that_leaves_where_another_one_enters_is_never_passed_in_silence(apart, rate, turning):
+    out, into = 0.0437, 0.0437 + apart
+    ways = [lambda s: s - out, lambda s: rate * (s - into)]
+    system = beside_a_circle(*(([], ways) if turning else (ways, [])))
+    start = dict.fromkeys(system.names.states, 0.0) | {"x": 1.0}
+    branch = follow(find_cycle(system, start=start, settled=True), "s", to=0.15)
+    for place in (out, into):
+        located = any(abs(one.value - place) <= 3 * one.error + 1e-12 for one in branch.special)
+        assert located or any(low <= place <= high for low, high in stretches(branch.missed))
+    assert all(high - low < 0.02 for low, high in stretches(branch.missed))
+
+
+def test_two_that_turn_back_before_the_circle_are_no_change():
+    """Rates +-sqrt((K - 1/2)^2 + e^2): one multiplier is outside all along."""
+
+    def field(x, p):
+        r, rate = x.u**2 + x.v**2, p.K - 0.4137
+        circle = {"u": x.u - 2 * x.v - r * x.u, "v": x.v + 2 * x.u - r * x.v}
+        return {**circle, "a": rate * x.a + 1e-4 * x.b, "b": 1e-4 * x.a - rate * x.b}
+
+    system = System("circle", ("u", "v", "a", "b"), {"K": 0.0}, (Mode("m", field),))
+    branch = follow(find_cycle(system, u=1.0, v=0.0, a=0.0, b=0.0, settled=True), "K", to=1.0)
+    assert not branch.special and not branch.missed

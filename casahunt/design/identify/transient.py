@@ -48,7 +48,7 @@ def behind_a_transient(records: Sequence[Record], fit: Callable[[Sequence[Record
         if again.judgement.explained:
             return replace(again, left_out=TRANSIENT_PART + (1 - TRANSIENT_PART) * again.left_out)
     if found is None:
-        raise InputError(f"{refused} Or is it still on the way to its cycle at its beginning? Leave that out by --from")
+        raise InputError(f"{refused} Or is it still on the way to its cycle at its beginning? Leave that out: --from.")
     return found
 
 

@@ -90,7 +90,7 @@ class Record(Result):
         if self.torque is not None:
             object.__setattr__(self, "torque", samples_of(self.name, "torques", self.torque))
         if t.ndim != 1 or t.shape != y.shape:
-            rows = f"rows, equally many, not {t.shape} and {y.shape}"
+            rows = f"rows, equally many, not {t.shape} and {y.shape}; a table gives one of its columns, as table[:, 0]"
             raise InputError(f"{self.name}: times and positions must be {rows}")
         if not (np.isfinite(t).all() and np.isfinite(y).all()):
             finite = "finite numbers, not NaN, infinity or masked; leave out the samples that lack one"
@@ -106,7 +106,8 @@ class Record(Result):
         if back.size:
             i = int(back[0])
             raise InputError(
-                f"{self.name}: time must increase from sample to sample, but {t[i + 1]:.10g} s follows {t[i]:.10g} s"
+                f"{self.name}: time must increase from sample to sample, but {t[i + 1]:.10g} s follows {t[i]:.10g} s; "
+                "order the samples by time, and leave out those that have one twice"
             )
 
     def after(self, start: float) -> Record:

@@ -82,14 +82,20 @@ def from_object(controller: Any) -> Part:
     homes = {base.__module__.partition(".")[0] for base in type(controller).__mro__}
     of_control, matrices = "control" in homes, all(hasattr(controller, name) for name in "ABCD")
     if not (of_control or "scipy" in homes) or not (matrices or hasattr(controller, "num")):
-        neither = "is no TransferFunction or StateSpace of python-control or scipy.signal; state its numbers, as"
-        verbs = "transfer_function(num, den) or state_space(A, B, C, D)"
+        neither = "is no TransferFunction or StateSpace of python-control or scipy.signal; take its to_tf(), or give"
+        verbs = "its numbers to transfer_function(num, den) or state_space(A, B, C, D)"
         raise InputError(f"controller: {type(controller).__name__} {neither} {verbs}")
     if controller.dt not in (None, 0):
-        raise InputError("controller: is sampled; a continuous one is needed here")
+        raise InputError(
+            "controller: is sampled; a continuous one is needed here: take that from which it was made, and state the "
+            "sampling apart, as a drive"
+        )
     ways = ("ninputs", "noutputs") if of_control else ("inputs", "outputs")
     if any(getattr(controller, way) != 1 for way in ways):
-        raise InputError("controller: has several inputs or outputs; one of each is needed here, error and torque")
+        raise InputError(
+            "controller: has several inputs or outputs; one of each is needed here, error and torque: take that "
+            "channel, such as controller[0, 0]"
+        )
     if matrices:
         return state_space(controller.A, controller.B, controller.C, controller.D)
     num, den = controller.num, controller.den
