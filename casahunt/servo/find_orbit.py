@@ -28,7 +28,7 @@ from .cold_start import AtOneGain, inner_cycle, quickly_at, stable_at, unstable
 from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
-from .find_fold import confirmed_between, find_fold
+from .find_fold import MOST_WALKED, confirmed_between, find_fold
 from .hunting import Model
 from .linear_loop import stable as stable_loop
 from .lopsided import lopsided_at
@@ -195,7 +195,7 @@ def _round_the_fold(s: _OrbitSearch, start: HuntingOrbit, outer: float) -> Hunti
     """
     last = start
     provisional = replace(s.rough, provisional=s.rough != s.options)
-    for last in walk(start, low=s.gain, high=start.gain * 1e9, options=provisional):
+    for last in walk(start, low=s.gain, high=start.gain * 1e9, options=provisional, max_points=MOST_WALKED):
         if _vanished(last):
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
     if last is start or last.gain != s.gain or last.amplitude >= outer:
