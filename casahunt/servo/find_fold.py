@@ -59,8 +59,8 @@ LOCATED_TO = (0.1, 1e-3)
 period and amplitude being of first order in it."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
-MOST_WALKED = 600
-"""Orbits of a walk to a fold: of random servos 3 to 250; where the multiplier runs away below -1 there is no end."""
+MOST_WALKED = 1000
+"""Orbits of a walk to a fold: of random servos 3 to 420; where the multiplier runs away below -1 there is no end."""
 
 
 def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOrbit:
