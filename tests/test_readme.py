@@ -69,6 +69,8 @@ PROMISED: dict[str, list[str]] = {}
 for said, _, comment in (line.partition("#") for line in LINES):
     PROMISED.setdefault(said.strip(), []).extend(re.findall(r"(?<![\w.])\d+\.\d{3,}", comment))
 COMMANDS = list(PROMISED)
+TO_THE_LETTER = "casahunt remedies --gain 0.04"
+"""It takes longest; tests/test_site.py looks at every line that it prints."""
 
 
 STORY = next(line for line in TEXT.splitlines() if line.startswith("casahunt tune") and "--uncertainty" in line)
@@ -164,7 +166,7 @@ def makers(command: str) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command != TO_THE_LETTER])
 def test_commands(command, tmp_path, monkeypatch, capsys):
     """Each runs, and prints the numbers that the comment behind it promises."""
     monkeypatch.chdir(tmp_path)

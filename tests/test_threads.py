@@ -67,13 +67,13 @@ EVERY_CALL = """[
 ]"""
 """One round, of a few seconds."""
 
-FIFTY_EACH = """[
+MANY_EACH = """[
     (orbit, "switch", "stable", "auto", gain), (orbit, "lugre", "stable", "auto", gain),
     (orbit, "switch", "unstable", "auto", gain + 0.2), (orbit, "switch", "stable", "ipopt", gain),
     (motion, "switch", gain), (motion, "lugre", gain), (points, gain),
     (orbit, *(("switch", "stable", "ipopt") if k % 10 else ("lugre", "unstable", "auto")), gain + 0.2),
 ]"""
-"""Twenty-five rounds are 200 solves, 50 a thread."""
+"""Twelve rounds are 96 solves, 24 a thread."""
 
 
 def solved(jobs: str, *, threads: int, rounds: int) -> list[str]:
@@ -92,7 +92,7 @@ def test_four_threads_give_the_bits_of_one():
 
 
 @pytest.mark.slow
-def test_four_threads_with_fifty_solves_each():
-    alone = solved(FIFTY_EACH, threads=1, rounds=25)
-    assert len(alone) == 200
-    assert solved(FIFTY_EACH, threads=4, rounds=25) == alone
+def test_four_threads_with_many_solves_each():
+    alone = solved(MANY_EACH, threads=1, rounds=12)
+    assert len(alone) == 96
+    assert solved(MANY_EACH, threads=4, rounds=12) == alone

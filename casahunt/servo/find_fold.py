@@ -59,6 +59,8 @@ LOCATED_TO = (0.1, 1e-3)
 period and amplitude being of first order in it."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
+MOST_WALKED = 1000
+"""Orbits of a walk to a fold: of random servos 3 to 420; where the multiplier runs away below -1 there is no end."""
 
 
 def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOrbit:
@@ -273,15 +275,18 @@ def find_fold(
     options = of_kind("options", options or Options(), Options)
     rough = replace(options.rough(), provisional=True)
     first = start or find_any_orbit(servo, model, options=rough)
-    with suppress(NoOrbit):
+    try:
         return _walked(first, rough, options, began)
+    except NoOrbit as error:
+        if error.status is Status.NOT_FOUND:  # finer steps do not lead farther
+            raise
     return _walked(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
 
 
 def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
     """The confirmed fold at the end of a walk up from an orbit."""
     before = first
-    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way)
+    steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way, max_points=MOST_WALKED)
     while True:
         effort.at(partial(_on_the_way, before))
         try:
@@ -290,7 +295,7 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
             raise NoOrbit(
                 f"the gain at which the {first.model} servo stops hunting was not found: its cycles were followed from "
                 f"gain {first.gain:.6g} to {before.gain:.6g} V/rad only",
-                Status.NOT_CONVERGED,
+                Status.NOT_FOUND if getattr(end.value, "kind", "") == "points" else Status.NOT_CONVERGED,
                 evidence=f"where the half multiplier is {before.half_multiplier:.3g}: {end.value}",
             ) from None
         if (fold := confirmed_between(before, after, options)) is not None:

@@ -28,7 +28,7 @@ from .cold_start import AtOneGain, inner_cycle, quickly_at, stable_at, unstable
 from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
-from .find_fold import confirmed_between, find_fold
+from .find_fold import MOST_WALKED, confirmed_between, find_fold
 from .hunting import Model
 from .linear_loop import stable as stable_loop
 from .lopsided import lopsided_at
@@ -112,6 +112,8 @@ class _OrbitSearch:
     gain: float
     branch: BranchName
     options: Options
+    walked: int = 0
+    """Orbits on the last way up to the fold: at MOST_WALKED no other way up is tried."""
 
     @cached_property
     def met(self) -> AtOneGain:
@@ -195,7 +197,8 @@ def _round_the_fold(s: _OrbitSearch, start: HuntingOrbit, outer: float) -> Hunti
     """
     last = start
     provisional = replace(s.rough, provisional=s.rough != s.options)
-    for last in walk(start, low=s.gain, high=start.gain * 1e9, options=provisional):
+    way = walk(start, low=s.gain, high=start.gain * 1e9, options=provisional, max_points=MOST_WALKED)
+    for s.walked, last in enumerate(way, 1):
         if _vanished(last):
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
     if last is start or last.gain != s.gain or last.amplitude >= outer:
@@ -229,8 +232,14 @@ UNSTABLE: tuple[Strategy[_OrbitSearch, HuntingOrbit], ...] = (
         "round the fold, from next to it", "motions can be computed, and IPOPT is not to work alone",
         "20 ms; LuGre 0.2 s", _from_next_to_the_fold, lambda s: s.by_newton,
     ),
-    Strategy("round the fold, from this gain", "motions can be computed", "30 ms; LuGre 0.3 s", _from_here),
-    Strategy("down from the fold", "always", "0.1 s; LuGre 1 s; next to the sharpest folds minutes", _from_the_fold),
+    Strategy(
+        "round the fold, from this gain", "motions can be computed, and no way up was endless", "30 ms; LuGre 0.3 s",
+        _from_here, lambda s: s.walked < MOST_WALKED,
+    ),
+    Strategy(
+        "down from the fold", "no way up was endless", "0.1 s; LuGre 1 s; next to the sharpest folds minutes",
+        _from_the_fold, lambda s: s.walked < MOST_WALKED,
+    ),
 )  # fmt: skip
 
 

@@ -218,7 +218,7 @@ def test_a_range_that_is_none_is_refused(to, back):
         follow(orbit, "B", to=2.0)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 25))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 25, 3))])
 def test_nothing_is_reported_that_is_not_there(seed):
     """Random spirals across the circle, four at a time: a torus where alpha(lambda) = 0 with omega no half turn."""
     rng = np.random.default_rng(seed)

@@ -61,7 +61,7 @@ def test_natural_diagram_by_ipopt_alone():
 def test_walk_by_ipopt_alone_down_the_unstable_branch(model):
     """Round the fold by pseudo-arclength, past multipliers of 1e10, to where the diagrams begin."""
     options = Options(solver="ipopt")
-    first = find_orbit(Servo(), model, 0.0321, options=options)
+    first = find_orbit(Servo(), model, 0.5, options=options)
     orbits, why = walk_to_end(walk(first, low=0.0321, high=10.0, options=options))
     assert "reached 0.0321" in why and {o.solver for o in orbits} == {"ipopt"}
     assert max(o.gain for o in orbits) == pytest.approx(FOLDS[model], rel=0.02)

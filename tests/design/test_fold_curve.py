@@ -37,9 +37,9 @@ def curve(model: str, vary: str, start: float, end: float, tol: float = TOL, poi
         ("switch", "controller.lead_time", 0.05, 0.4, TOL, 5),
         ("switch", "friction.viscous", 0.0, 0.5, TOL, 5),
         ("lugre", "friction.static", 0.53, 0.55, 1e-6, 2),
-        pytest.param("lugre", "friction.static", 0.5, 0.56, TOL, 9, marks=pytest.mark.slow),
-        pytest.param("lugre", "friction.stribeck_velocity", 0.01, 0.04, TOL, 9, marks=pytest.mark.slow),
-        pytest.param("lugre", "friction.damping", 2.0, 12.0, TOL, 9, marks=pytest.mark.slow),
+        pytest.param("lugre", "friction.static", 0.5, 0.56, TOL, 5, marks=pytest.mark.slow),
+        pytest.param("lugre", "friction.stribeck_velocity", 0.01, 0.04, TOL, 5, marks=pytest.mark.slow),
+        pytest.param("lugre", "friction.damping", 2.0, 12.0, TOL, 5, marks=pytest.mark.slow),
         pytest.param("switch", "friction.static", 0.6, 0.7, TOL, 9, marks=pytest.mark.slow),  # folds 1e-7 wide
     ],
 )
@@ -59,7 +59,7 @@ def test_points_are_the_folds_computed_from_nothing(model, vary, start, end, tol
 @pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_slopes_are_those_of_the_gains(model):
     """The stored slope (adjoint) against the chord of two folds close by, computed from nothing."""
-    point = curve(model, "friction.static", 0.5, 0.56).points[2]
+    point = curve(model, "friction.static", 0.5, 0.56, TOL, 5).points[1]
     h = 1e-4
     servo = Servo().replace(**{"friction.static": point.value})
     above, below = (

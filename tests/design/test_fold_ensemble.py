@@ -63,7 +63,7 @@ def test_the_way_back_to_the_reference(model):
 
 @pytest.mark.parametrize(
     ("model", "n"),
-    [("switch", 3), *(pytest.param(model, 30, marks=pytest.mark.slow) for model in ("switch", "lugre"))],
+    [("switch", 3), *(pytest.param(model, 10, marks=pytest.mark.slow) for model in ("switch", "lugre"))],
 )
 def test_random_servos_as_alone(model, folds, n):
     rows = rows_about(model, n)
@@ -260,7 +260,7 @@ def test_none_at_all(folds):
 @pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing(folds):
     distributed = pytest.importorskip("distributed")
-    rows = rows_about("switch", 20 * ROWS_OF_A_TASK)
+    rows = rows_about("switch", 8 * ROWS_OF_A_TASK)
     alone = fold_ensemble(Servo(), "switch", NAMES["switch"], rows[:ROWS_OF_A_TASK], fold=folds["switch"])
     done: list[int] = []
     with (
@@ -283,7 +283,7 @@ def test_a_worker_that_is_killed_loses_nothing(folds):
         while pids[0] in (now := list(client.run(os.getpid).values())) or len(now) < 2:
             time.sleep(0.1)
     assert killed.is_set()
-    assert done == [min((i + 1) * ROWS_OF_A_TASK, len(rows)) for i in range(20)]
+    assert done == [min((i + 1) * ROWS_OF_A_TASK, len(rows)) for i in range(8)]
     assert not found.failures and np.isfinite(found.gains).all()
     assert np.array_equal(numbers(found)[:ROWS_OF_A_TASK], numbers(alone))
     assert len(set(found.gains.tolist())) == len(rows)

@@ -90,7 +90,7 @@ def test_a_cycle_alone_and_one_at_a_fold_are_none_of_many():
 
 @pytest.mark.parametrize(("name", "start", "said"), [
     ("pulled back", dict(x=2.0, v=0.0, z=0.3), r"differ in z \(near its start it keeps z\)"),
-    ("driven", dict(x=2.0, v=0.0), "differ in x and v"),
+    pytest.param("driven", dict(x=2.0, v=0.0), "differ in x and v", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_a_branch_that_ends_at_one_of_many_says_so(name, start, said):
     """At k = 0 nothing pulls z back; there nothing makes up for friction, nor is there any, and energy is kept."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -25,6 +27,12 @@ def started(K: float):
     return find_cycle(
         canudas_gain.SYSTEM, "backwards", tol=canudas_gain.TOL, parameters={"K": K}, x=1.0, v=0.0, w=0.0, z=0.0
     )
+
+
+@cache
+def round_the_fold(tol: float = canudas_gain.TOL):
+    """The symmetric branch from K = 44, round its fold and back; the tests of one tolerance share it."""
+    return follow(started(44.0), "K", to=60.0, back=40.0, options=Options(tol=tol))
 
 
 def flown_off(orbit) -> tuple[float, float]:
@@ -69,7 +77,7 @@ def between_changes(values: list[float], level: float) -> int:
 
 @pytest.mark.slow
 def test_losses_of_symmetry_and_the_lopsided_pair():
-    branch = follow(started(44.0), "K", to=100.0, back=40.0, options=Options(tol=canudas_gain.TOL))
+    branch = round_the_fold()
     breaking = [special for special in branch.special if special.kind == "symmetry breaking"]
     folds = [special for special in branch.special if special.kind == "fold"]
     found = [special.orbit.problem.value("K") for special in (*breaking, *folds)]
@@ -79,19 +87,22 @@ def test_losses_of_symmetry_and_the_lopsided_pair():
     assert not branch.missed and len(branch.special) == 3
     for special in branch.special:
         assert_flown(special.orbit)
-    for orbit in branch.orbits[::16]:
+    for orbit in branch.orbits[::24]:
         assert_flown(orbit)
-    for off in (0.02, -0.02):
-        pair = canudas_gain.lopsided(breaking[0], off)
-        kinds = [special.kind for special in pair.special]
-        assert kinds == ["fold", "flip", "flip", "symmetry breaking"] and "own image" in pair.ended
-        assert "meets in the symmetric one" in pair.special[-1].meaning
-        assert pair.special[-1].orbit.problem.value("K") == pytest.approx(canudas_gain.BREAKING[1], rel=1e-6)
-        leading = [orbit.multipliers.full[1].real for orbit in pair.orbits]
-        assert leading[-1] == pytest.approx(1.0, abs=1e-6)  # there it branches off
-        assert between_changes(leading, -1.0) == 2 and between_changes(leading[1:-1], 1.0) == 1
-        for orbit in pair.orbits[::16]:
-            assert_flown(orbit)
+    pair = canudas_gain.lopsided(breaking[0], -0.02)
+    kinds = [special.kind for special in pair.special]
+    assert kinds == ["fold", "flip", "flip", "symmetry breaking"] and "own image" in pair.ended
+    assert "meets in the symmetric one" in pair.special[-1].meaning
+    assert pair.special[-1].orbit.problem.value("K") == pytest.approx(canudas_gain.BREAKING[1], rel=1e-6)
+    leading = [orbit.multipliers.full[1].real for orbit in pair.orbits]
+    assert leading[-1] == pytest.approx(1.0, abs=1e-6)  # there it branches off
+    assert between_changes(leading, -1.0) == 2 and between_changes(leading[1:-1], 1.0) == 1
+    for orbit in pair.orbits[::24]:
+        assert_flown(orbit)
+    one, other = (branch_off(breaking[0], "K", off=off) for off in (0.02, -0.02))
+    middle = breaking[0].orbit.arcs[0].states[0, 0]
+    assert (one.arcs[0].states[0, 0] - middle) @ (other.arcs[0].states[0, 0] - middle) < 0
+    assert_flown(other)
     assert_met_from_any_step(pair)
 
 
@@ -100,7 +111,7 @@ def assert_met_from_any_step(pair) -> None:
     options, met = Options(tol=canudas_gain.TOL), []
     before = pair.orbits[-3]
     way = secant_direction(before, pair.orbits[-2], "K")
-    for length in np.linalg.norm(way) * np.arange(1.0, 3.5, 0.1):
+    for length in np.linalg.norm(way) * np.arange(1.0, 3.5, 0.3):
         outcome = step_along(curve_point(before, "K", like=way), before, "K", length, 40.0, 100.0, options)
         found = None if isinstance(outcome, str) else reunion(before, outcome[0], options.tol)
         if found is None:
@@ -148,9 +159,7 @@ def test_from_the_paper_round_the_fold_and_back():
 @pytest.mark.slow
 def test_branching_is_looked_for_nearer():
     """At 0.02 of the sizes of states nothing is found next to this loss of symmetry."""
-    branch = follow(started(44.0), "K", to=48.1, options=Options(tol=canudas_gain.TOL))
-    (breaking,) = branch.special
-    first = branch_off(breaking, "K", off=0.02)
+    first = branch_off(round_the_fold().special[0], "K", off=0.02)
     x, y = first.arcs[0].states[0, 0], first.arcs[1].states[0, 0]
     assert 1e-5 < np.max(np.abs(x + y) / first.scale) < 0.02
 
@@ -178,7 +187,7 @@ def assert_next_to(special, off: float) -> None:
 @pytest.mark.slow
 def test_what_branches_off_lies_before_the_next_flip():
     """The lopsided pair from K = 48.4446 flips at 48.43318 already."""
-    branch = follow(started(44.0), "K", to=60.0, back=40.0, options=Options(tol=canudas_gain.TOL))
+    branch = round_the_fold()
     for special, off in zip(branch.special[:2], (0.005, 0.0003), strict=True):
         assert special.kind == "symmetry breaking"
         assert_next_to(special, off)
@@ -192,11 +201,9 @@ def test_what_branches_off_lies_before_the_next_flip():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("off", [0.02, -0.02])
-@pytest.mark.parametrize("tol", [1e-6, 1e-9])
+@pytest.mark.parametrize(("off", "tol"), [(0.02, 1e-6), (-0.02, 1e-9)])
 def test_cycles_of_twice_the_period_are_next_to_the_lopsided_flips(off, tol):
-    branch = follow(started(44.0), "K", to=60.0, back=40.0, options=Options(tol=tol))
-    first = branch_off(branch.special[1], "K", off=off)
+    first = branch_off(round_the_fold(tol).special[1], "K", off=off)
     pair = follow(first, "K", to=40.0, back=100.0, options=Options(tol=tol), largest_step=0.3)
     flips = {special.value: special for special in pair.special if special.kind == "flip"}
     assert sorted(flips) == pytest.approx(FLIPS, rel=1e-7)

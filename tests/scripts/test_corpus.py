@@ -135,7 +135,7 @@ def gallery_file(name):
 def test_all_truths_of_servos(model):
     """Folds and cycles of Table 1, and of random servos whose truths are kept."""
     numbers = [n for n in range(servos.SERVOS) if len(servos.known().get(f"{model} {n}", {})) > 1]
-    most = {"switch": 40, "lugre": 6}[model]
+    most = {"switch": 12, "lugre": 3}[model]
     assert len(numbers) > 3
     asked = [*questions.of_table1(model), *(q for n in numbers[:most] for q in questions.of_random(model, n))]
     assert not missed(asked)

@@ -58,5 +58,5 @@ def test_a_history_is_seen(monkeypatch):
 
 @pytest.mark.slow
 def test_the_script(capsys):
-    assert history.main(["--servos", "6", "--lugre", "1", "--seed", "3"]) == 0
+    assert history.main(["--servos", "2", "--lugre", "1", "--seed", "3"]) == 0
     assert " 0 differ from alone" in capsys.readouterr().out

@@ -248,6 +248,8 @@ def test_the_cheapest_that_holds_as_built_is_named(capsys, built, monkeypatch):
     words = ("remedies", built, "--gain", 1, "--only", "leak,dead band", "--quiet")
     hunts = AsBuilt("hunting", "it hunts", "it is hunting", math.nan, None)
     does = {"leak": hunts, "dead band": AsBuilt("at rest", "it rests", "it rests", math.nan, None)}
+    found, ask = [], remedies_command.remedies
+    monkeypatch.setattr(remedies_command, "remedies", lambda *a, **k: (found or found.append(ask(*a, **k)) or found)[0])
     monkeypatch.setattr(remedies_command, "remedies_as_built", lambda *_: does)
     said = " ".join(run(capsys, *words)[1].split())
     assert "cheapest remedy that holds in the loop as built: dead band, 0.01714 rad (0.01714 rad at rest" in said
@@ -317,12 +319,11 @@ def test_a_tuning_is_checked_as_built(capsys, built):
 
 @pytest.mark.slow
 def test_remedies_are_checked_as_built(capsys, built):
-    only = ("--only", "dead band,shifted dead band,hysteresis,freeze,gain,leak,reset,dither")
+    only = ("--only", "dead band,gain,leak,reset,dither")
     _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--json", "--quiet")
     seen = one_json(out)["as_built"]
     assert seen["dead band"]["kind"] == "at rest" and seen["gain"]["kind"] == "hunting"
-    for name in ("leak", "shifted dead band", "hysteresis", "freeze"):
-        assert seen[name]["kind"] == "at rest"
+    assert seen["leak"]["kind"] == "at rest"
     assert seen["reset"]["kind"] == "hunting"  # between two counts no reading is zero: the integral never ends
     assert seen["dither"].startswith("not checked: its size is that of a vibration")
 

@@ -382,9 +382,9 @@ def test_kept_servos_are_few(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", STATES)
+@pytest.mark.parametrize("name", [*(n for n in STATES if not n.startswith("lugre ")), "lugre reset", "lugre dead band"])
 def test_everything_has_an_answer(name, shown):
-    """Numbers that JSON has, whatever the model, the load, the remedy."""
+    """Numbers that JSON has, whatever the load, the remedy; with bristles of two remedies, which take longest."""
     told = shown(STATES[name])
     assert tuple(told) == STAGES and json.dumps(told, allow_nan=False)
     assert "sentence" in told["hunts"]
