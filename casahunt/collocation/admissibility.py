@@ -38,7 +38,7 @@ from ..roots import boundary
 from .conditions import Conditions, NotSymbolic
 from .near_grazing import comes_and_goes, tops_of
 from .resolution import BARELY, NOISE, RESOLUTION, dense_rule, largest_of_phase, not_clear
-from .successors import AT_ONE_PLACE, contradicted, starts_through, taken_over, undecided
+from .successors import contradicted, taken_over, undecided
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -100,9 +100,6 @@ def check_admissible(t: Transcription, u: Array, setting: Setting) -> Admissibil
                 sentence = f"phase {k + 1} is no {mode.name}: its condition falls to {lowest:.3g}"
                 return Admissibility(sentence, k, inside.unclear, lowest=float(lowest))
         passed, by_little = _passed(ways, k, inside.unclear) if phase.exits else ("", False)
-        for way_out in ways.starts_on(k):
-            if starts_through(t, u, setting, k, way_out):
-                passed = way_out.event.name
         if passed:
             return Admissibility(f"phase {k + 1} ({mode.name}) passes {passed!r}", k, inside.unclear)
         if why := contradicted(t, u, setting, k):
@@ -211,11 +208,6 @@ class _WaysOut:
     def __init__(self, told: Conditions) -> None:
         self.told = told
         self._values: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
-
-    def starts_on(self, k: int) -> list[Exit]:
-        """The ways out of a phase that is one, on whose event it starts; after `passing`."""
-        exits = self.told.t.cycle.phases[k].exits
-        return [e for i, e in enumerate(exits) if abs(self._values[k, i][0][0, 0]) <= AT_ONE_PLACE]
 
     def passing(self, k: int, i: int) -> tuple[Array, Array, Array, Array]:
         """Where (..., N, m) way out i of phase k is passed, surely and as it looks; by little, surely and perhaps."""

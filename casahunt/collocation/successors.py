@@ -15,41 +15,26 @@ Symbols: n states.
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
-from ..compiled import Caller, caller, kept
-from ..hybrid.system import Exit, VectorEvent, VectorMode
-from .interval import field_at
+from ..hybrid.system import Exit, Phase, VectorEvent, VectorMode
+from .joints import event_rate
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
 
 DECIDED_BEYOND = 1e-6
 """How far from x `to` is asked, in units of the state scale."""
-GRAZED = 1e-10
-"""An event of order one that is passed by less before it is passed back is grazed."""
+LEFT_BEHIND = 1e-6
+"""An event whose rate is this part of the size of what it is the sum of changes at speed."""
 AT_ONE_PLACE = 1e-9
 """Events, of order one, that are both so near zero are zero at once."""
 
 
 def at_speed(mode: VectorMode, event: VectorEvent, direction: int, x: Array, p: Array) -> bool:
-    """Whether a mode passes an event in a direction, not as at a graze: h'^2/(2 |h''|) is as far as that would go."""
-    buffers = _rates(mode, event, x.size, p.size).buffers
-    buffers.inputs[0][:], buffers.inputs[1][:] = x, p
-    buffers.trigger()
-    rate, bend = (float(one[0]) for one in buffers.outputs)
-    return direction * rate > 0 and rate * rate > GRAZED * 2 * abs(bend)
-
-
-@kept(maxsize=256)
-def _rates(mode: VectorMode, event: VectorEvent, n: int, parameters: int) -> Caller:
-    """h' and h'' of an event along the field of a mode."""
-    x, p = ca.SX.sym("x", n), ca.SX.sym("p", parameters)
-    f = ca.densify(mode.field(x, p, mode.sign))
-    rate = ca.jtimes(event.function(x, 0.0, p), x, f)
-    rates = ca.Function("rates", [x, p], [ca.densify(rate), ca.densify(ca.jtimes(rate, x, f))])
-    return caller(rates, [n, parameters], [1, 1])
+    """Whether a mode passes an event at speed in a direction."""
+    rate, size = event_rate(Phase(mode, event), x, 0.0, p)
+    return direction * rate > LEFT_BEHIND * size
 
 
 def taken_over(mode: VectorMode, way_out: Exit, x: Array, p: Array) -> str:
@@ -98,25 +83,6 @@ def contradicted(t: Transcription, u: Array, setting: Setting, k: int) -> str:
     beside = around(x, DECIDED_BEYOND * setting.scale)
     stays = any(phase.leads_to(y, setting.p) in phase.follows for y in beside)
     return "" if stays else f"{phase.end.name!r} leads to {name!r}, not to what follows"
-
-
-def starts_through(t: Transcription, u: Array, setting: Setting, k: int, way_out: Exit) -> bool:
-    """Whether phase k, which starts on a way out of its mode, moves on through it.
-
-    Not where the event does not count, or the phase before has come through it the same way.
-    """
-    phase, before, p, scale = t.cycle.phases[k], t.cycle.phases[k - 1], setting.p, setting.scale
-    nodes = t.nodes_of(u)
-    x = nodes[t.phase_start[k]] * scale
-    ignored = way_out.successor(x, p) == phase.mode.name and not taken_over(phase.mode, way_out, x, p)
-    if ignored or way_out.mark or not at_speed(phase.mode, way_out.event, way_out.direction, x, p):
-        return False
-    if before.reset is not None:
-        return True
-    came = field_at(before.mode.field, nodes[t.phase_end[k - 1]], before.mode.sign, p, scale) * scale
-    came = (came if k else t.cycle.closure @ came) * AT_ONE_PLACE**0.5 / np.max(np.abs(came / scale))
-    rises = float(way_out.event.function(x + came, 0.0, p)) - float(way_out.event.function(x - came, 0.0, p))
-    return bool(way_out.direction * rises <= 0)
 
 
 def around(x: Array, reach: Array) -> list[Array]:

@@ -32,7 +32,7 @@ from .march_extrapolated import by_steps
 from .march_intervals import Begins, begins_with, collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
-from .march_watch import ON_EVENT, EventWatch
+from .march_watch import EventWatch
 from .rest import at_rest, at_rest_since, dies_out_at, is_noise
 from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
@@ -49,6 +49,8 @@ HIDES = (
 )
 NEAR_EVENT = 1e-9
 """A mode that starts so near to its own event starts on it."""
+AT_SPEED = 1.5
+"""An event that grows by a lower power of time is left at speed, as by the first one; from rest it is the second."""
 FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
 """Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
 UNLIKE_ITS_FIELD = 1e-2
@@ -227,19 +229,23 @@ def _check_start(
         if abs(begins) > NEAR_EVENT or segment.duration == 0:
             continue
         if way_out.reset is None and (way_out.mark or way_out.successor(x, p) == segment.mode):
-            _led(mode, way_out, x, p)
             continue
         if segment.w.shape[1] > n:
             following = segment.w[0].reshape(-1, n)[1:]
+            times = scheme(len(following)).stages
         elif mode.flow is None:
-            following = segment.nodes[1:4]  # the first just behind the event
+            following, times = segment.nodes[1:4], segment.breaks[1:4]  # the first just behind the event
         else:
-            following = flow_at(mode, x, min(segment.duration, 1.0) * FIRST_MOMENTS, p)
+            times = FIRST_MOMENTS
+            following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
         values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
-        fast = at_speed(mode, way_out.event, way_out.direction, x, p)  # it may be back before the first of these states
-        left = fast and ((way_out.event.name, way_out.direction) in crossed or _leads_on(system, way_out, x, p))
-        goes = fast and abs(begins) <= ON_EVENT or np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins))
-        if goes and not left:
+        if len(times) > 1:
+            left = bool(values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1])
+        else:  # a phase of one step
+            left = at_speed(mode, way_out.event, way_out.direction, x, p)
+        same = (way_out.event.name, way_out.direction) in crossed
+        left = left and (same or _leads_on(system, way_out, x, p))
+        if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
             raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
 
 

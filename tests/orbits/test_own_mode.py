@@ -6,7 +6,6 @@ import casadi
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import fsolve
 
 from casahunt import NoOrbit
 from casahunt.continuation import follow
@@ -157,43 +156,3 @@ def test_a_branch_goes_on_through_what_is_ignored_and_through_nothing_else(limit
     branch = follow(find_cycle(circles, "free", x=0.7, y=0.0, z=0.5), "a", to=2.0)
     assert abs(branch.values[-1] - ends) < 1e-5
     assert np.allclose(branch.amplitudes, np.sqrt(branch.values), atol=1e-9)
-
-
-def slips_alone(to):
-    """The mass with damping, of slips alone: `to` is where each leads, by its own name and the other's."""
-
-    def field(x, p):
-        return {"x": x.v, "v": casadi.cos(0.9 * x.t) - x.x - 0.3 * x.v - p.sign * p.mu}
-
-    up = Mode("up", field, sign=1, ends=(Event("stops up", lambda x, p: x.v, -1, to=to("up", "down")),))
-    down = Mode("down", field, sign=-1, ends=(Event("stops down", lambda x, p: x.v, +1, to=to("down", "up")),))
-    return System("mass", ("x", "v"), {"mu": 0.05}, (up, down), forcing_period=lambda p: 2 * math.pi / 0.9)
-
-
-def by_the_pull(own, other):
-    return lambda x, p: "up" if math.cos(0.9 * x.t) - x.x > 0 else "down"
-
-
-@pytest.mark.parametrize("to", [by_the_pull, lambda own, other: other])
-def test_a_slip_that_begins_backwards_is_none(to):
-    for mu in (0.7, 0.79):
-        with pytest.raises(NoOrbit, match="another mode should begin|a mode that stays there is missing"):
-            find_cycle(slips_alone(to), "up", x=0.0, v=0.5, parameters={"mu": mu})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("to", [by_the_pull, lambda own, other: other])
-def test_a_branch_ends_where_its_slips_begin_backwards_however_shortly(to):
-    """From where the pull at a stop is no more than friction on, the mass would stick; a slip goes back first."""
-
-    def missing(unknown):
-        x, t, mu = unknown
-        found = solve_ivp(
-            lambda t, y: [y[1], math.cos(0.9 * t) - y[0] - 0.3 * y[1] - mu], (t, t + math.pi / 0.9), [x, 0.0],
-            method="DOP853", rtol=1e-12, atol=1e-13,
-        )  # fmt: skip
-        return [found.y[0, -1] + x, found.y[1, -1], math.cos(0.9 * t) - x - mu]
-
-    _, _, sticks = fsolve(missing, [-0.85, -1.5, 0.62], xtol=1e-12)
-    branch = follow(find_cycle(slips_alone(to), "up", x=0.0, v=0.5), "mu", to=0.9)
-    assert abs(branch.values[-1] - sticks) < 1e-5
