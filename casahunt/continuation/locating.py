@@ -68,7 +68,7 @@ IN_PLACE = 1e-12
 """A multiplier is brought to its place to this, or to its error where that is larger."""
 SLOPE_BY = 10.0
 """Values tell the slope of a monitor that differ by so many times what is not known of them."""
-STEEP = 0.5
+RUNS_THROUGH = 0.5
 """What runs through so much to either side of zero within the error of an orbit is no place on a branch."""
 FIRST_PART, STEPS_NEARER = 0.25, 30
 """First step of a walk from one orbit to the other, as a part of the way; how many it makes."""
@@ -300,7 +300,7 @@ def _located_from(
             break
         last = min((abs(value) for _, value in search.seen), default=np.inf)
         search = search.told(ds, f)
-        steep = min(abs(search.bracket.f_a), abs(search.bracket.f_b)) > STEEP
+        steep = min(abs(search.bracket.f_a), abs(search.bracket.f_b)) > RUNS_THROUGH
         if monitor.by_multipliers and steep and search.bracket.width <= before.error_estimate:
             raise _TooSteep
         if abs(f) > last and max(abs(search.bracket.f_a), abs(search.bracket.f_b)) <= accepted:
