@@ -297,7 +297,7 @@ BELT = {
 """A motor and a load with a belt between them."""
 
 
-@pytest.mark.parametrize("position", [0.0005, pytest.param(0.0017, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("position", [0.0005, 0.0017])
 def test_a_motion_that_creeps_to_rest_has_one_verdict(capsys, tmp_path, position):
     """Its last slip is slower and slower: whether that still stops, and how often, is rounding, and no error of it.
 

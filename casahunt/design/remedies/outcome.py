@@ -11,11 +11,13 @@ A servo that is stuck may wind up to its next breakaway: where its position stan
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
+from ... import effort
 from ...checks import to_error
 from ...errors import ComesToRest, NoOrbit, NotFollowed
 from ...motion import Motion
@@ -28,6 +30,8 @@ from .price import TASK_STEP
 
 LATE = 0.5
 """Part of the motion behind which nothing moves where it rests."""
+WORK_OF_WHAT_STANDS = 2e3
+"""Work (effort.py) of looking for a cycle behind a motion in whose second half nothing has moved."""
 FARTHER_BY = 2.0
 """Where a motion grows, its second half leads so many times as far as the first."""
 STANDS_FOR_GOOD = "it has come to rest, and nothing in the loop moves it again"
@@ -54,8 +58,9 @@ def outcome(loop: Loop, found: LoopMotion, tol: float, bare: Orbit | None) -> Ou
     if still and _stays(loop, found):
         return Outcome("at rest", STANDS_FOR_GOOD)
     try:
-        return _hunting(_cycle_from(loop, motion.phases[-1].mode, _end(motion), tol))
-    except NoOrbit as why:
+        with effort.at_most(WORK_OF_WHAT_STANDS if still else math.inf):
+            return _hunting(_cycle_from(loop, motion.phases[-1].mode, _end(motion), tol))
+    except (NoOrbit, effort.PartGivenUp) as why:
         if isinstance(why, ComesToRest) and _stays(loop, found):
             return Outcome("at rest", STANDS_FOR_GOOD)
         if still:
@@ -133,6 +138,7 @@ def _stays(loop: Loop, found: LoopMotion) -> bool:
     """Whether nothing moves for as long again behind the end of a motion."""
     motion = found.motion
     with suppress(NoOrbit):
-        further = loop_motion(loop, motion.duration, start=_end(motion), mode=motion.phases[-1].mode)
+        mode = motion.phases[-1].mode
+        further = loop_motion(loop, motion.duration, start=_end(motion), mode=mode, sizes=motion.sizes)
         return _still(motion, further.states)
     return False
