@@ -315,7 +315,8 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
         before, at = branch.orbits[-2:]
     if losses and (branch is None or branch.orbits[-1].seen_stable is False):
         return _lost(losses, math.nan)
-    if branch is not None and branch.end.kind == "range" and branch.orbits[-1].seen_stable:
+    reached = branch is not None and branch.orbits[-1].problem.value(remedy.size) == last
+    if branch is not None and reached and branch.orbits[-1].seen_stable:
         return Border("none", last, swing=Swing.of(branch.orbits[-1]))
     if branch is None or branch.end.kind not in ("grazing", "Hopf"):
         raise NoOrbit("" if branch is None else str(branch.end), Status.NOT_FOUND)

@@ -43,7 +43,7 @@ def linear_margins(loop: Loop) -> Margins | None:
     crossovers = gain_crossovers(numerator, denominator)
     if not crossovers:
         return None
-    stable = linear_stable(loop)
+    stable = _closed_is_stable(A, b, c)
     least = min(crossovers, key=lambda at: at.margin % 360 if stable else at.margin)
     if not stable:
         return Margins(least.frequency, min(least.margin, 0.0), math.nan, math.nan, False)
@@ -55,9 +55,10 @@ def linear_margins(loop: Loop) -> Margins | None:
 def linear_stable(loop: Loop) -> bool | None:
     """Whether the loop without dry friction is stable; None where it is not linear."""
     matrices = _opened(loop)
-    if matrices is None:
-        return None
-    A, b, c = matrices
+    return None if matrices is None else _closed_is_stable(*matrices)
+
+
+def _closed_is_stable(A: Array, b: Array, c: Array) -> bool:
     return bool(np.linalg.eigvals(A - np.outer(b, c)).real.max() < 0)
 
 

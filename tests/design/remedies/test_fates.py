@@ -3,11 +3,12 @@
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from casahunt import Controller, Friction, Pid, Servo, Uncertainty, effort, find_orbit, remedies
+from casahunt import Controller, Friction, NoOrbit, Options, Pid, Servo, Uncertainty, effort, find_orbit, remedies
 from casahunt.design.remedies import border, fate
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies import scan as scans
@@ -179,3 +180,19 @@ def test_what_grows_beside_what_nobody_knows_is_not_over(monkeypatch):
     found = scans.scan(loop, fate.Swing({"x1": 1.0}, 1.0, 1.0))
     assert found.verdict == "grows" and found.unclear and not found.over
     assert scans.Scan("grows").over and not scans.Scan("undecided").over
+
+
+@pytest.mark.parametrize("at_the_end", [False, True])
+def test_a_branch_that_comes_back_to_its_first_size_has_not_reached_the_last(monkeypatch, at_the_end):
+    """As behind a fold that was passed without being located: its end is one of the range as well."""
+    loop = border.with_remedy(loop_of(Servo(), "switch", 0.04), remedy_of("dead band", "switch"), 0.01)
+    cycle = border.loop_cycle(loop, "dead_band", start=loop.at_rest(-0.05), options=Options(tol=1e-6))
+    back = SimpleNamespace(special=(), orbits=[cycle, cycle], end=SimpleNamespace(kind="range", error=math.nan))
+    monkeypatch.setattr(border, "follow", lambda *_, **__: back)
+    last = 0.01 if at_the_end else 0.05
+    asked = loop, remedy_of("dead band", "switch"), fate.Swing.of(cycle), last, Options(tol=1e-6)
+    if at_the_end:
+        assert border._end_of_stable(*asked).kind == "none"
+    else:
+        with pytest.raises(NoOrbit):
+            border._end_of_stable(*asked)
