@@ -222,16 +222,18 @@ def _of_stable_loops(loop: Loop, remedy: Remedy, size: float, last: float) -> tu
     """
     if linear_stable(with_remedy(loop, remedy, size)) is not True:
         return math.nan, last
-    at = size
-    while remedy.sense * at < remedy.sense * last:
-        more = more_of(remedy, at, 1 + FIRST_MORE)
-        more = last if remedy.sense * more > remedy.sense * last else more
-        if linear_stable(with_remedy(loop, remedy, more)) is False:
-            width = LIMIT_KNOWN * abs(more - at)
-            at, more = boundary(lambda x: not linear_stable(with_remedy(loop, remedy, x)), at, more, width=width)
-            return more, more_of(remedy, more, 1 - BESIDE_UNSTABLE)
-        at = more
-    return math.nan, last
+    sizes = [size]
+    while remedy.sense * sizes[-1] < remedy.sense * last:
+        more = more_of(remedy, sizes[-1], 1 + FIRST_MORE)
+        sizes.append(last if remedy.sense * more > remedy.sense * last else more)
+    stable = [linear_stable(with_remedy(loop, remedy, each)) for each in sizes]
+    k = stable.index(False) if False in stable else len(sizes)
+    if k == len(sizes) or any(each is not False for each in stable[k:]):  # or more of it makes the loop stable again
+        return math.nan, last
+    at, more = sizes[k - 1 : k + 1]
+    width = LIMIT_KNOWN * abs(more - at)
+    _, limit = boundary(lambda x: not linear_stable(with_remedy(loop, remedy, x)), at, more, width=width)
+    return limit, more_of(remedy, limit, 1 - BESIDE_UNSTABLE)
 
 
 def _unstable_from(remedy: Remedy, limit: float) -> str:

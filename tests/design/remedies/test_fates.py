@@ -196,3 +196,15 @@ def test_a_branch_that_comes_back_to_its_first_size_has_not_reached_the_last(mon
     else:
         with pytest.raises(NoOrbit):
             border._end_of_stable(*asked)
+
+
+@pytest.mark.parametrize(("again", "known"), [(math.inf, True), (0.5, False)])
+def test_a_loop_that_more_of_it_makes_stable_again_has_no_last_size(monkeypatch, again, known):
+    """Unstable from 0.2 on: "from there on" is said where that is so of all larger sizes."""
+    loop, remedy = loop_of(Servo(), "switch", 0.04), remedy_of("error filter", "switch")
+    monkeypatch.setattr(border, "linear_stable", lambda loop: not 0.2 <= loop.value("filter_time") < again)
+    limit, last = border._of_stable_loops(loop, remedy, 0.01, 1.0)
+    if known:
+        assert limit == pytest.approx(0.2, rel=1e-4) and last == pytest.approx(0.198, rel=1e-4)
+    else:
+        assert math.isnan(limit) and last == 1.0
