@@ -164,10 +164,37 @@ class System:
         matrices = tuple(tuple(tuple(map(float, row)) for row in np.asarray(S)) for S in self.symmetries)
         object.__setattr__(self, "symmetries", matrices)
         object.__setattr__(self, "names", Names(self.states, tuple(self.parameters), self.forcing_period))
-        key = (self.name, self.states, tuple(values.items()), self.modes, self.forcing_period, matrices, self.angles)
-        object.__setattr__(self, "_key", (hash(key), key))
+        self._identify()
         check_functions(self)
         self.values()
+
+    def _identify(self) -> None:
+        """What systems are compared by."""
+        numbers = tuple(self.parameters.items())
+        key = (self.name, self.states, numbers, self.modes, self.forcing_period, self.symmetries, self.angles)
+        object.__setattr__(self, "_key", (hash(key), key))
+
+    def with_numbers(self, parameters: Mapping[str, float]) -> System:
+        """The system with other numbers of its parameters.
+
+        Parameters
+        ----------
+        parameters
+            by name, those that change; whether its functions jump is not looked at again.
+
+        Returns
+        -------
+        System.
+
+        Raises
+        ------
+        InputError : as of `values`.
+        """
+        numbers = dict(zip(self.parameters, self.values(parameters).tolist(), strict=True))
+        other = object.__new__(System)
+        other.__dict__.update(self.__dict__, parameters=MappingProxyType(numbers))
+        other._identify()
+        return other
 
     def __hash__(self) -> int:
         return self._key[0]

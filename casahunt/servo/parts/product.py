@@ -10,6 +10,7 @@ integrator as its only motion, has a closed form, which is found from the parts.
 from __future__ import annotations
 
 import itertools
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -35,12 +36,20 @@ def mode_name(modes: Modes) -> str:
 
 @kept(maxsize=64)
 def product_of(parts: tuple[Part, ...], values: tuple[tuple[str, float], ...], name: str) -> System:
-    """The product of parts at these numbers."""
-    modes = modes_of(parts, tuple(parameter for parameter, _ in values))
+    """The product of parts at these numbers: other ones do not make another system, whose functions are looked at."""
+    return _product_of(parts, name).with_numbers(dict(values))
+
+
+@kept(maxsize=64)
+def _product_of(parts: tuple[Part, ...], name: str) -> System:
+    """The product of parts at the numbers that they come with; an infinite one is of a part that is absent."""
+    given = {parameter: value for part in parts for parameter, value in part.parameters.items()}
+    values = {parameter: value if math.isfinite(value) else 1.0 for parameter, value in given.items()}
+    modes = modes_of(parts, tuple(values))
     even = {state for part in parts for state in part.even}
     states = tuple(state for part in parts for state in part.states)
     mirror = np.diag([1.0 if state in even else -1.0 for state in states])
-    return System(name, states, dict(values), modes, symmetries=(mirror,) if even else ())
+    return System(name, states, values, modes, symmetries=(mirror,) if even else ())
 
 
 @kept(maxsize=64)
