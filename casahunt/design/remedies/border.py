@@ -312,6 +312,9 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
                 return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit,
                               moves=fold.sensitivities)  # fmt: skip
             losses += [] if _outside(special.orbit) else [special]
+        if passed and len(passed[-1].orbit.arcs) < len(at.arcs):  # it meets the cycle that it branches off from
+            losses, at, before = [], passed[-1].orbit, None
+            continue
         if branch is None or not passed or branch.orbits[-1].problem.value(remedy.size) == last:
             break
         before, at = branch.orbits[-2:]
