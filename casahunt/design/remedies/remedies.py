@@ -254,7 +254,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         rests=corners, rest_error=rest, recommended_rest_error=rests,
         peak_torque=step.peak_torque, peak_voltage=step.peak_torque / loop.value("motor_gain"), settling=step.settling,
         beyond=beyond,
-        stays=tuple(_stays(loop, remedy, found, at, before) for at in beyond),
+        stays=_stays(loop, remedy, found, beyond, before),
         phase_margin=math.nan if linear is None else linear.phase_margin,
         lowest_factor=math.nan if linear is None else linear.lowest_factor,
         highest_factor=math.nan if linear is None else linear.highest_factor,
@@ -263,13 +263,23 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     )  # fmt: skip
 
 
-def _stays(loop: Loop, remedy: Remedy, found: Border, at: float, before: Swing) -> Verdict:
-    """What becomes of motions at a size beyond a border, which the search for it may have asked already."""
-    if linear_stable(with_remedy(loop, remedy, at)) is False:
-        return "grows"
-    asked = more_of(remedy, found.size, 1 + LOOKED_AT_BEYOND[-1])
-    seen = found.beyond if found.beyond is not None and at == asked else scan(with_remedy(loop, remedy, at), before)
-    return seen.verdict
+def _stays(loop: Loop, remedy: Remedy, found: Border, sizes: tuple[float, ...], before: Swing) -> tuple[Verdict, ...]:
+    """What becomes of motions at sizes beyond a border, which the search for it may have asked already.
+
+    From the largest on: what hunts there, on a cycle to which few motions come, is handed on to the smaller ones.
+    """
+    asked, verdicts, swings = more_of(remedy, found.size, 1 + LOOKED_AT_BEYOND[-1]), list[Verdict](), [before]
+    for at in reversed(sizes):
+        there = with_remedy(loop, remedy, at)
+        if linear_stable(there) is False:
+            verdicts.append("grows")
+        elif found.beyond is not None and at == asked and swings == [before]:
+            verdicts.append(found.beyond.verdict)
+        else:
+            seen = scan(there, *swings, beyond=True)
+            verdicts.append(seen.verdict)
+            swings = [before] if seen.swing is None else [before, seen.swing]
+    return tuple(reversed(verdicts))
 
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:

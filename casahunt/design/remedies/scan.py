@@ -17,6 +17,8 @@ OFF_THE_CYCLE = (0.97, 1.03)
 the one side of it may be a band in which everything rests."""
 LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
 """Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
+GRID_BEYOND = np.geomspace(0.2, 8.0, 12).tolist()
+"""Starts at rest beside the set point, in amplitudes of the hunting, where that is said to have ended."""
 MOST_UNDECIDED, MOST_TURNS_OF_ALL = 2, 1200
 """Motions of which nobody knows what becomes of them, behind which no other one is followed; and turns of all."""
 
@@ -35,10 +37,12 @@ class Scan:
         return self.verdict in (*ENDED, "grows") and not self.unclear
 
 
-def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE) -> Scan:
+def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = False) -> Scan:
     """Motions from states of hunting that was seen at other sizes, and from rest beside the set point.
 
-    The latter begin in the gaps between the places at which any motion has turned, or would do on its way to nothing,
+    beyond: hunting is said to have ended, and starts on a grid are asked first: where the servo may rest in a band,
+    whether a motion does changes with its start from one to the next, and what is between two leads anywhere.
+    The others begin in the gaps between the places at which any motion has turned, or would do on its way to nothing,
     until there is none left: a cycle that attracts from nowhere but such a gap is not seen.
     """
     seen: list[Verdict] = []
@@ -46,6 +50,7 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE) -> Scan:
     first, turns = before[0], 0
     starts = [{name: off * x for name, x in each.state.items()} for each in before for off in OFF_THE_CYCLE]
     starts += [loop.at_rest(-place * first.amplitude) for place in (LEAST_START, LARGEST_START)]
+    starts += [loop.at_rest(-place * first.amplitude) for place in (GRID_BEYOND if beyond else ())]
     while len(seen) < MOST_STARTS and seen.count("undecided") < MOST_UNDECIDED:
         if not starts:
             where = _gap(np.array(ways) / first.amplitude)
