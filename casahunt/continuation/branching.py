@@ -167,12 +167,20 @@ def _twice(closure: Closure) -> Closure:
 
 
 def _both_sections(family: Cycles) -> tuple[Section, ...]:
-    """The sections of both pieces: turns of the forcing are counted on in the second."""
-    entries = family.system.names.entries
-    turns = [s for s in family.sections if s.state == TURNS or s.state in family.system.angles]
-    gained = [family.closure.shift[entries.index(s.state)] for s in turns]
-    second = [replace(s, level=s.level + more) for s, more in zip(turns, gained, strict=True) if more]
-    return (*family.sections, *second)
+    """The sections of both pieces: turns of the forcing are counted on in the second, planes are mirrored."""
+    entries, closure = family.system.names.entries, family.closure
+    found = list(family.sections)
+    for section in family.sections:
+        i = entries.index(section.state)
+        if section.state == TURNS or section.state in family.system.angles:
+            second = replace(section, level=section.level + closure.shift[i])
+        else:
+            sign = family.system.mode(section.mode).sign if closure.matrix[i][i] < 0 else None
+            image = section.mode if sign is None else next(
+                (mode.name for mode in family.system.modes if mode.sign == -sign), section.mode)  # fmt: skip
+            second = replace(section, mode=image, level=closure.matrix[i][i] * section.level)
+        found += [] if second in found else [second]
+    return tuple(found)
 
 
 def _turned_over(t: Transcription, u: Array, setting: Setting) -> Array:
