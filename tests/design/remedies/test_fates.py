@@ -115,7 +115,7 @@ def test_a_motion_that_seems_to_come_to_a_cycle_and_grows_is_not_handed_on():
 def test_cycles_that_meet_those_they_branch_off_from_are_followed_on_as_these():
     """On the way swings repeat after 4, 2, and 1 half-cycle: so says the same integrator, begun on a cycle each time.
 
-    At 4.25, 4.155 and 4.1407 1/s; it decays from there at 4.14.  From one part in a thousand beside the cycle it decays.
+    At 4.25, 4.155 and 4.1407 1/s; it decays from there at 4.14.
     """
     servo, gain = Servo().replace(**draw(4242, 12)), 3.668811493778329
     (row,) = remedies(servo, "switch", gain, only=["integral"]).remedies
