@@ -50,12 +50,14 @@ from .border import (
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
 from .fate import Swing, Verdict, on_the_cycle
 from .price import task
-from .scan import scan
+from .scan import Scan, scan
 
 NEVER_SETTLES = 30.0
 """Periods of the hunting that count for a step that does not settle."""
 LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
+STEPS_DOWN = 4
+"""In which motions that hunt with more of a remedy are handed on to less, from one of these sizes to the next."""
 RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
                       DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
 """Parts with which a loop rests where the plain servo does."""
@@ -268,17 +270,21 @@ def _stays(loop: Loop, remedy: Remedy, found: Border, sizes: tuple[float, ...], 
 
     From the largest on: what hunts there, on a cycle to which few motions come, is handed on to the smaller ones.
     """
-    asked, verdicts, swings = more_of(remedy, found.size, 1 + LOOKED_AT_BEYOND[-1]), list[Verdict](), [before]
+    asked, verdicts = more_of(remedy, found.size, 1 + LOOKED_AT_BEYOND[-1]), list[Verdict]()
+    above, swings = math.nan, list[Swing]()
     for at in reversed(sizes):
+        for between in np.linspace(above, at, STEPS_DOWN, endpoint=False)[1:].tolist() if swings else ():
+            swing = scan(with_remedy(loop, remedy, between), *swings).swing
+            swings = swings if swing is None else [swing]
         there = with_remedy(loop, remedy, at)
         if linear_stable(there) is False:
-            verdicts.append("grows")
-        elif found.beyond is not None and at == asked and swings == [before]:
-            verdicts.append(found.beyond.verdict)
+            seen = Scan("grows")
+        elif found.beyond is not None and at == asked and not swings:
+            seen = found.beyond
         else:
-            seen = scan(there, *swings, beyond=True)
-            verdicts.append(seen.verdict)
-            swings = [before] if seen.swing is None else [before, seen.swing]
+            seen = scan(there, before, *swings, beyond=True)
+        verdicts.append(seen.verdict)
+        above, swings = at, [] if seen.swing is None else [seen.swing]
     return tuple(reversed(verdicts))
 
 
