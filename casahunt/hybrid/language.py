@@ -12,7 +12,7 @@ parameters p.name.  They are called with symbols, once; whatever else they use i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from keyword import iskeyword
 from numbers import Real
@@ -22,25 +22,11 @@ from typing import Any
 import numpy as np
 
 from ..checks import choice_of, number, quoted, require
-from ..compiled import kept
 from ..errors import InputError
 from . import system as engine
+from .engine_form import vector_form_of
 from .expressions import check_functions
-from .vector_form import (
-    SIGN,
-    TIME,
-    Always,
-    Bound,
-    Field,
-    FieldOfFlow,
-    Flow,
-    Named,
-    Names,
-    Reset,
-    Scalar,
-    Successor,
-    listed,
-)
+from .vector_form import SIGN, TIME, Named, Names, listed
 
 Array = np.ndarray
 Function = Callable[[Named, Named], Any]
@@ -209,7 +195,7 @@ class System:
     @property
     def vector_form(self) -> engine.VectorSystem:
         """The system in the terms of the engine."""
-        return _vector_form(self)
+        return vector_form_of(self)
 
     def mode(self, name: str) -> Mode:
         """The mode of that name.  Raises InputError where there is none."""
@@ -259,60 +245,6 @@ class System:
         if self.forcing_period:
             x.append(number(TIME, values.get(TIME, 0.0)) / float(self.names.turn(self.values(parameters))))
         return np.array(x)
-
-
-@kept(maxsize=64)
-def _vector_form(system: System) -> engine.VectorSystem:
-    modes = {mode.name: _engine_mode(mode, system.names) for mode in system.modes}
-    exits = {mode.name: tuple(_exits(mode, system)) for mode in system.modes}
-    return engine.VectorSystem(system.name, system.names.entries, modes, exits)
-
-
-def _engine_mode(mode: Mode, names: Names) -> engine.VectorMode:
-    signed, sign = mode.sign is not None, mode.sign or 0.0
-    if mode.field is not None:
-        vector_field = Field(mode.field, names, signed)
-    else:
-        assert mode.flow is not None
-        vector_field = FieldOfFlow(mode.flow, names, signed)
-    return engine.VectorMode(
-        mode.name,
-        vector_field,
-        sign,
-        flow=None if mode.flow is None else Flow(mode.flow, names, signed, sign),
-        admissible=None if mode.holds is None else Scalar(mode.holds, names, signed),
-        slack=mode.slack,
-        smooth=mode.smooth,
-        stiff=mode.stiff,
-        feature=None if mode.feature is None else Bound(Scalar(mode.feature, names, signed), sign),
-        unsplit=mode.unsplit or "",
-    )
-
-
-def _boundary(event: Event, mode: Mode, names: Names) -> engine.VectorEvent:
-    scalar = Scalar(event.function, names, mode.sign is not None)
-    return engine.VectorEvent(event.name, Bound(scalar, mode.sign or 0.0))
-
-
-def _exits(mode: Mode, system: System) -> Iterator[engine.Exit]:
-    """The ways out of a mode; two for an event that is crossed either way."""
-    names, signed, sign = system.names, mode.sign is not None, mode.sign or 0.0
-    known_modes = tuple(m.name for m in system.modes)
-    for event in mode.ends:
-        what = f"event {event.name!r} of mode {mode.name!r}"
-        boundary = _boundary(event, mode, names)
-        asked = mode.holds is None and event.reset is None and not isinstance(event.to, str)
-        others = tuple(
-            (_engine_mode(m, names), tuple((_boundary(e, m, names), e.direction) for e in m.ends))
-            for m in system.modes if asked and m is not mode
-        )  # fmt: skip
-        next_mode = (
-            Always(event.to) if isinstance(event.to, str) else Successor(event.to, names, what, known_modes, mode.sign)
-        )
-        mark = event.to == mode.name or event.reset is not None
-        reset = None if event.reset is None else Reset(event.reset, names, signed, sign)
-        for direction in (event.direction,) if event.direction else (+1, -1):
-            yield engine.Exit(boundary, direction, next_mode, mark, reset, others)
 
 
 # What the user wrote, checked: one sentence with the mode, event, state or parameter -------------------------------

@@ -331,6 +331,22 @@ def test_equal_systems_have_equal_cycles():
     assert find_cycle(system(name="another"), tol=1e-6, **STATES).cycle != one
 
 
+def test_other_numbers_make_no_other_functions():
+    calls = []
+
+    def counted(x, p):
+        calls.append(1)
+        return van_der_pol(x, p)
+
+    one = system(Mode("free", counted))
+    other = one.with_numbers({"mu": 2.0})
+    assert len(calls) == 1 and other == replace(one, parameters={"mu": 2.0}) and one.values().tolist() == [1.0]
+    assert other.values().tolist() == [2.0] and len({one, other}) == 2
+    for wrong in ({"nu": 2.0}, {"mu": np.nan}):
+        with pytest.raises(InputError):
+            one.with_numbers(wrong)
+
+
 def test_a_system_is_changed_by_parts():
     assert replace(system(), parameters={"mu": 2.0}).values().tolist() == [2.0]
     assert system().values({"mu": 5}).tolist() == [5.0]

@@ -123,6 +123,14 @@ def test_cycles_that_meet_those_they_branch_off_from_are_followed_on_as_these():
 
 
 @pytest.mark.slow
+def test_a_larger_cycle_to_which_few_motions_come_is_handed_on_to_a_smaller_size():
+    """Of 400 motions by the same integrator 26 hunt at 0.0163 rad, with 2.9 times the amplitude, and 88 at 0.0295."""
+    servo, gain = Servo().replace(**draw(4242, 9)), 1.3699738753472719
+    (row,) = remedies(servo, "switch", gain, only=["error dead band"]).remedies
+    assert row.recommended == pytest.approx(0.0163, rel=0.01) and row.stays[0] == "hunts" and not row.ends_hunting
+
+
+@pytest.mark.slow
 def test_hunting_ends_where_it_is_seen_to_end():
     """Forty motions by another integrator hunt at 0.026 rad, and none at 0.03; its cycles go on to 0.79 rad."""
     (row,) = remedies(SLIDES, "switch", 0.5256444748083339, only=["error dead band"]).remedies
