@@ -146,8 +146,8 @@ class Cures(Result):
     amplitude, period : of its hunting cycle [rad], [s].
     margin : by how much more than the border is recommended, relatively.
     remedies : the rows, the cheapest first; behind them those that do not end hunting.
-    best : the name of the cheapest that meets the demands, of an uncertain servo the cheapest whose size for the worst
-        one was found, if there is one; "" where none does.
+    best : the name of the cheapest that meets the demands and keeps hunting ended at larger sizes too, of an uncertain
+        servo the cheapest whose size for the worst one was found, if there is one; "" where none meets the demands.
     stable : whether motions end in that cycle; where they leave it, hunting may have ended at a lower gain.
 
     Examples

@@ -137,15 +137,14 @@ def remedies(
 
 
 def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
-    """The name of the cheapest within the demands; of a set one of which is known what the worst servo needs, if there
-    is one; "" where none is.
+    """The name of the cheapest within the demands; of a set one of which is known what the worst servo needs, and else
+    one that keeps hunting ended at the larger sizes too, if there is one; "" where none is.
 
     rows: the cheapest first; error: at rest, at most [rad], None for any; torque: at most [N m].
     """
     within = [row for row in rows if row.ends_hunting and row.peak_torque <= torque
               and (error is None or row.recommended_rest_error <= error)]  # fmt: skip
-    if of_a_set:
-        within.sort(key=lambda row: math.isnan(row.worst_size))
+    within.sort(key=lambda row: (of_a_set and math.isnan(row.worst_size), not row.keeps_it_ended))
     return within[0].name if within else ""
 
 

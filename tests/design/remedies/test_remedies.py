@@ -114,6 +114,16 @@ def test_demands_and_the_cheapest():
     assert remedies(Servo(), "switch", 0.04, only=["dead band", "gain"], max_error=0.01, max_torque=5).best == ""
 
 
+def test_a_remedy_at_whose_larger_sizes_the_servo_hunts_again_is_named_last():
+    cheapest = module.cheapest
+    again = Cure("leak", "1/s", "fold", 1.0, recommended_rest_error=0.0, peak_torque=1.0, stays=("rests", "hunts"))
+    kept = replace(again, name="gain", peak_torque=2.0, stays=("rests", "decays"))
+    assert cheapest([again, kept], None, math.inf, of_a_set=False) == "gain"
+    assert cheapest([again, kept], None, 1.5, of_a_set=False) == "leak"
+    assert cheapest([again, kept], None, math.inf, of_a_set=True) == "gain"
+    assert cheapest([replace(again, worst_size=1.2), kept], None, math.inf, of_a_set=True) == "leak"
+
+
 @pytest.mark.slow
 def test_the_worst_servo_of_a_set_needs_more():
     found = row("dead band", 0.04, uncertainty=Uncertainty({"friction.static": (0.52, 0.54)}))
