@@ -33,7 +33,7 @@ from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import loop_cycle
 from .fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing
-from .scan import Scan, scan
+from .scan import scan
 
 Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
@@ -87,7 +87,6 @@ class Border:
     evidence : what stopped the search, in the words of the trade; "" where nothing did.
     swing : the last motion that hunts, where motions show it.
     fold : where the branch folds, if hunting ends elsewhere.
-    beyond : what becomes of motions at the last of `LOOKED_AT_BEYOND`; None where they were not asked.
     """
 
     kind: Kind
@@ -100,7 +99,6 @@ class Border:
     evidence: str = ""
     swing: Swing | None = None
     fold: float = math.nan
-    beyond: Scan | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +180,10 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
                 continue
             break
         at, beyond = _beyond(loop, remedy, found)
-        if beyond.swing is None:
-            return replace(found, first=first, fold=next(iter(folds), found.fold), beyond=beyond)
+        if beyond is None:
+            return replace(found, first=first, fold=next(iter(folds), found.fold))
         folds += [found.size] if found.kind == "fold" else []
-        size, swing = at, beyond.swing
+        size, swing = at, beyond
     seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW, rest)
     if math.isnan(seen.ended):
         return replace(_without_end(remedy, seen, size, last, limit), first=first, evidence=evidence)
@@ -365,12 +363,12 @@ def _lost(losses: list[SpecialPoint[SystemOrbit]], fold: float) -> Border:
     return Border("instability", special.value, error, orbit=special.orbit, why=special.meaning, fold=fold)
 
 
-def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Scan]:
-    """The first size beyond a border at which a motion hunts, or the last one asked, and what becomes of motions."""
+def _beyond(loop: Loop, remedy: Remedy, found: Border) -> tuple[float, Swing | None]:
+    """(size, swing): the first size beyond a border at which a motion hunts; the last one and None, where none does."""
     before = Swing.of(cast(Orbit, found.orbit))
     for factor in LOOKED_AT_BEYOND[found.kind == "fold" :]:
         at = more_of(remedy, found.size, 1 + factor)
-        seen = scan(with_remedy(loop, remedy, at), before)
-        if seen.swing is not None:
+        swing = scan(with_remedy(loop, remedy, at), before).swing
+        if swing is not None:
             break
-    return at, seen
+    return at, swing

@@ -38,7 +38,6 @@ from ...servo.servo import Servo, a_servo
 from ..uncertainty.set import Uncertainty, are_servos, check_box
 from .border import (
     BORDERS,
-    LOOKED_AT_BEYOND,
     MOTIONS_KNOW,
     Border,
     Scales,
@@ -255,7 +254,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         rests=corners, rest_error=rest, recommended_rest_error=rests,
         peak_torque=step.peak_torque, peak_voltage=step.peak_torque / loop.value("motor_gain"), settling=step.settling,
         beyond=beyond,
-        stays=_stays(loop, remedy, found, beyond, before),
+        stays=_stays(loop, remedy, beyond, before),
         phase_margin=math.nan if linear is None else linear.phase_margin,
         lowest_factor=math.nan if linear is None else linear.lowest_factor,
         highest_factor=math.nan if linear is None else linear.highest_factor,
@@ -264,24 +263,19 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     )  # fmt: skip
 
 
-def _stays(loop: Loop, remedy: Remedy, found: Border, sizes: tuple[float, ...], before: Swing) -> tuple[Verdict, ...]:
-    """What becomes of motions at sizes beyond a border, which the search for it may have asked already.
+def _stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -> tuple[Verdict, ...]:
+    """What becomes of motions at sizes beyond a border.
 
     From the largest on: what hunts there, on a cycle to which few motions come, is handed on to the smaller ones.
     """
-    asked, verdicts = more_of(remedy, found.size, 1 + LOOKED_AT_BEYOND[-1]), list[Verdict]()
-    above, swings = math.nan, list[Swing]()
+    above, swings, verdicts = math.nan, list[Swing](), list[Verdict]()
     for at in reversed(sizes):
         for between in np.linspace(above, at, STEPS_DOWN, endpoint=False)[1:].tolist() if swings else ():
             swing = scan(with_remedy(loop, remedy, between), *swings).swing
             swings = swings if swing is None else [swing]
         there = with_remedy(loop, remedy, at)
-        if linear_stable(there) is False:
-            seen = Scan("grows")
-        elif found.beyond is not None and at == asked and not swings:
-            seen = found.beyond
-        else:
-            seen = scan(there, before, *swings, beyond=True)
+        unstable = linear_stable(there) is False
+        seen = Scan("grows") if unstable else scan(there, before, *swings, beyond=True)
         verdicts.append(seen.verdict)
         above, swings = at, [] if seen.swing is None else [seen.swing]
     return tuple(reversed(verdicts))
