@@ -47,7 +47,7 @@ from .border import (
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
-from .fate import Swing, Verdict, on_the_cycle
+from .fate import Swing, Verdict, fate, on_the_cycle
 from .price import task
 from .scan import Scan, scan
 
@@ -55,8 +55,9 @@ NEVER_SETTLES = 30.0
 """Periods of the hunting that count for a step that does not settle."""
 LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
-STEPS_DOWN = 4
-"""In which motions that hunt with more of a remedy are handed on to less, from one of these sizes to the next."""
+STEPS_DOWN, SMALLEST_STEP_DOWN = 4, 2e-3
+"""In which a motion that hunts with more of a remedy is handed on to less, from one of these sizes to the next, or in
+smaller ones where it is lost, down to this part of the size: few motions come to it."""
 RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
                       DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
 """Parts with which a loop rests where the plain servo does."""
@@ -268,17 +269,36 @@ def _stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) 
 
     From the largest on: what hunts there, on a cycle to which few motions come, is handed on to the smaller ones.
     """
-    above, swings, verdicts = math.nan, list[Swing](), list[Verdict]()
+    above, swing, verdicts = math.nan, None, list[Verdict]()
     for at in reversed(sizes):
-        for between in np.linspace(above, at, STEPS_DOWN, endpoint=False)[1:].tolist() if swings else ():
-            swing = scan(with_remedy(loop, remedy, between), *swings).swing
-            swings = swings if swing is None else [swing]
+        if swing is not None:
+            swing = _handed_down(loop, remedy, swing, (above, at), before)
         there = with_remedy(loop, remedy, at)
-        unstable = linear_stable(there) is False
-        seen = Scan("grows") if unstable else scan(there, before, *swings, beyond=True)
+        if linear_stable(there) is False:
+            seen = Scan("grows")
+        else:
+            seen = scan(there, before, beyond=True) if swing is None else Scan("hunts", swing)
         verdicts.append(seen.verdict)
-        above, swings = at, [] if seen.swing is None else [seen.swing]
+        above, swing = at, seen.swing
     return tuple(reversed(verdicts))
+
+
+def _handed_down(
+    loop: Loop, remedy: Remedy, swing: Swing, sizes: tuple[float, float], before: Swing
+) -> Swing | None:
+    """The hunting to which that at the first of two sizes leads at the second; None where it ends in between."""
+    size, last = sizes
+    step = longest = (last - size) / STEPS_DOWN
+    while size != last:
+        trial = last if abs(last - size) <= abs(step) * (1 + SMALLEST_STEP_DOWN) else size + step
+        found = fate(with_remedy(loop, remedy, trial), swing.state, before).swing
+        if found is not None:
+            size, swing, step = trial, found, min(2 * step, longest, key=abs)
+        elif abs(step) <= SMALLEST_STEP_DOWN * abs(size):
+            return None
+        else:
+            step /= 2
+    return swing
 
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
