@@ -17,11 +17,8 @@ OFF_THE_CYCLE = (0.97, 1.03)
 the one side of it may be a band in which everything rests."""
 LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
 """Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
-GRID_BEYOND, STARTS_IN_A_BAND = np.geomspace(0.2, 8.0, 12), 24
-"""Starts at rest beside the set point, in amplitudes of the hunting, where that is said to have ended; and how many
-they are where the servo rests at once farther away than that, which is then the unit: most of them rest."""
-MOST_DOUBLED = 8
-"""So often the amplitude is doubled in search of a place where the servo does not rest at once."""
+GRID_BEYOND = np.geomspace(0.2, 8.0, 12).tolist()
+"""Starts at rest beside the set point, in amplitudes of the hunting, where that is said to have ended."""
 MOST_UNDECIDED, MOST_TURNS_OF_ALL = 2, 1200
 """Motions of which nobody knows what becomes of them, behind which no other one is followed; and turns of all."""
 
@@ -53,9 +50,8 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = 
     first, turns = before[0], 0
     starts = [{name: off * x for name, x in each.state.items()} for each in before for off in OFF_THE_CYCLE]
     starts += [loop.at_rest(-place * first.amplitude) for place in (LEAST_START, LARGEST_START)]
-    starts += [loop.at_rest(-place) for place in (_grid(loop, first, rest) if beyond else ())]
-    most = max(MOST_STARTS, len(starts))
-    while len(seen) < most and seen.count("undecided") < MOST_UNDECIDED:
+    starts += [loop.at_rest(-place * first.amplitude) for place in (GRID_BEYOND if beyond else ())]
+    while len(seen) < MOST_STARTS and seen.count("undecided") < MOST_UNDECIDED:
         if not starts:
             where = _gap(np.array(ways) / first.amplitude)
             if where is None:
@@ -69,20 +65,6 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = 
         turns += found.turns.size
         ways += _way(abs(start.get("x1", 0.0)), found)
     return Scan(max(seen, key=BY_SEVERITY.index), unclear="undecided" in seen)
-
-
-def _grid(loop: Loop, before: Swing, rest: float) -> list[float]:
-    """Places at rest from which motions are looked at where hunting is said to have ended [rad]."""
-    unit = before.amplitude
-    for _ in range(MOST_DOUBLED):
-        found = fate(loop, loop.at_rest(-unit), before, rest)
-        if found.verdict != "rests" or found.turns.size > 1:
-            break
-        unit *= 2
-    else:
-        unit = before.amplitude
-    low, high = GRID_BEYOND[[0, -1]]
-    return (unit * (GRID_BEYOND if unit == before.amplitude else np.geomspace(low, high, STARTS_IN_A_BAND))).tolist()
 
 
 def _way(start: float, found: Fate) -> list[tuple[float, float]]:

@@ -131,7 +131,7 @@ def test_a_larger_cycle_to_which_few_motions_come_is_handed_on_to_a_smaller_size
 
 
 @pytest.mark.slow
-def test_motions_are_looked_for_where_the_servo_does_not_rest_at_once():
+def test_hunting_is_handed_down_in_steps_that_become_smaller():
     """It rests up to 7.8 amplitudes beside the set point; beyond, 21 of 140 motions come to lopsided swings.
 
     DOP853 from 1.381 sizes: between 1.0926 and -1.3913 sizes for ever. 
