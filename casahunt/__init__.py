@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from .servo.basin import Basin, basin
     from .servo.branch import Branch
     from .servo.controller import Controller, Pid
-    from .servo.delayed_loop import Margins, margins
     from .servo.denial import no_cycle
     from .servo.drive import Drive
     from .servo.equilibria import Equilibria, equilibria
@@ -62,13 +61,13 @@ if TYPE_CHECKING:
     from .servo.find_fold import find_fold
     from .servo.find_orbit import find_orbit
     from .servo.friction import Friction
-    from .servo.linear_loop import LinearLoop, linear_loop
+    from .servo.linear.linear_loop import LinearLoop, linear_loop
+    from .servo.linear.margins import Margins, margins
     from .servo.lopsided import with_lopsided
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.cause import Cause, cause_of
     from .servo.sampled.check import AsBuilt, as_built
-    from .servo.sampled.linear import sampled_margins
     from .servo.sampled.motion import SampledMotion, simulate_sampled
     from .servo.sampled.verdict import SampledVerdict
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
@@ -106,7 +105,6 @@ _HOMES = {
     "servo.basin": ("Basin", "basin"),
     "servo.branch": ("Branch",),
     "servo.controller": ("Controller", "Pid"),
-    "servo.delayed_loop": ("Margins", "margins"),
     "servo.denial": ("no_cycle",),
     "servo.drive": ("Drive",),
     "servo.equilibria": ("Equilibria", "equilibria"),
@@ -114,12 +112,12 @@ _HOMES = {
     "servo.find_fold": ("find_fold",),
     "servo.find_orbit": ("find_orbit",),
     "servo.friction": ("Friction",),
-    "servo.linear_loop": ("LinearLoop", "linear_loop"),
+    "servo.linear.linear_loop": ("LinearLoop", "linear_loop"),
+    "servo.linear.margins": ("Margins", "margins"),
     "servo.lopsided": ("with_lopsided",),
     "servo.problem": ("Fold", "Orbit"),
     "servo.sampled.cause": ("Cause", "cause_of"),
     "servo.sampled.check": ("AsBuilt", "as_built"),
-    "servo.sampled.linear": ("sampled_margins",),
     "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
     "servo.sampled.verdict": ("SampledVerdict",),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
@@ -139,6 +137,10 @@ _OTHER_NAMES = {
 """What is called otherwise at home."""
 
 
+_FORMER_NAMES = {"sampled_margins": "margins(servo, gain, drive=drive)"}
+"""Public names of earlier versions, and what is written today."""
+
+
 def __getattr__(name: str) -> Any:
     """A public name, or `__version__` (the metadata of installed packages take 30 ms to import), when first read."""
     if name in _HOME_OF:
@@ -146,7 +148,8 @@ def __getattr__(name: str) -> Any:
         globals()[name] = value
         return value
     if name != "__version__":
-        raise AttributeError(f"module 'casahunt' has no attribute {name!r}")
+        today = f": write {_FORMER_NAMES[name]}" if name in _FORMER_NAMES else ""
+        raise AttributeError(f"module 'casahunt' has no attribute {name!r}{today}")
     from importlib.metadata import PackageNotFoundError, version
 
     try:
@@ -231,7 +234,6 @@ __all__ = [
     "orbit_ensemble",
     "remedies",
     "sample_fold_gains",
-    "sampled_margins",
     "save_branch",
     "save_orbit",
     "simulate",

@@ -39,7 +39,7 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, Servo, Trajectory, find_fold, simulate  # noqa: E402
 from casahunt.motion.phases import MarchFailure  # noqa: E402
-from casahunt.servo.linear_loop import routh_hurwitz_gain  # noqa: E402
+from casahunt.servo.gains import routh_hurwitz_gain  # noqa: E402
 
 LONGER = 10.0
 MOST = {"switch": 40, "lugre": 12}

@@ -20,7 +20,7 @@ from casahunt.servo.event_map.fixed_points import FixedPoint, fixed_points
 from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap
 from casahunt.servo.event_map.scan import scan
 from casahunt.servo.event_map.slopes import EPS, MapPoint, map_at
-from casahunt.servo.linear_loop import typical_gain
+from casahunt.servo.gains import typical_gain
 from casahunt.servo.servo import Servo
 
 FOLD_ROUNDS, FOLD_STEP = 40, 1e-12

@@ -16,7 +16,7 @@ from casahunt import InputError, Servo, cli, find_fold, find_orbit, simulate
 from casahunt.checks import LARGEST, SMALLEST, moderate, quoted, sensible, to_error, to_error_beside
 from casahunt.design.tune.demands import Demands
 from casahunt.servo.event_map.fixed_points import fixed_points
-from casahunt.servo.linear_loop import linear_loop
+from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.views.commands import progress
 from problems.taylor import switch_half_cycle
 

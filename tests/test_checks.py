@@ -13,7 +13,7 @@ from casahunt import Controller, Friction, InputError, Options, Pid, Servo, Unce
 from casahunt.continuation import follow
 from casahunt.motion import simulate as simulate_system
 from casahunt.orbits import find_cycle
-from casahunt.servo.linear_loop import linear_loop
+from casahunt.servo.linear.linear_loop import linear_loop
 
 SERVO = Servo()
 A_SERVO = "must be a Servo, such as Servo(inertia=0.02); load(path) reads one from a file"

@@ -11,7 +11,7 @@ from map_support import map_fold
 
 from casahunt import Options, Orbit, find_fold, find_orbit
 from casahunt.servo.equilibria import equilibria
-from casahunt.servo.linear_loop import routh_hurwitz_gain
+from casahunt.servo.gains import routh_hurwitz_gain
 from problems import table1
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -7,8 +7,7 @@ controller.py     the controller in its two forms, by times and by gains
 drive.py          the drive as built: sample time, delay, encoder, as a record
 units.py          the units of its numbers
 servo.py          the servo record; TOML in and out
-linear_loop.py    the loop without dry friction: stability, poles, margins
-delayed_loop.py   the same with a delay: margins of phase and gain
+gains.py          gains of the right size, and stability without dry friction, in closed form
 hunting.py        the Switch and LuGre servo as systems like any user's: fields, modes, events
 cycles.py         the servo in the terms of the engine: its vectors and schemes
 equilibria.py     where the servo can stand still, and what linearising there proves
@@ -19,6 +18,7 @@ denial.py         what proves that a servo has no cycle
 parts/            controllers, frictions, loads and remedies, of which a loop is made
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 simulation/       the motion from any initial state, and the verdict on its end
+linear/           the loop without dry friction: response, poles, margins, with delay or as built
 sampled/          the loop as built: its motion, and quantisation told apart from stiction
 refused.py        what is refused before any cycle is sought: no problem, times too far apart, proofs
 strategies.py     ways to one end, tried in turn; what a refusal says of them

@@ -27,7 +27,7 @@ c = 0, at the ends |q| = Fs/sigma0 of the segment, and there the condition is
 
     sharp     kd + sigma2 > J/(kp/ki),   kp/ki = tau_i + tau_d, kd = K cm tau_d for a controller by times,
 
-the stability of the linear loop (linear_loop.py), independent of sigma0 and sigma1.  For all K > 0 at once it is
+the stability of the linear loop (gains.py), independent of sigma0 and sigma1.  For all K > 0 at once it is
     simple    sigma2/J > 1/(kp/ki)   (>= where kd > 0)
 which is the report's sigma2/J > pi (section 4.1) only for its times tau_i = tau_d = 1/(2 pi).  It is sufficient for one
 K, and necessary as well for all of them.

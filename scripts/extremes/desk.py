@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from casahunt import NoOrbit, Servo, find_fold, find_orbit
-from casahunt.servo.linear_loop import routh_hurwitz_gain
+from casahunt.servo.gains import routh_hurwitz_gain
 from scripts.extremes.cases import NONE, REFUSED, SOLVED, UNCHECKED, WRONG, Case, Result
 from scripts.extremes.truth import Truth, second_solve, taylor_cycle, taylor_lugre, taylor_scan
 from scripts.limits import TooSlow, within

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from casahunt import Servo
-from casahunt.servo.linear_loop import routh_hurwitz_gain
+from casahunt.servo.gains import routh_hurwitz_gain
 from scripts.peers import switch_digits as digits
 from scripts.peers.switch_long import STEEPEST, LongMap
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from casahunt.servo.linear_loop import controller_response, linear_loop, routh_hurwitz_gain
+from casahunt.servo.gains import routh_hurwitz_gain
+from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.views.pictures.plotting import LOOKS, NEUTRAL, Figure
 
 from .drawing import DASHED, MARK, below, grid, key, line, sheet
@@ -21,7 +22,7 @@ def caption1(study: Study) -> str:
     """Controller."""
     c = study.servo.controller
     corner = 1 / (2 * np.pi * c.lead_time)
-    low, high = (abs(controller_response(study.servo, k, np.array([1 / c.lead_time]))[0]) for k in LOOP_GAINS)
+    low, high = (abs(c.response(k, np.array([1j / c.lead_time]))[0]) for k in LOOP_GAINS)
     slow, *loops = (linear_loop(study.servo, k) for k in (BELOW, *LOOP_GAINS))
     margins = [loop.gain_crossovers[0].margin for loop in loops]
     return (
@@ -44,7 +45,7 @@ def draw1(study: Study) -> Figure:
     hertz = np.geomspace(0.01, 100, 401)
     handles = []
     for gain, colour, dashes in zip(LOOP_GAINS, ("black", MARK), ("-", (0, (5, 3))), strict=True):
-        response = controller_response(study.servo, gain, 2 * np.pi * hertz)
+        response = study.servo.controller.response(gain, 2j * np.pi * hertz)
         style = {"color": colour, "linewidth": 1.8, "linestyle": dashes}
         size.plot(hertz, 20 * np.log10(np.abs(response)), **style)
         phase.plot(hertz, np.degrees(np.angle(response)), **style)

@@ -10,7 +10,7 @@ import pytest
 from casahunt import Drive, Pid, Servo
 from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.loop_set import _loops_of, _phase, loop_box
-from casahunt.servo.sampled.linear import sampled_response
+from casahunt.servo.linear.sampled_loop import sampled_response
 
 
 @pytest.mark.parametrize("integration", ["rectangle", "trapezoid"])

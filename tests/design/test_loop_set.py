@@ -11,7 +11,7 @@ from casahunt import Demands, Friction, Pid, Servo
 from casahunt.design.tune.demands import DEMANDS
 from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.loop_set import Table, allowed, common, loop_box, shortfall, worst
-from casahunt.servo.linear_loop import gain_crossovers, loop_polynomials
+from casahunt.servo.linear.linear_loop import linear_loop
 
 NAMES = ("servo.inertia", "friction.viscous", "controller.lead_time", "controller.integral_time", "servo.motor_gain")
 
@@ -118,7 +118,7 @@ def test_a_table_knows_all_crossovers():
     found = Table([loop_box(servo, {}, Lag(lag))], Demands(phase_margin=30, gain_margin=1.0), 0.3, 3.0)
     several, off = 0, []
     for gain, missed in zip(found.gains.tolist(), found.missed[0].tolist(), strict=True):
-        crossings = gain_crossovers(*loop_polynomials(servo, gain))
+        crossings = linear_loop(servo, gain).gain_crossovers
         several += len(crossings) > 1
         off.append(abs(math.radians(30) - min(math.radians(c.margin) - c.frequency * lag for c in crossings) - missed))
     assert several > 5

@@ -13,8 +13,8 @@ from casahunt.cli import main
 from casahunt.design.tune.demands import Demands
 from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
-from casahunt.servo.delayed_loop import margins
-from casahunt.servo.linear_loop import linear_loop
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import margins
 from problems import table1
 
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from casahunt import Drive, find_fold, margins, sampled_margins
+from casahunt import Drive, find_fold, margins
 from casahunt.cli import main
 from casahunt.design.tune import best_gain, check
 from casahunt.design.tune.check import scanned
@@ -20,10 +20,10 @@ from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
 from casahunt.design.uncertainty.worst_corner import WorstCase
 from casahunt.errors import InputError, NoOrbit
-from casahunt.servo.delayed_loop import Margins
 from casahunt.servo.event_map.fixed_points import FixedPoint, FixedPoints
 from casahunt.servo.event_map.scan import Scan
-from casahunt.servo.linear_loop import linear_loop
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import Margins
 from casahunt.servo.simulation.simulate import simulate
 
 
@@ -223,7 +223,7 @@ def test_the_margins_of_a_drive_are_those_of_the_sampled_loop(servo):
     assert replace(asked, phase_margin=40.0).built == drive
     assert Demands(sample_time=0.01).built == Drive(sample_time=0.01) and Demands(delay=0.004).built is None
     for demands, exact in (
-        (asked, sampled_margins(servo, 0.7, drive)),
+        (asked, margins(servo, 0.7, drive=drive)),
         (Demands(delay=0.004), margins(servo, 0.7, delay=0.004)),
     ):
         assert check._margins_of(servo, 0.7, demands) == exact

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tuning import TIME, crossover_phase
 
-from casahunt import Drive, Servo, find_fold, sampled_margins
+from casahunt import Drive, Servo, find_fold
 from casahunt.continuation.optimum import data_of, fold_conditions
 from casahunt.design.tune.demands import Demands, log_numbers
 from casahunt.design.tune.lag import Lag
@@ -18,8 +18,8 @@ from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
 from casahunt.errors import NoOrbit
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.delayed_loop import crossover, margins
-from casahunt.servo.linear_loop import linear_loop
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import crossover, margins
 from casahunt.servo.servo import PARAMETERS
 from problems import table1
 
@@ -83,7 +83,7 @@ def test_a_tuning_has_the_phase_of_the_sampled_loop(unscanned, servo, drive, fre
         bounds={"gain": (0.5, 20)},
     )  # fmt: skip
     assert "phase margin" in found.binding and found.verification.loops_kept
-    exact = sampled_margins(found.servo, found.gain, drive)
+    exact = margins(found.servo, found.gain, drive=drive)
     assert exact.phase_margin == pytest.approx(asked, abs=1e-2)
     assert found.verification.loops["nominal"] == exact
 

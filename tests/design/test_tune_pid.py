@@ -13,7 +13,7 @@ from casahunt.design.tune.demands import Demands, log_numbers
 from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.problem import Cut, Round, solve_round
 from casahunt.design.tune.tuning import tune
-from casahunt.servo.delayed_loop import margins
+from casahunt.servo.linear.margins import margins
 
 
 @pytest.mark.slow

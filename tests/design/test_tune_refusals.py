@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tuning import TIME, crossover_phase
 
-from casahunt import Drive, Options, find_fold, margins, sampled_margins
+from casahunt import Drive, Options, find_fold, margins
 from casahunt.cli import main
 from casahunt.design.tune.best_gain import Given, Outlook
 from casahunt.design.tune.demands import Demands, check_bounds
@@ -42,7 +42,7 @@ def test_a_gain_that_misses_its_margins_as_built_is_not_recommended(servo):
         tune(servo, "switch", demands=Demands(gain_margin=4.0, phase_margin=0, sample_time=T))
     said = str(error.value).partition("the gain margin of 4 when the gain rises with samples of 0.008 s ")[2]
     most = float(said.partition("at most ")[2].split(";")[0])
-    assert sampled_margins(servo, most, Drive(sample_time=T)).highest_factor == pytest.approx(4.0, rel=1e-4)
+    assert margins(servo, most, drive=Drive(sample_time=T)).highest_factor == pytest.approx(4.0, rel=1e-4)
     assert margins(servo, 0.712073, delay=T / 2).highest_factor > 4.0
 
 

@@ -16,7 +16,7 @@ from casahunt.servo import refused as refusals
 from casahunt.servo.denial import no_cycle
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import Scan, scan
-from casahunt.servo.linear_loop import routh_hurwitz_gain
+from casahunt.servo.gains import routh_hurwitz_gain
 from problems import table1
 from problems.taylor import switch_half_cycle
 

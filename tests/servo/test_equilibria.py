@@ -9,7 +9,8 @@ import pytest
 
 from casahunt import InputError, Servo, cli
 from casahunt.servo.equilibria import cubic, equilibria, member, threshold
-from casahunt.servo.linear_loop import linear_loop, lowest_stable_gain
+from casahunt.servo.gains import lowest_stable_gain
+from casahunt.servo.linear.linear_loop import linear_loop
 
 SMOOTH = Servo().replace(**{"friction.viscous": 0.02})  # sigma2 < J/(tau_i + tau_d): unstable members at small gains
 

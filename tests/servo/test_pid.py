@@ -29,17 +29,14 @@ from casahunt.design.nearby import values_of
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.design.uncertainty.set import Uncertainty, check_box
 from casahunt.servo.basin import basin
-from casahunt.servo.delayed_loop import crossover, margins
 from casahunt.servo.denial import no_cycle
 from casahunt.servo.equilibria import equilibria
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.slopes import map_at
-from casahunt.servo.linear_loop import (
-    linear_loop,
-    loop_response,
-    lowest_stable_gain,
-    routh_hurwitz_gain,
-)
+from casahunt.servo.gains import lowest_stable_gain, routh_hurwitz_gain
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import crossover, margins
+from casahunt.servo.linear.open_loop import open_loop
 from casahunt.servo.servo import flatten, load, with_overrides
 from problems.taylor import lugre_half_cycle, switch_cycle, switch_half_cycle
 
@@ -93,7 +90,8 @@ def test_loop_and_equilibria_of_both_forms(times, gains):
         for x, y in zip((*f.sharp, *f.simple, f.integral_limit), (*e.sharp, *e.simple, e.integral_limit), strict=True):
             same(x, y)
         omega = np.geomspace(0.1, 100, 7)
-        np.testing.assert_allclose(loop_response(gains, gain, omega), loop_response(times, gain, omega), rtol=1e-12)
+        by_gains, by_times = (open_loop(servo, gain).response(omega) for servo in (gains, times))
+        np.testing.assert_allclose(by_gains, by_times, rtol=1e-12)
 
 
 @pytest.mark.slow

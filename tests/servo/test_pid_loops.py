@@ -11,16 +11,10 @@ import pytest
 from casahunt import Friction, Pid, Servo
 from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.loop_set import loop_box, worst
-from casahunt.servo.delayed_loop import margins
-from casahunt.servo.linear_loop import (
-    gain_crossovers,
-    integral_gain,
-    linear_loop,
-    loop_polynomials,
-    loop_response,
-    lowest_stable_gain,
-    typical_gain,
-)
+from casahunt.servo.gains import integral_gain, lowest_stable_gain, typical_gain
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import margins
+from casahunt.servo.linear.open_loop import open_loop
 
 UNEVEN = Servo().replace(**{"controller.lead_time": 0.09, "controller.integral_time": 0.21})
 COMPLEX = Servo(controller=Pid(kp=1.0, ki=6.0, kd=0.15))
@@ -81,7 +75,7 @@ def test_margins_are_where_poles_cross(n):
     several = 0
     for servo, delay in [*returning_loops(), *random_loops(n, seed=1)]:
         found, poles = margins(servo, 1.0, delay=delay), generator(servo, 1.0, delay)
-        several += len(gain_crossovers(*loop_polynomials(servo, 1.0))) > 1
+        several += len(linear_loop(servo, 1.0).gain_crossovers) > 1
         assert abs(poles.real.max()) < 1e-6 or found.stable == (poles.real.max() < 0)
         assert found.stable == (found.phase_margin > 0)
         if not found.stable:
@@ -94,7 +88,7 @@ def test_margins_are_where_poles_cross(n):
             assert generator(servo, float(factor), delay).real.max() < 1e-6
         # As much phase as the margin says is missing: a rotation by it puts a pole on the axis, L = -1.
         s = 1j * found.frequency
-        L = complex(loop_response(servo, 1.0, np.array([found.frequency]))[0]) * np.exp(-s * delay)
+        L = complex(open_loop(servo, 1.0).response(np.array([found.frequency]))[0]) * np.exp(-s * delay)
         assert L * np.exp(-1j * np.radians(found.phase_margin)) == pytest.approx(-1, abs=1e-8)
     assert several > n / 20
 
@@ -103,7 +97,7 @@ def test_the_worst_loop_of_a_set_is_that_of_all_crossovers():
     """phi by crossovers bisected for many loops at once, against those from the roots of a polynomial."""
     several = 0
     for servo, delay in [*returning_loops(), *random_loops(300, seed=2)]:
-        found = gain_crossovers(*loop_polynomials(servo, 1.0))
+        found = linear_loop(servo, 1.0).gain_crossovers
         several += len(found) > 1
         # Without delay phi is between -90 and 180 degrees, as the margins are.
         least = min(math.radians(c.margin) - c.frequency * delay for c in found)

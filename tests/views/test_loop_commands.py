@@ -7,6 +7,7 @@ import json
 import math
 import re
 
+import numpy as np
 import pytest
 from command_line import is_picture, one_json, run
 
@@ -232,6 +233,26 @@ def test_what_is_refused(capsys, loop_file, tmp_path, words, says):
     code, out, err = run(capsys, words[0], path, *words[1:], "--quiet", written, tmp_path / "o.csv")
     assert (code, out) == (2, "") and says in err and err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_linear_loop_has_the_poles_of_two_masses(capsys, tmp_path):
+    """Roots of s (s ((J s + b)(JL s^2 + k) + k JL s)) + K (kd s^2 + kp s + ki)(JL s^2 + k), without shaft damping."""
+    path, J, JL, k, b = tmp_path / "two.toml", 0.026, 0.01, 100.0, 0.1
+    parts = ["two masses", "Switch friction", "PID by gains", "integrator"]
+    values = {"inertia": J, "load_inertia": JL, "shaft_stiffness": k, "shaft_damping": 0.0, "viscous": b,
+              "motor_gain": 2.0, "kp": 2.0, "ki": 6.0, "kd": 0.16}  # fmt: skip
+    lines = [f"{name} = {value}" for name, value in values.items()]
+    path.write_text("\n".join([f"[loop]\nparts = {parts}", "[values]", *lines]).replace("'", '"'))
+    code, out, err = run(capsys, "loop", path, "--gain", 0.5, "--json", "--plot", tmp_path / "bode.png")
+    (found,) = one_json(out)["loops"]
+    bar = np.array([JL, 0, k])
+    plant = np.polymul([1, 0, 0], np.polyadd(np.polymul([J, b], bar), [k * JL, 0]))
+    exact = np.sort_complex(np.roots(np.polyadd(plant, np.polymul([0.16, 2.0, 6.0], bar))))
+    poles = np.sort_complex([complex(*pole) for pole in found["poles"]])
+    assert code == 0 and poles == pytest.approx(exact, rel=1e-9) and found["stable"] == (exact.real.max() < 0)
+    assert (tmp_path / "bode.png").stat().st_size > 10_000
+    code, out, _ = run(capsys, "loop", path, "--gain", 0.5)
+    assert code == 0 and "phase margin" in out and "friction     stable" not in out
 
 
 @pytest.mark.parametrize(("words", "says"), [

@@ -27,7 +27,7 @@ from ...errors import NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
 from ...roots import boundary
-from ...servo.parts.linear import linear_stable
+from ...servo.linear.open_loop import linear_stable
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy

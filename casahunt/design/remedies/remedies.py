@@ -21,10 +21,11 @@ from ...orbits import Orbit
 from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
 from ...servo.hunting import MODELS, Model, called
+from ...servo.linear.margins import Margins, margins_of
+from ...servo.linear.open_loop import linear_stable, open_loop_of_parts
 from ...servo.parts.cascade import P_PI
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
 from ...servo.parts.inertia import INERTIA
-from ...servo.parts.linear import linear_margins, linear_stable
 from ...servo.parts.loop import Loop
 from ...servo.parts.lugre import LUGRE
 from ...servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
@@ -58,6 +59,8 @@ LARGER_SIZES = (1.5, 2.0, 3.0)
 STEPS_DOWN, SMALLEST_STEP_DOWN = 4, 2e-3
 """In which a motion that hunts with more of a remedy is handed on to less, from one of these sizes to the next, or in
 smaller ones where it is lost, down to this part of the size: few motions come to it."""
+NOT_LINEAR = Margins(math.nan, math.nan, math.nan, math.nan, False)
+"""The margins of a loop that has none."""
 RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
                       DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
 """Parts with which a loop rests where the plain servo does."""
@@ -249,16 +252,17 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     corners = _rests(remedy, recommended, _numbers(asked.farthest_at_rest))
     rest, rests = _largest(_rests(remedy, size, numbers)), _largest(corners)
     step = task(mended, Swing.of(asked.orbit), rests)
-    linear = linear_margins(mended)
+    opened = open_loop_of_parts(mended)
+    linear = NOT_LINEAR if opened is None else margins_of(opened)
     return Cure(
         remedy.name, remedy.unit, found.kind, size, found.error, recommended,
         rests=corners, rest_error=rest, recommended_rest_error=rests,
         peak_torque=step.peak_torque, peak_voltage=step.peak_torque / loop.value("motor_gain"), settling=step.settling,
         beyond=beyond,
         stays=_stays(loop, remedy, beyond, before),
-        phase_margin=math.nan if linear is None else linear.phase_margin,
-        lowest_factor=math.nan if linear is None else linear.lowest_factor,
-        highest_factor=math.nan if linear is None else linear.highest_factor,
+        phase_margin=linear.phase_margin,
+        lowest_factor=linear.lowest_factor,
+        highest_factor=linear.highest_factor,
         moves={name: slope * loop.value(name) / size for name, slope in found.moves.items() if name in loop.parameters},
         worst_size=worst, fold=found.fold, why=found.why, evidence=found.evidence, followed_to=size, first=found.first,
     )  # fmt: skip

@@ -5,7 +5,7 @@
 * The event map at the worst friction: from every stick position scanned the servo sticks nearer to the set point.  Then
   no cycle with sticking exists, lopsided ones included: along a cycle |x1| of the sticks cannot always fall.
 * The margins of the linear loops of corners and samples of the set, by the search for crossings of
-  servo/delayed_loop.py, or with a drive of the loop as built, servo/sampled/linear.py.
+  servo/linear/margins.py, or with a drive those of the loop as built.
 * Simulated regulator tasks, each simulated until it is decided (tasks.py).
 
 What speaks against the tuning, and what could not be verified, are kept apart.
@@ -26,13 +26,12 @@ import numpy as np
 from ... import effort
 from ...errors import InputError, NoOrbit
 from ...results import Result
-from ...servo.delayed_loop import Margins, margins
 from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import Scan, scan
 from ...servo.hunting import Model
+from ...servo.linear.margins import Margins, margins
 from ...servo.problem import HuntingFold
-from ...servo.sampled.linear import sampled_margins
 from ...servo.servo import Servo, flatten
 from ..ensemble import folds_of
 from ..nearby import fold_beside, said, servo_at
@@ -309,7 +308,7 @@ def _loops(
 def _margins_of(servo: Servo, gain: float, demands: Demands) -> Margins:
     """Those of the loop as built, where there is a drive."""
     drive = demands.built
-    return margins(servo, gain, delay=demands.delay) if drive is None else sampled_margins(servo, gain, drive)
+    return margins(servo, gain, delay=demands.delay if drive is None else 0.0, drive=drive)
 
 
 def _keeps(loop: Margins, demands: Demands) -> bool:

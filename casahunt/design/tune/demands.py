@@ -18,7 +18,7 @@ from ...checks import choice_of, require, sensible, shown
 from ...errors import InputError
 from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.drive import Drive
-from ...servo.linear_loop import linear_loop
+from ...servo.linear.linear_loop import linear_loop
 from ...servo.servo import Servo, flatten
 from .lag import Lag
 
@@ -56,7 +56,7 @@ class Demands:
     gain_margin : factor by which the gain may fall or rise and the linear loop stays stable; 1 to 1e6.
     delay, sample_time : of the loop [s]; >= 0; left out where `drive` has them.
     drive : as built; with a sample time alone, one with every default.  The search has most of it in its margins,
-        the checks, which may speak against a tuning, all (`sampled_margins`).
+        the checks, which may speak against a tuning, all (`margins`).
     max_torque : largest torque of the motor on the simulated tasks [N m]; > 0.
 
     Examples

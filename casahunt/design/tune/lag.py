@@ -1,6 +1,17 @@
-"""What sampling and delay do to the linear loops of a search, in closed form.
+"""The linear loop of a search in closed form, and what sampling and delay do to it.
 
-At z = exp(i omega T), with s = i v and v = tan(omega h)/h, h = T/2, the parts of sampled/linear.py are
+At s = i omega, w = omega^2, by times and by gains (kp' and so on: at K = 1), for numbers and CasADi expressions:
+
+    ln |L|^2 = ln( (K cm)^2 (tau_d^2 w + 1)(tau_i^2 w + 1) / (tau_i^2 w^2 (J^2 w + sigma2^2)) )
+             = ln( (K cm)^2 (kp'^2 w + (kd' w - ki')^2) / (w^2 (J^2 w + sigma2^2)) )
+    phi = arg L + pi = atan(tau_d omega) + atan(tau_i omega) - atan2(J omega, sigma2) - omega D    [rad]
+        = atan2(kd' w - ki', kp' omega) + pi/2 - atan2(J omega, sigma2) - omega D
+
+By times, |L| = c has one root for every c > 0, so |L| falls with omega, and the loop is stable if and only if phi > 0
+there (phi < pi; two integrators at omega = 0).  By gains, |L| may rise between two frequencies and have three
+crossovers; phi > 0 at all of them is stable.  All that is exact is in servo/linear/margins.py.
+
+At z = exp(i omega T), with s = i v and v = tan(omega h)/h, h = T/2, the parts of servo/linear/sampled_loop.py are
 
     difference quotient     s/(1 + s h)
     sum                     1/s + h by rectangles, 1/s by trapezoids
@@ -20,6 +31,8 @@ h = 0 is the loop that is not sampled: v = omega.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,3 +66,47 @@ class Lag:
             return v * self.delay
         atan = ca.atan if isinstance(v, ca.MX) else np.arctan
         return (2 + self.delay / self.half) * atan(v * self.half) - atan(v * sigma2 * self.half**2 / (3 * J))
+
+
+def log_magnitude(J, cm, sigma2, k, q, y):  # type: ignore[no-untyped-def]
+    """ln |L|^2 at omega = exp(y), for numbers, arrays and CasADi expressions.
+
+    J, cm, sigma2: inertia [kg m2], motor gain [N m/V], viscous friction [N m s/rad]; k: ln K, K in V/rad; q: ln (tau_d,
+    tau_i), times in s, or ln (kp', ki', kd'); y: ln omega, omega in rad/s; decides what comes back.
+    Returns ln |L|^2, of the kind and shape of `y`.
+    """
+    exp, log, *_ = _functions_of(y)
+    w = exp(2 * y)
+    if _by_gains(q):
+        kp, ki, kd = exp(q[0]), exp(q[1]), exp(q[2])
+        square = kp**2 * w + (kd * w - ki) ** 2
+        return 2 * k + 2 * math.log(cm) + log(square) - 4 * y - log(J**2 * w + sigma2**2)
+    zeros = log(exp(2 * q[0]) * w + 1) + log(exp(2 * q[1]) * w + 1)
+    return 2 * k + 2 * math.log(cm) + zeros - 2 * q[1] - 4 * y - log(J**2 * w + sigma2**2)
+
+
+def phase(J, sigma2, D, q, y):  # type: ignore[no-untyped-def]
+    """The phase phi = arg L + pi at omega = exp(y), for numbers, arrays and CasADi expressions.
+
+    J, sigma2: inertia [kg m2], viscous friction [N m s/rad]; D: delay [s]; q: ln (tau_d, tau_i), times in s; y: ln
+    omega, omega in rad/s; decides what comes back.
+    Returns phi [rad], of the kind and shape of `y`.
+    """
+    exp, _, atan, atan2 = _functions_of(y)
+    omega = exp(y)
+    if _by_gains(q):
+        lead = atan2(exp(q[2]) * omega - exp(q[1]) / omega, exp(q[0]))
+        return lead + math.pi / 2 - atan2(J * omega, sigma2) - omega * D
+    return atan(exp(q[0]) * omega) + atan(exp(q[1]) * omega) - atan2(J * omega, sigma2) - omega * D
+
+
+def _by_gains(q: Any) -> bool:
+    """Whether q are the logarithms of gains, three, rather than times, two."""
+    return (q.shape[0] if hasattr(q, "shape") else len(q)) == 3
+
+
+def _functions_of(y: Any) -> tuple[Callable[..., Any], ...]:
+    """exp, log, atan and atan2 of numbers, or of CasADi expressions."""
+    if isinstance(y, float | np.ndarray):
+        return np.exp, np.log, np.arctan, np.arctan2
+    return ca.exp, ca.log, ca.atan, ca.atan2

@@ -5,7 +5,7 @@ With kappa = K cm g, g a factor by which the gain may be off, and w = omega^2, |
     w^2 (J^2 w + sigma2^2) = kappa^2 (kp'^2 w + (kd' w - ki')^2),                                         [N m/rad]
     phi = atan2(kd' w - ki', kp' omega) + pi/2 - atan2(J omega, sigma2) - omega D                              [rad]
 
-(servo/delayed_loop.py; of a sampled loop lag.py has the gains, the frequency and the loss of phase), a cubic in w.  It
+(lag.py, which for a sampled loop has the gains, the frequency and the loss of phase too), a cubic in w.  It
 may have three roots, one in each of the stretches between the zeros of its derivative, which are bisected; phi is the
 least of them.  A controller by times is one by gains (servo/controller.py).
 

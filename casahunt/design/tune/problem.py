@@ -8,7 +8,7 @@
                 bounds on K, tau_d, tau_i
 
 in (ln K, ln tau_d, ln tau_i), the logarithms of the crossovers, and u_b, lambda_b, nu_b of every fold:
-continuation/optimum.py, servo/delayed_loop.py.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
+continuation/optimum.py, lag.py.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
 coefficients of chi(s - rho)/J, the settling cost adds the Routh-Hurwitz conditions of the shifted polynomial, b_2 >= 0,
 b_1 >= 0, b_0 >= 0, b_2 b_1 >= b_0.
 
@@ -30,12 +30,12 @@ from ...collocation import minimise
 from ...compiled import alone
 from ...continuation import FoldConstraints
 from ...servo.controller import Pid, torque_gains_of_gains, torque_gains_of_times
-from ...servo.delayed_loop import crossover, log_magnitude, margins, phase
-from ...servo.linear_loop import linear_loop
+from ...servo.linear.linear_loop import linear_loop
+from ...servo.linear.margins import crossover, margins
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from .demands import DEMANDS, log_numbers, with_numbers
-from .lag import Lag
+from .lag import Lag, log_magnitude, phase
 
 Array = np.ndarray
 

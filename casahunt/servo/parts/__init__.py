@@ -8,7 +8,6 @@ wiring.py                the parts in one mode each, wired by their signals
 functions.py             fields, flows, events and resets of wired parts
 product.py               the product of parts, as a system like any user's
 loop.py                  parts and their numbers, and what is asked of them by name
-linear.py                its linear loop, without dry friction
 remedy.py                what is to be known of a part to find and to price its smallest size
 inertia.py               plant: one inertia
 two_masses.py            plant: motor and load with a shaft

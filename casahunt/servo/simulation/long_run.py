@@ -35,8 +35,8 @@ from ...motion import MarchFailure, march
 from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap, half_cycle
 from ..event_map.slopes import map_at
+from ..gains import matrix
 from ..hunting import Model
-from ..linear_loop import matrix
 from ..servo import Servo
 from .small_swings import creeps, linear_stick_range
 

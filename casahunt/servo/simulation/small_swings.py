@@ -18,8 +18,8 @@ import math
 import numpy as np
 
 from ..event_map.slopes import AT_SET_POINT
+from ..gains import matrix
 from ..hunting import Model
-from ..linear_loop import matrix
 from ..servo import Servo
 
 TIMES_IN_A_TURN, MOST_LOOKED_AT = 64, 10**6

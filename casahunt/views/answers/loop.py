@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from ...servo.delayed_loop import Margins
-from ...servo.linear_loop import LinearLoop
+from ...servo.linear.linear_loop import LinearLoop
+from ...servo.linear.margins import Margins
 from .answer import Answer, item, short
 from .sampled import drive_said
 
@@ -19,20 +19,19 @@ NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry 
 
 
 def loop_answer(
-    loops: Sequence[LinearLoop], viscous: float, frictionless: float, drive: Drive | None = None,
+    loops: Sequence[LinearLoop], limits: tuple[float, float] | None = None, drive: Drive | None = None,
     built: Sequence[Margins] = (),
 ) -> Answer:  # fmt: skip
     """What is said of linear loops.
 
-    viscous, frictionless: the lowest stable gain with viscous friction, and without any [V/rad]; drive, built: the
+    limits: of one inertia, the lowest stable gain with viscous friction, and without any [V/rad]; drive, built: the
     drive where the servo file describes one, and the margins as built.
     """
     kind = " as a continuous loop" if built else ""
-    plain = [
-        f"linear loop{', continuous' if built else ''}, dry friction left out",
-        f"  with viscous friction     {_stable_from(viscous)}",
-        f"  without any friction      {_stable_from(frictionless)}",
-    ]
+    plain = [f"linear loop{', continuous' if built else ''}, dry friction left out"]
+    if limits is not None:
+        plain.append(f"  with viscous friction     {_stable_from(limits[0])}")
+        plain.append(f"  without any friction      {_stable_from(limits[1])}")
     for loop in loops:
         plain.append(f"gain {loop.gain:.10g} V/rad{kind}: {'stable' if loop.stable else 'unstable'}")
         for c in loop.gain_crossovers:
@@ -44,7 +43,7 @@ def loop_answer(
         said = "; ".join(drive_said(drive.exact()))
         left = "what is not linear in it is left out; a picture (--plot) shows the continuous loop"
         plain.append(item("as built", f"the sampled loop, {said}; {left}"))
-    return Answer([*plain, NOT_SAID], _details(loops, viscous, frictionless))
+    return Answer([*plain, NOT_SAID], _details(loops, limits))
 
 
 def _stable_from(gain: float) -> str:
@@ -79,8 +78,9 @@ def _as_built(found: Margins) -> str:
     return f"phase margin {short(found.phase_margin)} degrees, stable {limits}"
 
 
-def _details(loops: Sequence[LinearLoop], viscous: float, frictionless: float) -> Iterator[str]:
-    yield f"  Routh-Hurwitz    K > {viscous:.10g} V/rad with viscous friction, K > {frictionless:.10g} without any"
+def _details(loops: Sequence[LinearLoop], limits: tuple[float, float] | None) -> Iterator[str]:
+    if limits is not None:
+        yield f"  Routh-Hurwitz    K > {limits[0]:.10g} V/rad with viscous friction, K > {limits[1]:.10g} without any"
     for loop in loops:
         yield f"  gain {loop.gain:.10g} V/rad"
         yield f"    poles          {', '.join(_pole(pole) for pole in loop.poles)} 1/s"

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "remedies", "simulate", "explore")
+LOOP_COMMANDS = ("orbit", "diagram", "fold", "fold-curve", "loop", "remedies", "simulate", "explore")
 """Commands that take a loop of parts."""
 WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
 """Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
@@ -310,7 +310,7 @@ def _tables(options: argparse.Namespace) -> dict[str, Any]:
     return tables
 
 
-def loop_of(options: argparse.Namespace) -> Loop | None:
+def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | None:
     """The loop of parts of the command line: file, overrides and gain; None where there is no such file.
 
     Raises InputError: the file or an override is wrong, or a friction model is asked for, which is one of its parts.
@@ -319,10 +319,12 @@ def loop_of(options: argparse.Namespace) -> Loop | None:
         return None
     from ...servo.parts.file import loop_of_tables
 
-    left_out(options, "the friction of a loop is one of its parts", "model")
+    if hasattr(options, "model"):
+        left_out(options, "the friction of a loop is one of its parts", "model")
     loop = loop_of_tables(tables, f"loop file {options.servo!r}")
     values = assigned(options.set, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
-    return loop.replace(**values, **({"gain": gain_of(options)} if hasattr(options, "gain") else {}))
+    gain = gain_of(options) if gain is None and hasattr(options, "gain") else gain
+    return loop.replace(**values, **({} if gain is None else {"gain": gain}))
 
 
 def left_out(options: argparse.Namespace, why: str, *names: str) -> None:

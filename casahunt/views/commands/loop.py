@@ -6,10 +6,11 @@ import argparse
 from typing import Any
 
 from ...results import tables_of
-from ...servo.linear_loop import linear_loop, lowest_stable_gain, routh_hurwitz_gain
-from ...servo.sampled.linear import sampled_margins
+from ...servo.gains import lowest_stable_gain, routh_hurwitz_gain
+from ...servo.linear.linear_loop import linear_loop
+from ...servo.linear.margins import margins
 from ..answers.loop import loop_answer
-from .arguments import add_command, add_gain, drive_of, positive, servo_of
+from .arguments import add_command, add_gain, drive_of, loop_of, positive, servo_of
 from .output import give
 
 
@@ -24,18 +25,18 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     gains = [positive("gain", text) for text in options.gain]
+    parts = loop_of(options, gains[0])
+    if parts is not None:
+        loops = [linear_loop(parts.replace(gain=gain)) for gain in gains]
+        give(options, {"loops": loops}, loop_answer(loops), table=tables_of(loops), picture=("loop.bode", parts, loops))
+        return 0
     servo = servo_of(options)
     loops = [linear_loop(servo, gain) for gain in gains]
-    frictionless, viscous = routh_hurwitz_gain(servo), lowest_stable_gain(servo)
-    record = {
-        "lowest_stable_gain": viscous,
-        "lowest_stable_gain_without_viscous_friction": frictionless,
-        "loops": loops,
-    }
+    limits = lowest_stable_gain(servo), routh_hurwitz_gain(servo)
+    record = dict(zip(("lowest_stable_gain", "lowest_stable_gain_without_viscous_friction"), limits, strict=True))
     drive = drive_of(options)
-    built = [sampled_margins(servo, gain, drive) for gain in gains] if drive is not None else []
-    if drive is not None:
-        record["as_built"] = {"drive": drive, "margins": built}
-    answer = loop_answer(loops, viscous, frictionless, drive, built)
-    give(options, record, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
+    built = [margins(servo, gain, drive=drive) for gain in gains] if drive is not None else []
+    more = {} if drive is None else {"as_built": {"drive": drive, "margins": built}}
+    answer = loop_answer(loops, limits, drive, built)
+    give(options, record | {"loops": loops} | more, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
     return 0

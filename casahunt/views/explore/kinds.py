@@ -22,12 +22,12 @@ from ...design.remedies.fate import on_the_cycle
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
-from ...servo.delayed_loop import margins
 from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
+from ...servo.linear.margins import margins, margins_of
+from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
 from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
-from ...servo.parts.linear import linear_margins
 from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
@@ -278,12 +278,12 @@ class LoopAnswers(ServoAnswers):
 
     def linear(self) -> dict[str, Any]:
         """Friction curve and margins, where there are any."""
-        numbers, found = self.loop.parameters, linear_margins(self.loop)
+        numbers, opened = self.loop.parameters, open_loop_of_parts(self.loop)
         known = {"static", "coulomb", "stribeck_velocity", "viscous"} <= set(numbers)
         shown = {"friction": friction_curve(numbers)} if known else {}
-        if found is None:
+        if opened is None:
             return {**shown, "why": "with this part the loop is not linear: it has no margins"}
-        return {**shown, **margins_shown(found)}
+        return {**shown, **margins_shown(margins_of(opened))}
 
     def step(self) -> dict[str, Any]:
         """A step of the set point."""

@@ -15,7 +15,7 @@ import numpy as np
 from ...checks import finite_or_none, to_error
 from ...design.remedies.border import Border
 from ...errors import NoOrbit
-from ...servo.delayed_loop import Margins
+from ...servo.linear.margins import Margins
 from ...servo.parts import Remedy
 from ..answers.answer import PLAIN_DIGITS
 

@@ -1,6 +1,6 @@
 """Bode pictures of the linear loop: the fixed controller shape of the report's Figure 1, and the loop itself.
 
-    C(s) of servo/controller.py [V/rad],   L(s) = C(s) cm/(s (J s + sigma2))
+    C(s) of servo/controller.py [V/rad],   L(s) of servo/linear/open_loop.py, C(s) cm/(s (J s + sigma2)) for one inertia
 
 The gain moves the magnitude curves up and down; the phase curves are the same for every gain.
 """
@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...servo.linear_loop import LinearLoop, controller_response, loop_response
+from ...servo.linear.linear_loop import LinearLoop
+from ...servo.linear.open_loop import OpenLoop, open_loop
+from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels
 
@@ -24,19 +26,19 @@ ROOM = 30.0
 """The frequencies drawn reach this factor beyond every corner and crossover."""
 
 
-def bode(servo: Servo, loops: Sequence[LinearLoop], *, ax: Any = None) -> Array:
+def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) -> Array:
     """Magnitude and phase of the controller C (left) and of the loop L (right), crossovers marked.
 
     Parameters
     ----------
     servo, loops
-        the servo, and its linear loops at the gains to be drawn.
+        the servo, and its linear loops at the gains to be drawn; or a loop of parts, of which L alone is drawn.
     ax
-        four axes to draw into; default: those of a new figure.
+        four axes to draw into, two for a loop of parts; default: those of a new figure.
 
     Returns
     -------
-    The four axes: magnitude of C and of L, phase of C and of L [deg], against omega [rad/s].
+    The axes: magnitude of C and of L, phase of C and of L [deg], against omega [rad/s].
 
     Raises
     ------
@@ -51,45 +53,65 @@ def bode(servo: Servo, loops: Sequence[LinearLoop], *, ax: Any = None) -> Array:
     """
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
-    crossings = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
-    corners = [1 / tau for tau in servo.controller.corners if tau > 0]
-    low, high = min(corners + crossings), max(corners + crossings)
-    omega = np.geomspace(low / ROOM, high * ROOM, BODE_POINTS)
-    figure, four = panels(ax, 2, 2, sharex=True)
-    c_size, l_size, c_phase, l_phase = four
+    opened = [_opened(servo, loop.gain) for loop in loops]
+    omega = _frequencies(loops, opened)
+    alone = isinstance(servo, Loop)
+    figure, axes = panels(ax, 2, 1 if alone else 2, sharex=True)
+    sizes, phases = np.reshape(axes, (2, -1)).tolist()
+    l_size, l_phase, phase_of_L = sizes[-1], phases[-1], _degrees(opened[0].response(omega))
     looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
     handles = []
-    for i, loop in enumerate(loops):
+    for i, (loop, L) in enumerate(zip(loops, opened, strict=True)):
         look = looks[i % len(looks)]
         style = {"color": look.colour, "linewidth": look.width, "linestyle": look.dashes}
-        handles += c_size.plot(
-            omega, np.abs(controller_response(servo, loop.gain, omega)),
-            label=f"K = {loop.gain:.4g} ({'stable' if loop.stable else 'unstable'})", **style,
-        )  # fmt: skip
-        l_size.plot(omega, np.abs(loop_response(servo, loop.gain, omega)), **style)
+        if not isinstance(servo, Loop):
+            sizes[0].plot(omega, np.abs(servo.controller.response(loop.gain, 1j * omega)), **style)
+        told = "stable" if loop.stable else "unstable"
+        handles += l_size.plot(omega, np.abs(L.response(omega)), label=f"K = {loop.gain:.4g} ({told})", **style)
         dot = {"marker": "o", "markersize": 5, "color": look.colour, "markeredgecolor": "black"}
         for crossing in loop.gain_crossovers:
             l_size.plot(crossing.frequency, 1.0, **dot)
-            l_phase.plot(crossing.frequency, crossing.margin - 180, **dot, zorder=5)
-    c_phase.semilogx(omega, _degrees(controller_response(servo, loops[0].gain, omega)), color=NEUTRAL)
-    l_phase.semilogx(omega, _degrees(loop_response(servo, loops[0].gain, omega)), color=NEUTRAL)
+            at = np.interp(crossing.frequency, omega, phase_of_L)
+            turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
+            l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
+    if not isinstance(servo, Loop):
+        phases[0].semilogx(omega, _degrees(servo.controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
+    l_phase.semilogx(omega, phase_of_L, color=NEUTRAL)
     l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)
     l_phase.axhline(-180.0, color=NEUTRAL, linewidth=0.8)
-    for ax, label in ((c_size, "|C| [V/rad]"), (l_size, "|L| [–]")):
+    _labelled(sizes, phases)
+    l_size.set_title("loop L, dry friction left out; dots: |L| = 1", fontsize=10)
+    legend(figure, sizes[0], handles, frameon=False, ncols=min(len(loops), 4))
+    return axes
+
+
+def _opened(servo: Servo | Loop, gain: float) -> OpenLoop:
+    """L at a gain."""
+    return open_loop(servo.replace(gain=gain)) if isinstance(servo, Loop) else open_loop(servo, gain)
+
+
+def _frequencies(loops: Sequence[LinearLoop], opened: Sequence[OpenLoop]) -> Array:
+    """(m,) frequencies that are drawn [rad/s]: beyond every pole, zero and crossover."""
+    marked = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
+    marked += [abs(root) for L in opened for c in (L.numerator, L.denominator) for root in np.roots(c) if root]
+    return np.geomspace(min(marked) / ROOM, max(marked) * ROOM, BODE_POINTS)
+
+
+def _labelled(sizes: Sequence[Any], phases: Sequence[Any]) -> None:
+    """Axes with their names, and phases with ticks where turns are."""
+    for ax, label in zip(sizes[::-1], ("|L| [–]", "|C| [V/rad]"), strict=False):
         logarithmic(ax, "x", "y")
         ax.set_ylabel(label)
-    for ax, label in ((c_phase, "phase of C [°], every K"), (l_phase, "phase of L [°], every K")):
+    for ax, label in zip(phases[::-1], ("phase of L [°], every K", "phase of C [°], every K"), strict=False):
         ax.set_ylabel(label)
         ax.set_xlabel("frequency ω [rad/s]")
         bottom, top = ax.get_ylim()
         step = 45 if top - bottom > 90 else 15
         ax.set_yticks(np.arange(math.floor(bottom / step), math.ceil(top / step) + 1) * step)
-    for ax in four:
+    for ax in (*sizes, *phases):
         ax.grid(True, color="0.9", linewidth=0.6)
-    c_size.set_title("controller C", fontsize=10)
-    l_size.set_title("loop L, dry friction left out; dots: |L| = 1", fontsize=10)
-    legend(figure, c_size, handles, frameon=False, ncols=min(len(loops), 4))
-    return four
+    if len(sizes) > 1:
+        sizes[0].set_title("controller C", fontsize=10)
 
 
 def _degrees(response: np.ndarray) -> np.ndarray:

@@ -10,7 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from casahunt import Servo
-from casahunt.servo.linear_loop import linear_loop, loop_response
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.open_loop import open_loop
 
 servo = Servo()
 loop = linear_loop(servo, 0.1)
@@ -18,7 +19,7 @@ print(loop.poles, [crossover.margin for crossover in loop.gain_crossovers])
 
 w = np.logspace(-1, 3, 400)
 figure, (up, low) = plt.subplots(2, 1, sharex=True, figsize=(6.4, 5), layout="constrained")
-response = loop_response(servo, 0.1, w)
+response = open_loop(servo, 0.1).response(w)
 up.loglog(w, abs(response))
 low.semilogx(w, np.degrees(np.unwrap(np.angle(response))))
 up.axhline(1, color="black", linewidth=0.8)

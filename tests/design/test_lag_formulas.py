@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from casahunt import Servo
-from casahunt.servo.delayed_loop import crossover, log_magnitude, margins, phase
+from casahunt.design.tune.lag import log_magnitude, phase
+from casahunt.servo.linear.margins import crossover, margins
 
 SERVOS = (
     Servo(),

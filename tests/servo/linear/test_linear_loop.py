@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, Servo, cli
-from casahunt.servo.linear_loop import (
-    characteristic_polynomial,
-    controller_response,
-    gain_crossovers,
-    linear_loop,
-    loop_response,
-    lowest_stable_gain,
-    phase_crossovers,
-    routh_hurwitz_gain,
-)
+from casahunt.servo.gains import lowest_stable_gain, routh_hurwitz_gain
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import gain_crossovers, phase_crossovers
+from casahunt.servo.linear.open_loop import open_loop
 
 SMOOTH = Servo().replace(**{"friction.viscous": 0.0})
 LIGHTLY_DAMPED = Servo().replace(**{"friction.viscous": 0.03, "controller.integral_time": 0.3})
@@ -78,24 +72,24 @@ def test_crossovers_lie_on_the_loop(servo, gain):
     loop = linear_loop(servo, gain)
     assert len(loop.gain_crossovers) == 1  # Descartes, see the module
     at = loop.gain_crossovers[0]
-    value = loop_response(servo, gain, np.array([at.frequency]))[0]
+    value = open_loop(servo, gain).response(np.array([at.frequency]))[0]
     assert abs(value) == pytest.approx(1, rel=1e-12)
     assert value == pytest.approx(-np.exp(1j * np.radians(at.margin)), abs=1e-12)
     assert (at.margin > 0) == loop.stable
     for c in loop.phase_crossovers:
-        value = loop_response(servo, gain, np.array([c.frequency]))[0]
+        value = open_loop(servo, gain).response(np.array([c.frequency]))[0]
         assert value == pytest.approx(-1 / c.margin, rel=1e-9)
     for pole in loop.poles:  # 1 + L = 0
-        assert loop_response(servo, gain, np.array([pole / 1j]))[0] == pytest.approx(-1, rel=1e-8)
+        assert open_loop(servo, gain).response(np.array([pole / 1j]))[0] == pytest.approx(-1, rel=1e-8)
 
 
 def test_poles_solve_the_equations_of_motion():
-    """chi is the characteristic polynomial of x1' = x2, J x2' = m - sigma2 x2, x3' = x1."""
+    """They are the eigenvalues of x1' = x2, J x2' = m - sigma2 x2, x3' = x1."""
     kp, kd, ki = Servo().torque_gains(0.1)
     J, sigma2 = 0.026, 0.1
     matrix = np.array([[0, 1, 0], [-kp / J, -(kd + sigma2) / J, -ki / J], [1, 0, 0]])
-    chi = characteristic_polynomial(Servo(), 0.1)
-    assert chi / J == pytest.approx(np.poly(matrix), rel=1e-12)
+    closed = open_loop(Servo(), 0.1).closed
+    assert closed / closed[0] == pytest.approx(np.poly(matrix), rel=1e-12)
 
 
 def test_several_gain_crossovers():
@@ -149,10 +143,10 @@ def test_the_row_of_a_loop_has_its_phase_margin():
 def test_controller_shape():
     """Report, Figure 1: equal times give the minimum |C| = 2 K at omega = 1/tau, where the phase is 0."""
     omega = np.geomspace(0.1, 1000, 4001)
-    size = np.abs(controller_response(Servo(), 0.3, omega))
+    size = np.abs(Servo().controller.response(0.3, 1j * omega))
     assert size.min() == pytest.approx(0.6, rel=1e-5)
     assert omega[size.argmin()] == pytest.approx(2 * np.pi, rel=3e-3)
-    assert controller_response(Servo(), 0.3, np.array([2 * np.pi]))[0] == pytest.approx(0.6, abs=1e-15)
+    assert Servo().controller.response(0.3, np.array([2j * np.pi]))[0] == pytest.approx(0.6, abs=1e-15)
 
 
 def test_command(capsys, tmp_path):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from casahunt import Controller, Drive, Friction, Pid, Servo, sampled_margins
-from casahunt.servo.sampled.linear import sampled_response
+from casahunt import Controller, Drive, Friction, Pid, Servo, margins
+from casahunt.servo.linear.sampled_loop import sampled_response
 
 
 def held(servo: Servo, lasts: float) -> np.ndarray:
@@ -103,7 +103,7 @@ def test_limits_are_where_an_eigenvalue_crosses_the_unit_circle(seed):
     for _ in range(25):
         servo, drive = random_loop(random)
         gain = float(10 ** random.uniform(-2, 1))
-        found, size = sampled_margins(servo, gain, drive), radius(servo, gain, drive)
+        found, size = margins(servo, gain, drive=drive), radius(servo, gain, drive)
         assert found.stable is bool(size < 1), (servo, gain, drive)
         assert (found.phase_margin > 0) is found.stable
         seen[found.stable] += 1
@@ -131,7 +131,7 @@ def test_a_loop_that_turns_many_times_below_its_crossover_is_unstable():
     """With a thousand samples of delay no loop is stable whose crossover lies far above 1/D."""
     servo, T = Servo(), 1e-4
     for gain in np.geomspace(10, 1000, 15):
-        found = sampled_margins(servo, gain, Drive(sample_time=T, delay=1000 * T))
+        found = margins(servo, gain, drive=Drive(sample_time=T, delay=1000 * T))
         assert found.frequency > 20 / (1000 * T) and not found.stable and found.phase_margin <= 0
 
 
@@ -141,9 +141,9 @@ def test_a_real_pole_may_leave_the_unit_circle_at_minus_one(delay):
     friction = Friction(static=0.5, coulomb=0.4, stribeck_velocity=0.1, viscous=3.0)
     servo = Servo(inertia=0.005, motor_gain=1.0, controller=Pid(kp=1.0, ki=1.0, kd=1e-3), friction=friction)
     drive = Drive(sample_time=0.1, delay=delay)
-    limit = sampled_margins(servo, 1.0, drive).highest_factor
+    limit = margins(servo, 1.0, drive=drive).highest_factor
     for within, beyond in ((0.99, 1.01), (0.5, 2.0), (0.01, 10.0)):
-        at, out = (sampled_margins(servo, factor * limit, drive) for factor in (within, beyond))
+        at, out = (margins(servo, factor * limit, drive=drive) for factor in (within, beyond))
         assert at.stable and not out.stable
         assert radius(servo, within * limit, drive) < 1 < radius(servo, beyond * limit, drive)
     A, b, c = opened(servo, limit, drive)
@@ -156,5 +156,5 @@ def test_a_servo_whose_loop_is_larger_than_one_at_every_frequency():
     servo, drive = Servo(), Drive(sample_time=0.1)
     assert radius(servo, 1e3, drive) > 1
     assert (np.abs(sampled_response(servo, 1e3, drive, np.linspace(0.1, 1, 200) * math.pi / 0.1)) > 1).all()
-    found = sampled_margins(servo, 1e3, drive)
+    found = margins(servo, 1e3, drive=drive)
     assert not found.stable and found.frequency == pytest.approx(math.pi / 0.1) and found.phase_margin <= 0

@@ -1,0 +1,281 @@
+"""How much phase and gain a linear loop can lose, with a delay or as built.
+
+    continuous    L(s) of open_loop.py times exp(-s D)
+    as built      L(z) of sampled_loop.py, at z = exp(i omega T) up to omega = pi/T
+
+Margins are told by Nyquist's criterion from -L along the frequencies.  With next to nothing of the gain as many poles
+of the closed loop are unstable as L has of its own, and two more where arg -L < 0 at low frequencies.  As the gain is
+raised, a pair of poles leaves the stable region at each frequency at which arg -L falls through 0, and enters it where
+that rises, at the gain factor 1/|L|; at pi/T, of a sampled loop, a single one.
+
+    phase margin      the least arg -L of all frequencies at which |L| = 1; of a stable loop modulo 360 degrees
+    gain margins      the factors next to 1
+
+Of a rational loop, |L| = 1 and arg L = pi are roots of polynomials in w = omega^2; a delay leaves |L| as it is.
+Between two frequencies of the grid, which is denser where poles and zeros lie beside the axis, and as dense as the
+turns that a delay makes of the phase, a change of sign is halved to rounding.
+
+Source: Nyquist's criterion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...checks import require
+from ...errors import InputError
+from ...results import Result
+from ..drive import Drive
+from ..parts.loop import Loop
+from ..servo import Servo
+from .open_loop import OpenLoop, open_loop
+from .sampled_loop import sampled_response
+
+Array = np.ndarray
+Response = Callable[[Array], Array]
+
+FREQUENCIES = 4001
+"""Frequencies at which arg -L is looked at for changes of its sign."""
+LOWEST_SEEN, HIGHEST_SEEN = 1e-6, 1e6
+"""The first and the last of them, in units of the crossover."""
+BESIDE_A_POLE, WIDTHS = 12, 1e3
+"""Frequencies on each side of a pole or zero, and how far they reach, in its distances from the axis."""
+IN_A_TURN, TURNS_BEYOND, MOST_TURNS_BY_DELAY = 16, 3, 2000
+"""Frequencies in a turn of the phase that a delay makes; so many turns beyond the crossover, and of all."""
+BISECTED = 60
+"""Halvings of a step between two frequencies: to rounding."""
+REAL = 1e-7
+"""A root w of a crossover polynomial counts as real below this ratio of imaginary to absolute part: a double root,
+where a curve touches, is only known to the square root of rounding."""
+POLISH = 3
+"""Newton steps that take a simple real root of numpy.roots to rounding."""
+
+
+@dataclass(frozen=True, repr=False)
+class Margins(Result):
+    """Margins of a loop.
+
+    Attributes
+    ----------
+    frequency : crossover |L| = 1 [rad/s]; that of the phase margin, where there are several; nan where there is none.
+    phase_margin : there [deg].
+    lowest_factor, highest_factor : the gain may be multiplied by anything between them and the loop stays stable;
+        0 and inf without such a limit; nan for an unstable loop.
+    stable : no unstable pole; where there is a crossover, phase_margin > 0.
+
+    Examples
+    --------
+    >>> from casahunt import Servo, margins
+    >>> margins(Servo(), 0.1)
+    <Margins: phase margin 52.2768 deg, frequency 11.9131 rad/s, lowest factor 0, highest factor inf, stable True>
+    """
+
+    _quantities = ("phase_margin [deg]", "frequency [rad/s]", "lowest_factor", "highest_factor", "stable")
+    _details = ("crossover = frequency [rad/s]",)
+
+    frequency: float
+    phase_margin: float
+    lowest_factor: float
+    highest_factor: float
+    stable: bool
+
+
+@dataclass(frozen=True, repr=False)
+class Crossover(Result):
+    """A frequency at which the loop crosses |L| = 1, or the negative real axis.
+
+    Attributes
+    ----------
+    frequency : omega [rad/s].
+    margin : at |L| = 1 the phase margin, arg L + 180 degrees in (-180, 180]; at arg L = -180 degrees the
+        factor 1/|L| by which the gain would have to change to put a pole on the imaginary axis.
+    """
+
+    _quantities = ("frequency [rad/s]", "margin")
+
+    frequency: float
+    margin: float
+
+
+def margins(
+    servo: Servo | Loop, gain: float | None = None, *, delay: float = 0.0, drive: Drive | None = None
+) -> Margins:
+    """Margins of the loop, dry friction left out.
+
+    Parameters
+    ----------
+    servo, gain
+        the servo and its gain K [V/rad]; or a loop of parts, which has its own.
+    delay
+        D [s], >= 0, of a continuous loop.
+    drive
+        how a servo is run: sample time, delay, derivative and its filter, integration, leak, error filter; counts are
+        left out.  Default: continuously.
+
+    Returns
+    -------
+    Margins; of an unstable loop the factors are nan.  As built, of crossovers up to pi/T; where there is none, the
+    frequency is that.
+
+    Raises
+    ------
+    InputError : a value out of range, or a loop that is not linear.
+
+    Examples
+    --------
+    >>> from casahunt import Drive, Servo, margins
+    >>> found = margins(Servo(), 0.1, delay=0.01)  # [s]
+    >>> round(found.phase_margin, 2), round(found.highest_factor, 2)  # degrees, and times the gain
+    (45.45, 15.43)
+    >>> found = margins(Servo(), 0.1, drive=Drive(sample_time=0.01))  # [s]
+    >>> round(found.phase_margin, 2), round(found.highest_factor, 2)
+    (47.76, 18.48)
+    """
+    loop = open_loop(servo, gain)
+    if drive is None:
+        return margins_of(loop, require("delay", delay, at_least=0))
+    if delay or gain is None or isinstance(servo, Loop):
+        wrong = "delay: must be the drive's, Drive(delay=...)" if delay else "drive: is one of a servo, Servo(...)"
+        raise InputError(wrong)
+    last = math.pi / drive.sample_time
+    omega = np.geomspace(LOWEST_SEEN * min(_last_crossover(loop), last), last, FREQUENCIES)
+
+    def turned(at: Array) -> Array:
+        return -sampled_response(servo, gain, drive, at)
+
+    crossed = _changes(lambda at: np.log(np.abs(turned(at))), omega)[0]
+    return _told(turned, omega, crossed if crossed.size else omega[-1:], 0, folds=True)
+
+
+def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:
+    """The margins of a rational loop with a delay [s]."""
+    crossed = np.array([c.frequency for c in gain_crossovers(loop.numerator, loop.denominator)])
+    unit = crossed[-1] if crossed.size else float(np.abs(np.roots(loop.denominator)).max())
+    roots = np.concatenate([np.roots(loop.numerator), np.roots(loop.denominator)])
+    beside = roots[(roots.imag > 0) & (roots.real != 0)]
+    aside = np.abs(beside.real)[:, None] * np.geomspace(1 / WIDTHS, WIDTHS, BESIDE_A_POLE)
+    near = np.abs(beside.imag)[:, None] + np.hstack([-aside, 0 * aside[:, :1], aside])
+    grid = [unit * np.geomspace(LOWEST_SEEN, HIGHEST_SEEN, FREQUENCIES), near.ravel()]
+    omega, last = np.unique(np.concatenate(grid)), math.inf
+    if delay:  # behind all that L does by itself the phase only falls, and |L| with it
+        last = max(unit, float(np.abs(roots).max())) + TURNS_BEYOND * 2 * math.pi / delay
+        turns = min(last * delay / (2 * math.pi), MOST_TURNS_BY_DELAY)
+        inside = 2 * math.pi / delay * np.linspace(0, turns, int(IN_A_TURN * turns) + 1)
+        omega = np.unique(np.concatenate([omega, inside]))
+    own = int((np.roots(loop.denominator).real > 0).sum())
+    omega = omega[(omega >= LOWEST_SEEN * unit) & (omega <= last)]
+    return _told(lambda at: -loop.response(at, delay), omega, crossed, own)
+
+
+def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
+    """The largest frequency [rad/s] at which |L| = level.
+
+    servo, gain: the loop; gain K > 0 [V/rad]; level: magnitude > 0. Raises InputError: gain not a finite number > 0.
+    """
+    return _last_crossover(open_loop(servo, gain), level)
+
+
+def _last_crossover(loop: OpenLoop, level: float = 1.0) -> float:
+    return gain_crossovers(loop.numerator / level, loop.denominator)[-1].frequency
+
+
+def _told(turned: Response, omega: Array, crossed: Array, own: int, *, folds: bool = False) -> Margins:
+    """Margins from -L along the frequencies (m,).
+
+    crossed: (k,) those at which |L| = 1; own: unstable poles of L; folds: the last frequency is pi/T.
+    """
+    at, falls = _changes(lambda at: turned(at).imag, omega[: omega.size - folds])
+    values, change = turned(at), np.where(falls, 2, -2)
+    if folds:
+        before, end = turned(omega[-2:])
+        values, change = np.append(values, end.real), np.append(change, 1 if before.imag > 0 else -1)
+    real = values.real > 0
+    factors, change = 1 / np.abs(values[real]), change[real]
+    unstable = own + 2 * int(turned(omega[:1])[0].imag < 0) + int(change[factors < 1].sum())
+    phi = np.degrees(np.angle(turned(crossed)))
+    phi = phi if unstable else np.mod(phi, 360)
+    frequency, margin = min(zip(crossed, phi, strict=True), key=lambda c: c[1], default=(math.nan, math.nan))
+    if unstable:
+        return Margins(float(frequency), min(float(margin), 0.0), math.nan, math.nan, False)
+    low, high = max(factors[factors < 1], default=0.0), min(factors[factors > 1], default=math.inf)
+    return Margins(float(frequency), float(margin), float(low), float(high), True)
+
+
+def _changes(f: Response, omega: Array) -> tuple[Array, Array]:
+    """Where a function changes its sign between the first and the last frequency, and whether it falls there."""
+    above = f(omega) > 0
+    i = np.flatnonzero(above[:-1] != above[1:])
+    low, high, falls = omega[i], omega[i + 1], above[i]
+    for _ in range(BISECTED if i.size else 0):
+        middle = (low + high) / 2
+        same = (f(middle) > 0) == falls
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return (low + high) / 2, falls
+
+
+def gain_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
+    """All frequencies with |L(j omega)| = 1.
+
+    numerator, denominator: coefficients of L(s), highest power first. Returns crossovers by increasing frequency
+    [rad/s], with their phase margins [deg]. Raises InputError: |L| = 1 at every frequency, as for an all-pass.
+    """
+    a, b = _along_the_axis(numerator), _along_the_axis(denominator)
+    found = []
+    for omega in _frequencies(np.polysub(_square(a), _square(b)), "|L| = 1"):
+        phase = math.degrees(float(np.angle(np.polyval(a, omega) / np.polyval(b, omega))))
+        margin = phase + 180
+        found.append(Crossover(omega, margin if margin <= 180 else margin - 360))
+    return tuple(found)
+
+
+def phase_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:
+    """All frequencies with L(j omega) real and negative.
+
+    numerator, denominator: coefficients of L(s), highest power first. Returns crossovers by increasing frequency
+    [rad/s], with the factors 1/|L|. Raises InputError: L is real at every frequency.
+    """
+    a, b = _along_the_axis(numerator), _along_the_axis(denominator)
+    imaginary = np.polymul(a, np.conj(b)).imag  # odd in omega: only every other coefficient is there
+    found = []
+    for omega in _frequencies(imaginary[::-1][1::2][::-1], "a real L"):
+        value = complex(np.polyval(a, omega) / np.polyval(b, omega))
+        if value.real < 0:
+            found.append(Crossover(omega, 1 / abs(value)))
+    return tuple(found)
+
+
+def _along_the_axis(polynomial: Sequence[float] | Array) -> Array:
+    """Coefficients in omega of a polynomial in s = j omega."""
+    c = np.asarray(polynomial, dtype=float)
+    powers = np.array([1, 1j, -1, -1j])  # exact, as 1j**k is not
+    return c * powers[np.arange(c.size)[::-1] % 4]
+
+
+def _square(c: Array) -> Array:
+    """|c(omega)|^2 as a polynomial in w = omega^2."""
+    full = np.polymul(c, np.conj(c)).real
+    return full[::-1][::2][::-1]
+
+
+def _frequencies(polynomial: Array, what: str) -> list[float]:
+    """omega = sqrt(w) for the positive roots w of a polynomial in w = omega^2, increasing."""
+    size = float(np.max(np.abs(polynomial), initial=0.0))
+    if size == 0:
+        raise InputError(f"crossover {what}: every frequency is one")
+    c = np.trim_zeros(polynomial, "f")
+    derivative = np.polyder(c)
+    found = []
+    for root in np.roots(c):
+        if root.real <= 0 or abs(root.imag) > REAL * abs(root):
+            continue
+        w = float(root.real)
+        for _ in range(POLISH):
+            slope = float(np.polyval(derivative, w))
+            step = float(np.polyval(c, w)) / slope if slope else 0.0
+            w = w - step if abs(step) < 1e-6 * w else w
+        found.append(math.sqrt(w))
+    return sorted(found)

@@ -1,0 +1,144 @@
+"""The linear loop of a loop of parts against that of the servo, and against transfer functions written down."""
+
+import numpy as np
+import pytest
+
+from casahunt import InputError, Servo, margins
+from casahunt.servo.linear.margins import gain_crossovers, phase_crossovers
+from casahunt.servo.linear.open_loop import open_loop_of_parts
+from casahunt.servo.parts import (
+    DEAD_BAND,
+    ERROR_FILTER,
+    FEEDFORWARD,
+    FREEZE,
+    INTEGRATOR,
+    LEAK,
+    PID_BY_GAINS,
+    RESET_AT_STOP,
+    RESET_AT_ZERO,
+    SWITCH,
+    TWO_MASSES,
+    Loop,
+    loop_of,
+    transfer_function,
+)  # fmt: skip
+from casahunt.servo.parts.inertia import INERTIA
+
+J, VISCOUS = 0.026, 0.1
+KP, KI, KD = 2.0, 2 * np.pi, 1 / (2 * np.pi)
+"""Table 1's; gains of its controller, in units of K cm."""
+
+
+def plain(gain=0.04):
+    return loop_of(Servo(), "switch", gain)
+
+
+def same(found, numerator, denominator):
+    """Margins by the crossovers of a transfer function that is written down, the loop stable."""
+    least = min(at.margin % 360 for at in gain_crossovers(numerator, denominator))
+    assert found.stable and found.phase_margin == pytest.approx(least, rel=1e-9)
+    factors = [at.margin for at in phase_crossovers(numerator, denominator)]
+    assert found.lowest_factor == pytest.approx(max((f for f in factors if f < 1), default=0.0), rel=1e-8)
+    assert found.highest_factor == pytest.approx(min((f for f in factors if f > 1), default=np.inf), rel=1e-8)
+
+
+@pytest.mark.parametrize("gain", [0.04, 0.3, 3.0])
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+def test_of_the_plain_servo(model, gain):
+    servo = Servo().replace(**{"friction.viscous": 0.02})
+    found, truth = margins(loop_of(servo, model, gain)), margins(servo, gain)
+    for name in ("frequency", "phase_margin", "lowest_factor", "highest_factor", "stable"):
+        assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=1e-9, nan_ok=True), name
+
+
+def test_a_leak():
+    """C(s) = kp + kd s + ki/(s + leak)."""
+    K, leak = 0.04 * 16, 0.3
+    numerator = K * np.polyadd(np.polymul([KD, KP], [1, leak]), [KI])
+    same(margins(plain().with_parts(LEAK, leak=leak)), numerator, np.polymul([J, VISCOUS, 0], [1, leak]))
+
+
+def test_a_filtered_error():
+    """C(s)/(T s + 1); beyond the phase that it costs the loop is unstable."""
+    K = 0.04 * 16
+    T = 0.02
+    same(margins(plain().with_parts(ERROR_FILTER, filter_time=T)),
+         K * np.array([KD, KP, KI]), np.polymul([J, VISCOUS, 0, 0], [T, 1]))  # fmt: skip
+    slow = margins(plain().with_parts(ERROR_FILTER, filter_time=0.2))
+    assert not slow.stable and slow.phase_margin < 0 and np.isnan(slow.lowest_factor)
+
+
+def test_two_masses():
+    """P(s) = (JL s^2 + k) / (s ((J s + b)(JL s^2 + k) + k JL s)), the motor measured."""
+    k, JL, K = 100.0, J, 0.04 * 16
+    bar = np.array([JL, 0, k])
+    denominator = np.polymul([1, 0], np.polyadd(np.polymul([J, VISCOUS], bar), [k * JL, 0]))
+    loop = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR))
+    numerator = np.polymul(K * np.array([KD, KP, KI]), bar)
+    poles = np.roots(np.polyadd(np.polymul([1, 0], denominator), numerator))
+    assert poles.real.max() < 0
+    same(margins(loop), numerator, np.polymul([1, 0], denominator))
+
+
+def test_a_transfer_function():
+    numerator, denominator = [0.2, 2.0, 6.0], [0.01, 1.0, 0.0]
+    loop = Loop((INERTIA, SWITCH, transfer_function(numerator, denominator)), {"gain": 0.04})
+    same(margins(loop), 0.64 * np.array(numerator), np.polymul([J, VISCOUS, 0], denominator))
+
+
+def test_what_compensates_dry_friction_leaves_the_linear_loop_as_it_is():
+    found = margins(plain().with_parts(FEEDFORWARD, compensated=0.5))
+    assert found.phase_margin == margins(plain()).phase_margin
+
+
+@pytest.mark.parametrize(("part", "size"), [
+    (DEAD_BAND, 0.01), (FREEZE, 1.0), (RESET_AT_ZERO, 0.5), (RESET_AT_STOP, 0.5),
+])  # fmt: skip
+def test_a_loop_that_is_not_linear_has_none(part, size):
+    loop = plain().with_parts(part, **{part.size: size})
+    assert open_loop_of_parts(loop) is None
+    with pytest.raises(InputError, match=f"is not linear: {part.name} switch"):
+        margins(loop)
+
+
+def belt(random):
+    """Two masses, the load on a shaft that is hardly damped, and L written down from the equations of motion."""
+    J1, J2, k = 10.0 ** random.uniform(-4, -3, 3) * (1, 4, 1e5)
+    damping, b = 10 ** random.uniform(-5, -2), 0.002
+    kp, ki, kd = 10 ** random.uniform(-1, 1) * np.array([6, 60, 0.12])
+    numbers = {"inertia": J1, "load_inertia": J2, "shaft_stiffness": k, "shaft_damping": damping, "motor_gain": 1.0,
+               "kp": kp, "ki": ki, "kd": kd, "gain": 1.0, "viscous": b}  # fmt: skip
+    loop = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR), numbers)
+    A = np.array([[0, 1, 0, 0, 0], [-k / J1, -(b + damping) / J1, k / J1, damping / J1, 0], [0, 0, 0, 1, 0],
+                  [k / J2, damping / J2, -k / J2, -damping / J2, 0], [1, 0, 0, 0, 0]])  # fmt: skip
+    return loop, A, np.array([0, 1 / J1, 0, 0, 0]), np.array([kp, kd, 0, 0, ki])
+
+
+def rightmost(A, b, c, delay, points=40):
+    """The largest real part of the poles: Chebyshev collocation of the generator of x' = A x - b c x(t - delay)."""
+    if delay == 0:
+        return np.linalg.eigvals(A - np.outer(b, c)).real.max()
+    k, n = np.arange(points + 1), b.size
+    x = np.cos(np.pi * k / points)
+    weights = np.where((k == 0) | (k == points), 2, 1) * (-1.0) ** k
+    D = np.outer(weights, 1 / weights) / (x[:, None] - x[None, :] + np.eye(points + 1))
+    M = np.kron((D - np.diag(D.sum(axis=1))) * 2 / delay, np.eye(n))
+    M[:n] = 0
+    M[:n, :n], M[:n, -n:] = A, -np.outer(b, c)
+    return np.linalg.eigvals(M).real.max()
+
+
+@pytest.mark.parametrize("delay", [0.0, 1e-3])
+def test_two_masses_on_a_shaft_that_is_hardly_damped(delay):
+    """Stable where no pole is to the right; 0.1 per cent within each limit, and not as far beyond."""
+    random, seen = np.random.default_rng(40), {True: 0, False: 0}
+    for _ in range(30):
+        loop, A, b, c = belt(random)
+        found, size = margins(loop, delay=delay), rightmost(A, b, c, delay)
+        assert found.stable == (size < 0), loop.values
+        seen[found.stable] += 1
+        for factor, outwards in ((found.lowest_factor, -1e-3), (found.highest_factor, 1e-3)) if found.stable else ():
+            if 0 < factor < np.inf:
+                assert rightmost(A, b, factor * (1 - outwards) * c, delay) < 0
+                assert rightmost(A, b, factor * (1 + outwards) * c, delay) > 0
+    assert not delay or min(seen.values()) > 3
