@@ -127,6 +127,28 @@ class NotFollowed(NoOrbit):
         self.time = time
 
 
+class HuntsIrregularly(NoOrbit):
+    """No cycle was found, for the motion that was followed goes on for ever and repeats in no pattern.
+
+    Attributes
+    ----------
+    amplitude : how far it turns back from the set point, at least and at most.
+    between : the times between two turns, at least and at most [s].
+
+    Examples
+    --------
+    >>> from casahunt.errors import HuntsIrregularly, Status
+    >>> str(HuntsIrregularly("it hunts irregularly", Status.NOT_FOUND, amplitude=(0.1, 0.2), between=(1.0, 3.0)))
+    'it hunts irregularly'
+    """
+
+    def __init__(
+        self, sentence: str, status: Status, *, amplitude: tuple[float, float], between: tuple[float, float]
+    ) -> None:
+        super().__init__(sentence, status)
+        self.amplitude, self.between = amplitude, between
+
+
 class ComesToRest(NoOrbit):
     """No cycle was found, for the motion that was followed comes to rest.
 

@@ -1,6 +1,5 @@
 """Which remedy stops the hunting, how large, at what price.
 
-fate.py        what becomes of a motion
 scan.py        of motions from many starts, the worst
 price.py       what it costs: errors at rest, a step simulated
 outcome.py     what a motion of a loop goes on to

@@ -28,11 +28,11 @@ from ...orbits import Orbit, SystemOrbit
 from ...orbits.adapt import Options
 from ...roots import boundary
 from ...servo.linear.open_loop import linear_stable
+from ...servo.parts.fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing
 from ...servo.parts.loop import Loop
 from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.verbs import loop_cycle
-from .fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing
 from .scan import scan
 
 Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]

@@ -13,10 +13,10 @@ from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.hunting import Model
+from ...servo.parts.fate import ENDED, Verdict
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Corners
 from .border import BORDERS
-from .fate import ENDED, Verdict
 
 MARGIN_TO_CHOOSE = 0.1
 """What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""

@@ -22,10 +22,10 @@ from ...checks import to_error
 from ...errors import ComesToRest, NoOrbit, NotFollowed
 from ...motion import Motion
 from ...orbits import Options, Orbit, SystemOrbit, find_cycle
+from ...servo.parts.fate import MOVES_NOT, ROUNDING_OF_A_STATE, Swing, fate
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import LoopMotion, loop_motion
 from ...servo.sampled.motion import FAR_AWAY
-from .fate import MOVES_NOT, ROUNDING_OF_A_STATE, Swing, fate
 from .price import TASK_STEP
 
 LATE = 0.5

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...servo.parts.fate import Swing, Verdict, fate
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import along
-from .fate import Swing, Verdict, fate
 
 TASK_STEP, SETTLED_WITHIN = 1.0, 0.02
 """The step [rad], and the part of it within which it has settled."""

@@ -24,6 +24,7 @@ from ...servo.hunting import MODELS, Model, called
 from ...servo.linear.margins import Margins, margins_of
 from ...servo.linear.open_loop import linear_stable, open_loop_of_parts
 from ...servo.parts.cascade import P_PI
+from ...servo.parts.fate import Swing, Verdict, fate, on_the_cycle
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
 from ...servo.parts.inertia import INERTIA
 from ...servo.parts.loop import Loop
@@ -48,7 +49,6 @@ from .border import (
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
-from .fate import Swing, Verdict, fate, on_the_cycle
 from .price import task
 from .scan import Scan, scan
 

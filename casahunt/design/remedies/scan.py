@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...servo.parts.fate import BY_SEVERITY, DECADE, ENDED, NEARLY_THERE, Fate, Swing, Verdict, fate
 from ...servo.parts.loop import Loop
-from .fate import BY_SEVERITY, DECADE, ENDED, NEARLY_THERE, Fate, Swing, Verdict, fate
 
 Array = np.ndarray
 

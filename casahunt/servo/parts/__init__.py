@@ -37,6 +37,7 @@ table.py                 all remedies
 plain_loop.py            a servo as a loop
 naming.py                parts by what a file calls them
 file.py                  a loop in a file
+fate.py                  what becomes of a motion of a loop
 verbs.py                 cycle and motion of a loop
 """
 

@@ -1,6 +1,7 @@
 """What is asked of a loop as of a servo: its hunting cycle, its motion, a signal along that.
 
     cycle     motions from rest beside the set point, by 1, 1/2, 1/4, ... rad: the cycle on which the first one settles
+              (where turns are events, a state of it is known from fate.py, and no motion that rests is searched)
               else: that of a smaller gain, followed up to the gain
 
 All else the engine does with such a cycle: `follow` leads along its branch in any parameter, `special_curve` along its
@@ -17,9 +18,10 @@ import numpy as np
 
 from ...checks import choice_of
 from ...continuation import FOLD, Fold, follow, largest, smallest
-from ...errors import ComesToRest, InputError, NoOrbit, Status
+from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...motion import Motion, simulate
 from ...orbits import Options, SystemOrbit, find_cycle
+from .fate import ENDED, Fate, fate, measured
 from .loop import Loop
 
 Array = np.ndarray
@@ -30,6 +32,10 @@ SMALLER_GAINS = (0.5, 0.25, 0.125, 0.0625)
 """Parts of the gain at which a cycle is looked for where no motion settles on one."""
 MOST_UNSETTLED = 3
 """Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
+WORK_OF_A_START = 3e6
+"""Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring."""
+LATE_TURNS = 120
+"""Turns of a motion that hunts irregularly which tell how far and how long it swings."""
 FAR_UP = 1e3
 """A parameter that hunting does not end in is followed to so many times its value."""
 
@@ -62,6 +68,8 @@ def loop_cycle(
     Raises
     ------
     InputError : no such parameter, or that of a part that is not there.
+    ComesToRest : a NoOrbit: the motion comes to rest from each of the starts.
+    HuntsIrregularly : a NoOrbit: it goes on for ever and repeats in no pattern; says how far and how long it swings.
     NoOrbit : no cycle was found, or the branch of smaller gains ends before this gain; says which.
 
     Examples
@@ -82,10 +90,15 @@ def loop_cycle(
         return found
     if "gain" in loop.parameters and any(isinstance(each, ComesToRest) for each in found):
         for part in SMALLER_GAINS:
-            lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options)
+            lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options, unsettled=1)
             if isinstance(lower, SystemOrbit):
                 return _followed_up(lower, loop.value("gain"), options)
-    raise next((each for each in found if not isinstance(each, ComesToRest)), found[0])
+    lively = next((each for each in found if not isinstance(each, ComesToRest)), None)
+    if lively is not None:
+        raise lively
+    nearest = FIRST_OFF / 2**STARTS_HALVED
+    starts = f"from each of {len(found)} starts, {FIRST_OFF:g} to {nearest:.2g} rad beside the set point"
+    raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest {starts}", Status.NOT_FOUND)
 
 
 def check_present(loop: Loop, name: str) -> None:
@@ -102,17 +115,54 @@ def _settled(loop: Loop, vary: str, state: dict[str, float], options: Options) -
     return find_cycle(loop.system, loop.mode_at(**state), start=state, follow=vary, options=options)
 
 
-def _from_rest(loop: Loop, vary: str, options: Options) -> SystemOrbit | list[NoOrbit]:
-    """The cycle on which the first motion from rest settles; where none does, why not, of each."""
+def _from_rest(
+    loop: Loop, vary: str, options: Options, unsettled: int = MOST_UNSETTLED
+) -> SystemOrbit | list[NoOrbit]:
+    """The cycle on which the first motion from rest settles; where none does, why not, of each.
+
+    unsettled: motions that neither rest nor settle, behind which no further one is followed.
+    """
     refusals: list[NoOrbit] = []
     for k in range(STARTS_HALVED + 1):
         try:
-            return _settled(loop, vary, loop.at_rest(-FIRST_OFF / 2**k), options)
+            return _settled(loop, vary, _led_on(loop, loop.at_rest(-FIRST_OFF / 2**k)), options)
         except NoOrbit as refusal:
             refusals.append(refusal)
-            if sum(not isinstance(each, ComesToRest) for each in refusals) == MOST_UNSETTLED:
+            if sum(not isinstance(each, ComesToRest) for each in refusals) == unsettled:
                 break
     return refusals
+
+
+def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
+    """A state of the hunting to which a motion leads; its start where that is not known.
+
+    Raises ComesToRest, HuntsIrregularly.
+    """
+    if any(mode.stiff or not mode.ends for mode in loop.system.modes):
+        return start
+    seen = fate(loop, start, measured(loop, start, FIRST_OFF), work=WORK_OF_A_START)
+    if seen.verdict in ENDED:
+        lasted = f"followed for {seen.motion.duration:.6g}"
+        raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest", Status.NOT_FOUND,
+                          evidence=lasted)  # fmt: skip
+    if seen.swing is not None and not seen.pattern:
+        raise _irregular(loop, seen)
+    if seen.verdict == "undecided" and seen.turns.size > LATE_TURNS:
+        why = f"the motion neither rests nor repeats within {seen.turns.size} turns"
+        raise NoOrbit(f"no cycle of {loop.name} was found: {why}", Status.NOT_FOUND)
+    return start if seen.swing is None else seen.swing.state
+
+
+def _irregular(loop: Loop, seen: Fate) -> HuntsIrregularly:
+    """What is said of a motion that goes on for ever and repeats in no pattern."""
+    far, between = np.abs(seen.turns[-LATE_TURNS:]), np.diff(seen.at[-LATE_TURNS:])
+    amplitude, times = ((float(x.min()), float(x.max())) for x in (far, between))
+    sentence = (
+        f"{loop.name} hunts irregularly: it turns {amplitude[0]:.4g} to {amplitude[1]:.4g} rad from the set point, "
+        f"every {times[0]:.3g} to {times[1]:.3g} s, and no pattern of it repeats within {seen.turns.size} turns; no "
+        "cycle was computed that could be followed"
+    )
+    return HuntsIrregularly(sentence, Status.NOT_FOUND, amplitude=amplitude, between=times)
 
 
 def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrbit:

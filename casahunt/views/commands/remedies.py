@@ -19,13 +19,13 @@ from typing import Any
 
 from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
-from ...design.remedies.fate import ENDED
 from ...design.remedies.price import TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...errors import InputError
 from ...export import plain
 from ...results import tables_of
 from ...servo.drive import with_remedy
+from ...servo.parts.fate import ENDED
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten

@@ -18,7 +18,6 @@ from ... import effort
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
 from ...design.remedies.border import BORDERS, Border, Scales, border
-from ...design.remedies.fate import on_the_cycle
 from ...errors import ComesToRest, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
@@ -28,6 +27,7 @@ from ...servo.linear.margins import margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
 from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
+from ...servo.parts.fate import on_the_cycle
 from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory

@@ -9,8 +9,8 @@ from contextlib import suppress
 import numpy as np
 
 from ...design.remedies.cures import Cure, Cures
-from ...design.remedies.fate import ENDED
 from ...errors import InputError, NoOrbit
+from ...servo.parts.fate import ENDED
 from .fold_curve import HEADROOM
 from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, png
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from casahunt import Controller, Friction, NoOrbit, Options, Pid, Servo, Uncertainty, effort, find_orbit, remedies
-from casahunt.design.remedies import border, fate
+from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies import scan as scans
+from casahunt.servo.parts import fate
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of
 from scripts.random_servos import draw

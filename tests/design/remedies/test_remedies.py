@@ -24,8 +24,8 @@ from casahunt import (
 from casahunt.design.remedies import remedies as module
 from casahunt.design.remedies.border import MOTIONS_KNOW, with_remedy
 from casahunt.design.remedies.cures import Cure
-from casahunt.design.remedies.fate import ENDED, Swing
 from casahunt.design.remedies.price import task
+from casahunt.servo.parts.fate import ENDED, Swing
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of
 from casahunt.views.commands.remedies import advice_of

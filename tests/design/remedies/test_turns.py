@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from casahunt import Controller, Friction, Options, Servo, Uncertainty, effort, find_orbit, remedies
-from casahunt.design.remedies import border, fate
+from casahunt.design.remedies import border
 from casahunt.design.remedies import scan as scans
 from casahunt.errors import NoOrbit, Status
-from casahunt.servo.parts import REMEDIES
+from casahunt.servo.parts import REMEDIES, fate
 
 
 @pytest.mark.slow

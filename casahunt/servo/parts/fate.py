@@ -7,7 +7,8 @@
     decays     the swings shrank geometrically down their last decade, whatever their size: towards a smaller cycle they
                would shrink ever more slowly
     hunts      the turns repeat, n by n or mirrored, of whatever size they are; or what they still change by shrinks
-               geometrically, and leaves them their size; or they neither repeat nor shrink, for `TURNS_OF_A_FATE`
+               geometrically, and leaves them their size; or they neither repeat nor shrink, for `TURNS_OF_A_FATE`:
+               it hunts irregularly
     grows      its swings have become so large that they are beyond any hunting
     undecided  none of these with the work that is allowed, or it cannot be followed
 
@@ -17,7 +18,9 @@ A motion is followed once, in looks that become longer; where it has events, its
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -26,7 +29,7 @@ import numpy as np
 from ... import effort
 from ...motion import MarchFailure, Motion, Segment, march
 from ...orbits import Orbit
-from ...servo.parts.loop import Loop
+from .loop import Loop
 
 Array = np.ndarray
 Kind = Literal["gauss", "radau"]
@@ -49,8 +52,10 @@ DECADE, LEAST_SWINGS = 10.0, 5
 """The way along which swings shrink geometrically, and how many they are at least."""
 PATTERN, REPEATS, TURNS_OF_A_FATE = 8, 1e-6, 240
 """Turns of a pattern at most; how well it repeats; turns after which a motion repeats in none."""
-REPEATS_NOT = 0.1
-"""Swings that differ by more than this part for so long, without becoming smaller, repeat in no pattern."""
+REPEATS_NOT, DIFFERS, AS_MUCH_AS_BEFORE = 0.1, 1e-3, 2.0
+"""Swings that differ by more than the first part for so long, without becoming smaller, repeat in no pattern; or by
+more than the second, and by as much as before but for a factor: of a motion that leaves a cycle, or comes to one, they
+differ by ever more, or ever less."""
 RATIO_KNOWN, LEFT_OF_A_SWING = 0.02, 0.05
 """Changes shrink geometrically where their ratio r is known to so much of 1 - r; what is left of them, in swings, of
 motions that are handed on."""
@@ -59,6 +64,8 @@ NEARLY_THERE = 1e-5
 after which an integrator is frozen."""
 GROWN_BY = 50.0
 """So many times as large as the hunting before, and as at its start, a motion grows."""
+PHASES_THAT_MEASURE, ROUGHLY, FOR_GOOD = 12, 1e-3, 1e9
+"""Phases, and error of an interval in them, that show sizes and times of a motion; a phase as long [s] has no end."""
 NO_TURN = 1e-10
 """What turns back by less, in sizes of the state, does so by rounding."""
 
@@ -99,12 +106,16 @@ class Fate:
     turns : (k,) places at which x1 turned back [rad].
     motion : its phases.
     swing : where it hunts, that.
+    at : times of the turns but the last [s].
+    pattern : turns after which it repeats; 0 where it hunts irregularly, or does not.
     """
 
     verdict: Verdict
     turns: Array
     motion: Motion
     swing: Swing | None = None
+    at: Array = field(default_factory=lambda: np.zeros(0))
+    pattern: int = 0
 
 
 @dataclass
@@ -213,7 +224,9 @@ class _Watched:
             return None
         late, earlier = swings[-TURNS_OF_A_FATE // 4 :], swings[-TURNS_OF_A_FATE // 2 : -TURNS_OF_A_FATE // 4]
         self.repeats = TURNS_OF_A_FATE // 4, False
-        irregular = np.ptp(late) > REPEATS_NOT * late.max()  # one that leaves an unstable cycle is not, as yet
+        differ, before = np.ptp(late), np.ptp(earlier)
+        irregular = differ > REPEATS_NOT * late.max()
+        irregular |= differ > DIFFERS * late.max() and before / AS_MUCH_AS_BEFORE < differ < AS_MUCH_AS_BEFORE * before
         return "hunts" if irregular and late.max() > (1 - LEFT_OF_A_SWING) * earlier.max() else "undecided"
 
     def stands(self, since: int) -> bool:
@@ -242,19 +255,20 @@ class _Watched:
 
 
 def fate(
-    loop: Loop, start: Mapping[str, float], before: Swing, rest: float = NEARLY_THERE, meshed: bool = False
-) -> Fate:
+    loop: Loop, start: Mapping[str, float], before: Swing, rest: float = NEARLY_THERE, meshed: bool = False,
+    work: float = WORK_OF_A_FATE,
+) -> Fate:  # fmt: skip
     """What becomes of a motion.
 
     start: its states at the start, by name, all others zero; before: the hunting that is to end, which measures it;
-    rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled.
+    rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled; work: allowed (effort.py).
     """
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
     watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed)
     x, mode, length = np.array(list(state.values())), loop.mode_at(**state), LOOK_OF_A_FATE * before.period
     try:
-        with effort.at_most(WORK_OF_A_FATE):
+        with effort.at_most(work):
             for _ in range(MOST_LOOKS):
                 x, mode, length = _look(watched, x, mode, length)
                 if watched.verdict is not None:
@@ -263,7 +277,32 @@ def fate(
         watched.verdict = None
     verdict = watched.verdict or "undecided"
     swing = watched.swing() if verdict == "hunts" else None
-    return Fate(verdict, np.array([*watched.turns, watched.farthest[1]]), watched.motion(watched.phases), swing)
+    pattern = watched.repeats[0] if swing is not None and watched.repeats[0] <= PATTERN else 0
+    turns = np.array([*watched.turns, watched.farthest[1]])
+    return Fate(verdict, turns, watched.motion(watched.phases), swing, np.array(watched.at), pattern)
+
+
+def measured(loop: Loop, start: Mapping[str, float], amplitude: float) -> Swing:
+    """What measures a motion of which nothing is known but its start: its sizes and times in its first phases.
+
+    start: its states at the start, by name, all others zero; amplitude: of hunting that is of interest, at most [rad].
+    """
+    state = loop.state(**start)
+    x, phases = np.array(list(state.values())), list[Segment]()
+
+    def enough(segment: Segment) -> bool:
+        phases.append(segment)
+        return len(phases) == PHASES_THAT_MEASURE
+
+    with suppress(MarchFailure, effort.PartGivenUp), effort.at_most(WORK_OF_A_FATE):
+        march(
+            loop.system.vector_form, loop.mode_at(**state), x, loop.system.values(None), scale=np.where(x, abs(x), 1.0),
+            until=enough, tol=ROUGHLY, strict=True, meshed=False, max_time=FOR_GOOD,
+        )  # fmt: skip
+    largest = np.max([np.abs(x), *(np.abs(segment.nodes).max(axis=0) for segment in phases)], axis=0)
+    lasted = sum(segment.duration for segment in phases if segment.event)
+    sizes = dict(zip(loop.system.states, largest.tolist(), strict=False))
+    return Swing(dict(start), amplitude, lasted or 1.0, sizes)
 
 
 def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array, str, float]:
@@ -272,6 +311,7 @@ def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array,
     phases = march(
         watched.system.vector_form, mode, x, watched.system.values(None), scale=watched.scale, until=watched.seen,
         tol=watched.tol, kind=watched.kind, max_time=length, strict=True, meshed=watched.meshed,
+        max_intervals=sys.maxsize,  # its work is bounded
     )  # fmt: skip
     if watched.verdict is not None:
         return x, mode, length
