@@ -63,7 +63,7 @@ ONE_PLACE = 3.0
 UNLOCATED = 1e-5
 """Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
 located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
-FARTHEST = 16.0
+MOST_TIMES_AS_FAR = 16.0
 """How many times as far as an orbit with other phases seems to be, whose durations are others, its place is sought."""
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
@@ -319,7 +319,7 @@ def last_before(
 ) -> AnyOrbit:
     """The last orbit on the way from one to another that has the phases of the first, and is not beyond something."""
     start = curve_point(before, vary, like=secant_direction(before, after, vary))
-    near, far, most = 0.0, length_to(after, before, start, vary), FARTHEST * length_to(after, before, start, vary)
+    near, far, most = 0.0, length_to(after, before, start, vary), MOST_TIMES_AS_FAR * length_to(after, before, start, vary)
     found = [before]
 
     def passed(ds: float) -> bool:
