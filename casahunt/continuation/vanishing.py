@@ -63,7 +63,7 @@ ONE_PLACE = 3.0
 UNLOCATED = 1e-5
 """Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
 located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
-MOST_TIMES_AS_FAR = 16.0
+FARTHEST_BY = 16.0
 """How many times as far as an orbit with other phases seems to be, whose durations are others, its place is sought."""
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
@@ -319,8 +319,8 @@ def last_before(
 ) -> AnyOrbit:
     """The last orbit on the way from one to another that has the phases of the first, and is not beyond something."""
     start = curve_point(before, vary, like=secant_direction(before, after, vary))
-    near, far, most = 0.0, length_to(after, before, start, vary), MOST_TIMES_AS_FAR * length_to(after, before, start, vary)
-    found = [before]
+    near, far = 0.0, length_to(after, before, start, vary)
+    most, found = FARTHEST_BY * far, [before]
 
     def passed(ds: float) -> bool:
         outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
