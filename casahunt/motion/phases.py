@@ -41,7 +41,7 @@ Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
-GROWN_BY = 1e6
+SURELY_GROWN = 1e6
 """A motion that comes to so many times the sizes of its states is told to grow, where it takes too many intervals."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
@@ -199,7 +199,7 @@ def _phase(
         took, end = spent[0] + float(many.args[0]), many.args[1]
         hint = "" if mode.stiff else "; a mode with states that relax far faster than it lasts is to be marked as stiff"
         far = int(np.argmax(np.abs(end)))
-        if abs(end[far]) > GROWN_BY:
+        if abs(end[far]) > SURELY_GROWN:
             size = f"{end[far] * scale[far]:.3g}"
             hint = f"; {system.states[far]!r} has come to {size} there, as where it grows without bound"
         raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals{hint}", took) from None
