@@ -2,12 +2,13 @@
 
 import math
 
+import casadi
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import fsolve
+from scipy.optimize import brentq, fsolve
 
-from casahunt.continuation import follow
+from casahunt.continuation import GRAZING, follow
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import find_cycle
 
@@ -137,3 +138,159 @@ def test_a_modulator_has_the_modes_of_its_own_signs(u):
         x = x * math.exp(-0.2) + (u - signs[-1]) * 5 * (1 - math.exp(-0.2))
     assert [1 if arc.mode == "plus" else -1 for arc in cycle.arcs] == signs
     assert x == pytest.approx(float(cycle.arcs[0].states[0, 0, 0]), abs=1e-9) or np.isclose(cycle.repeats, 2)
+
+
+# A half cycle: what follows its last phase is the image of the first -------------------------------------------------
+
+
+def coulomb():
+    """x'' + x = cos(0.8 t) with dry friction mu, which sticks where the pull at a stop is less."""
+
+    def pull(x, p):
+        return casadi.cos(0.8 * x.t) - x.x
+
+    def after(x, p):
+        return "sticks" if abs(float(pull(x, p))) <= p.mu else ("up" if pull(x, p) > 0 else "down")
+
+    def slides(x, p):
+        return {"x": x.v, "v": pull(x, p) - p.sign * p.mu}
+
+    leaves = (
+        Event("leaves upwards", lambda x, p: pull(x, p) - p.mu, +1, to="up"),
+        Event("leaves downwards", lambda x, p: pull(x, p) + p.mu, -1, to="down"),
+    )
+    modes = (
+        Mode("up", slides, sign=1, ends=(Event("stops", lambda x, p: x.v, -1, to=after),)),
+        Mode("down", slides, sign=-1, ends=(Event("stops going down", lambda x, p: x.v, +1, to=after),)),
+        Mode("sticks", lambda x, p: {"x": 0 * x.x, "v": 0 * x.v}, ends=leaves),
+    )
+    return System("mass", ("x", "v"), {"mu": 0.85}, modes, forcing_period=lambda p: 2 * math.pi / 0.8)
+
+
+@pytest.mark.slow
+def test_a_rest_does_not_go_on_through_the_events_that_end_it():
+    """At x = 0 the force cos(0.8 t) is held where friction is above 1; below, no stick lasts half a turn."""
+    branch = follow(find_cycle(coulomb(), "down", x=1.27, v=0.0, t=0.5, tol=1e-9), "mu", to=1.06, monitors=(GRAZING,))
+    rest = branch.orbits[-1]
+    assert branch.end.kind == "range" and [arc.mode for arc in rest.arcs] == ["sticks"]
+    back = follow(rest, "mu", to=0.3, monitors=(GRAZING,))
+    sticks = [orbit for orbit in back.orbits if all(arc.mode == "sticks" for arc in orbit.arcs)]
+    assert min(orbit.problem.value("mu") for orbit in sticks) == pytest.approx(1.0, abs=1e-9)
+    assert back.special[0].value == pytest.approx(1.0, abs=1e-9)
+
+
+# Several changes within a step ---------------------------------------------------------------------------------------
+
+
+def little_harvested():
+    """Prey and predator, harvested a little above a threshold T of the predator, on which it may slide."""
+
+    def growth(x):
+        return x.x / (1 + x.x) - DEATH
+
+    def field(effort):
+        return lambda x, p: {
+            "x": x.x * (1 - x.x / 4) - x.x * x.y / (1 + x.x),
+            "y": x.y * (growth(x) - effort * HARVEST),
+        }
+
+    def into(x, p):
+        return "free" if growth(x) <= 0 else "harvested" if growth(x) >= HARVEST else "slides"
+
+    def level(x, p):
+        return x.y / p.T - 1
+
+    leaves = (
+        Event("down", lambda x, p: growth(x) / DEATH, -1, to="free"),
+        Event("up", lambda x, p: (growth(x) - HARVEST) / DEATH, +1, to="harvested"),
+    )
+    modes = (
+        Mode("free", field(0), ends=(Event("reaches", level, +1, to=into),)),
+        Mode("harvested", field(1), ends=(Event("falls", level, -1, to=into),)),
+        Mode("slides", lambda x, p: {**field(0)(x, p), "y": 0 * x.y}, ends=leaves),
+    )
+    return System("harvest", ("x", "y"), {"T": 2.1}, modes)
+
+
+DEATH, HARVEST = 0.4, 0.05
+TIGHT = {"rtol": 1e-12, "atol": 1e-13, "method": "DOP853"}
+
+
+def passage(effort, start, level, way):
+    """The state at which the predator next passes a level, by an integrator of others."""
+
+    def field(t, y):
+        growth = y[0] / (1 + y[0]) - DEATH - effort * HARVEST
+        return [y[0] * (1 - y[0] / 4) - y[0] * y[1] / (1 + y[0]), y[1] * growth]
+
+    def meets(t, y):
+        return y[1] - level
+
+    meets.terminal, meets.direction = True, way
+    inside = solve_ivp(field, (0, 1e-3), start, **TIGHT).y[:, -1]
+    return solve_ivp(field, (0, 200), inside, events=meets, **TIGHT).y[:, -1]
+
+
+def growths(T):
+    """(growth where a motion that left the threshold without any comes back to it, and where it falls below again)."""
+    turns = DEATH / (1 - DEATH)
+    comes = passage(0, [turns, T], T, +1)
+    falls = passage(1, comes, T, -1)
+    return comes[0] / (1 + comes[0]) - DEATH, falls[0] / (1 + falls[0]) - DEATH
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("T", [2.1, 2.9])
+def test_each_change_of_phases_in_a_step_is_located(T):
+    """The fall begins to slide, the harvest is gone, the slide is gone: within a step or two of a branch."""
+    cycle = find_cycle(little_harvested(), "free", x=1.0, y=0.5 * T, parameters={"T": T}, tol=1e-9)
+    branch = follow(cycle, "T", to=4.0)
+    slides = brentq(lambda T: growths(T)[1], 3.25, 3.34, xtol=1e-12)
+    harvests = brentq(lambda T: growths(T)[0] - HARVEST, 3.35, 3.38, xtol=1e-12)
+    assert [special.kind for special in branch.special] == ["the successor changes", "grazing", "grazing"]
+    first, second, third = branch.special
+    assert first.value == pytest.approx(slides, abs=3 * first.error) and first.error < 1e-7
+    assert second.value == pytest.approx(harvests, abs=3 * second.error) and second.error < 1e-6
+    assert third.value == pytest.approx(3.38268154094, abs=1e-8)  # the top of the cycle that is not harvested
+
+
+# A successor that changes to a mode that lasts, next to another cycle -------------------------------------------------
+
+
+def warmed(u):
+    return lambda x, p: {"T": u + 0.5 * (x.W - x.T) - 0.3 * x.T, "W": 0.2 * (x.T - x.W) - 0.02 * x.W}
+
+
+def wall_of(u):
+    """The temperature of the wall where a heater of one power switches on, by an integrator of others."""
+
+    def field(u):
+        return lambda t, y: [u + 0.5 * (y[1] - y[0]) - 0.3 * y[0], 0.2 * (y[0] - y[1]) - 0.02 * y[1]]
+
+    def switch(level, way):
+        def meets(t, y):
+            return y[0] - level
+
+        meets.terminal, meets.direction = True, way
+        return meets
+
+    def warmer(wall):
+        y = solve_ivp(field(u), (0, 50), [0.8, wall], events=switch(1.2, 1), **TIGHT).y[:, -1]
+        return solve_ivp(field(0.0), (0, 50), y, events=switch(0.8, -1), **TIGHT).y[1, -1] - wall
+
+    return brentq(warmer, 0.8, 1.0, xtol=1e-12)
+
+
+@pytest.mark.parametrize("h, to, power, beyond", [(0.85, 1.0, 0.8, "boosted"), (0.95, 0.8, 2.0, "on")])
+def test_a_branch_does_not_leap_to_the_cycle_with_another_mode(h, to, power, beyond):
+    """A heater is boosted where the wall is colder than h as the room is cold: the other cycle is another one."""
+    cold = Event("cold", lambda x, p: x.T - 0.8, -1, to=lambda x, p: "boosted" if x.W < p.h else "on")
+    warm = Event("warm", lambda x, p: x.T - 1.2, +1, to="off")
+    powers = (Mode("on", warmed(0.8), ends=(warm,)), Mode("boosted", warmed(2.0), ends=(warm,)))
+    heater = System("heater", ("T", "W"), {"h": 0.9}, (Mode("off", warmed(0.0), ends=(cold,)), *powers))
+    branch = follow(find_cycle(heater, "off", T=1.2, W=0.9, parameters={"h": h}), "h", to=to)
+    (special,) = branch.special
+    assert branch.end.kind == special.kind == "the successor changes"
+    assert f"'cold' leads to {beyond!r} beyond" in special.meaning
+    assert special.value == pytest.approx(wall_of(power), abs=3 * special.error) and special.error < 1e-7
+    assert len({orbit.signature for orbit in branch.orbits}) <= 2 and np.ptp(branch.periods) < 1e-8
