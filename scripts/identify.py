@@ -127,9 +127,10 @@ class AsBuilt(Made):
         cascade = bool(rng.integers(2)) and bool(np.isreal(zeros).all())
         how = {"derivative": "filtered", "filter_time": filter_time} if filter_time else {}
         self.drive = Drive(sample_time=T, encoder=self.counts, **how)
+        bristle = (f.stiffness, f.damping) if orbit.model == "lugre" else (0.0, 0.0)
         built = DriveServo(
             servo.inertia, f.static, f.coulomb, f.stribeck_velocity, f.viscous, kp, ki, kd, T, encoder=self.counts,
-            filter_time=filter_time, proportional=float(zeros.real.max()) if cascade else 0.0,
+            filter_time=filter_time, proportional=float(zeros.real.max()) if cascade else 0.0, bristle=bristle,
         )
         every = max(int(round(math.exp(rng.uniform(*np.log(EVERY))))), 1)
         samples = round(rng.uniform(*HUNTED) * orbit.period / T)

@@ -37,7 +37,8 @@ def suitable(record: Record) -> Measurement:
     if found.kind == "still":
         raise InputError(f"{record.name}: shows a servo at rest, and no hunting: {found.reason}")
     if not found.hunting:
-        raise InputError(f"{record.name}: shows no limit cycle: {found.reason}")
+        grows = "; record until it grows no more, or at a lower gain" if found.kind == "growing" else ""
+        raise InputError(f"{record.name}: shows no limit cycle: {found.reason}{grows}")
     length = float(found.crossings[-1] - found.crossings[0])
     if abs(found.drift) * length > MOST_DRIFT * found.amplitude:
         raise InputError(

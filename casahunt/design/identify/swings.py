@@ -56,7 +56,7 @@ def one_by_one(data: Data, level: float) -> Data:
     apart = float(ways[0].mean() - ways[1].mean())
     error = math.hypot(*scatter, apart, float(np.median(np.diff(t))) / at.size) / period
     near = np.searchsorted((at[1:] + at[:-1]) / 2, t)
-    own = np.abs(t - at[near]) < OWN_PART * period
+    own = (np.abs(t - at[near]) < OWN_PART * period) & (near > 0)  # the first one comes from where a transient ended
     passage = (at[0] + np.arange(at.size) * period / 2)[near]
     return replace(
         data, times=(t - at[near] + passage)[own], position=data.position[own], passage=passage[own],
