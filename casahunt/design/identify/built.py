@@ -40,7 +40,7 @@ ABOUT = 201
 MOST_ROUNDS, FIRST_ROUNDS, SAME_SWING = 6, 2, 1e-4
 """Corrections, those that lead there, and the change of one, relative to the amplitude, after which there is none."""
 MOST_BUILT = 1e6
-"""That are followed, some seconds; of more, what lags leave out counts as an error."""
+"""That are followed, some seconds; of more, what lags leave out and a count are an error."""
 
 
 def as_built(question: Question, best: Point, noises: Sequence[Noise]) -> tuple[Question, Point, list[Noise]]:
@@ -60,6 +60,7 @@ def as_built(question: Question, best: Point, noises: Sequence[Noise]) -> tuple[
         servo, laid = question.servo_at(best.z), zip(measured, question.records, best.orbits, strict=True)
         rounds.append(tuple(_beside(first, last, orbit, servo, question.model) for first, last, orbit in laid))
         settled = max(data.lags.left_out for data in rounds[-1] if data.lags is not None) < SAME_SWING
+        settled = settled or all(data.apart is None for data in rounds[-1])
         last_ones = zip(*rounds[FIRST_ROUNDS:], strict=True)
         records = tuple(map(_pooled, last_ones)) if not (left or settled) else rounds[-1]
         question = replace(question, records=records)
@@ -76,7 +77,7 @@ def _pooled(each: Sequence[Data]) -> Data:
     """The mean of what was beside the cycle in several rounds, whose differences are errors: counts may bring the drive
     into another pattern with each friction, however near."""
     last, periods = each[-1], np.array([data.period for data in each])
-    if last.apart is None:
+    if last.apart is None or last.passage is None or last.lags is None:
         return last
     ratio, beside = float(periods.mean()) / last.period, np.array([data.beside for data in each])
     passage, other = ratio * last.passage, (beside - beside.mean(axis=0)) / math.sqrt(len(each) - 1)
@@ -109,7 +110,8 @@ def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: M
     if first.lags is None or first.passage is None or first.rising is None:
         return first
     if whole > MOST_BUILT * first.lags.drive.sample_time:
-        return first
+        left_out = first.lags.left_out + first.count / first.amplitude
+        return replace(first, lags=first.lags._replace(left_out=left_out))
     s = np.linspace(-orbit.period / 4, orbit.period / 4, ABOUT)
     cycle = _swings(*_twice(orbit), s)[0].mean(axis=0)
     drive = replace(first.lags.drive, encoder=2 * math.pi / first.count if first.count else 0.0)

@@ -132,9 +132,8 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
 
 def _apart(question: Question) -> float:
     """What the mean swings of the records differ by from those of their drives, relative to the amplitude."""
-    built = [data for data in question.records if data.apart is not None]
-    squares = [float(np.mean(np.sum(data.apart**2, axis=1))) / data.amplitude**2 for data in built]
-    return math.sqrt(sum(squares) / len(question.records))
+    built = [data.apart / data.amplitude for data in question.records if data.apart is not None]
+    return math.sqrt(sum(float(np.mean(np.sum(apart**2, axis=1))) for apart in built) / len(question.records))
 
 
 def _means(by: Array, values: Array) -> tuple[Array, Array]:
