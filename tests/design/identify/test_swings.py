@@ -75,7 +75,8 @@ def test_what_lags_leave_out_is_computed_as_built(monkeypatch):
 def test_counts_in_the_loop_move_the_period(monkeypatch):
     """With 40 of amplitude by four per cent: a fit to a drive without them takes that for friction."""
     friction = {"static": 0.59, "coulomb": 0.256, "stribeck_velocity": 0.0082, "viscous": 0.0055}
-    servo = Servo(inertia=0.014, motor_gain=1.0, controller=Pid(kp=21.5, ki=42.7, kd=2.37), friction=Friction(**friction))
+    pid = Pid(kp=21.5, ki=42.7, kd=2.37)
+    servo = Servo(inertia=0.014, motor_gain=1.0, controller=pid, friction=Friction(**friction))
     built = DriveServo(0.014, *friction.values(), 21.5, 42.7, 2.37, 2 * T, encoder=37700.0)
     record, drive = Record(*built.record(0.04, 25000, 5), "counts"), Drive(sample_time=2 * T, encoder=37700.0)
     off = {}
