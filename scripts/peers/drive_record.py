@@ -1,8 +1,8 @@
 """Records of servos as drives make them: counts of the encoder at every so many samples, from a step on.
 
 The difference equations are those of sampled_motion.py.  Between changes of the torque Runge-Kutta's formula of order 4
-with steps by the bend of the friction, whose zero of v is found within a step; the bristles of LuGre friction are
-followed by the same formula, with steps by their own rates.
+with steps by the bend of the friction, whose zero of v is found within a step;
+LuGre friction as there.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ FINE = 0.15
 """Longest step, in units of the time constants of the slip."""
 HALVINGS = 60
 """Of a step in which the servo stops."""
-FINE_BRISTLE = 0.4
-"""Longest step of LuGre friction, in units of the time constants of bristles and slip."""
 
 
 @dataclass
@@ -68,35 +66,6 @@ class DriveServo(SampledServo):
             else:
                 return x, v, stops
         return x, v, stops
-
-    def slide(self, x: float, v: float, m: float, lasts: float) -> tuple[float, float, list[float]]:
-        """As `piece`, of LuGre friction; stops are not looked for."""
-        sigma0, sigma1 = self.bristle
-        J, b, Fc, drop, vs, z = self.J, self.b, self.Fc, self.Fs - self.Fc, self.vs, self.z
-        ring, damped = math.sqrt(sigma0 / J), sigma1 / J
-
-        def rates(x: float, v: float, z: float) -> tuple[float, float, float]:
-            r = v / vs
-            g = Fc + (drop * math.exp(-r * r) if r * r < 700 else 0.0)
-            dz = v - sigma0 * abs(v) * z / g
-            return v, (m - sigma0 * z - sigma1 * dz - b * v) / J, dz
-
-        now = 0.0
-        while lasts - now > 1e-12 * lasts:
-            fast = sigma0 * abs(v) / Fc * (1 + sigma1 / J * vs / max(abs(v), vs)) + ring + damped + (drop / vs + b) / J
-            hastens = abs(rates(x, v, z)[1])
-            h = min(FINE_BRISTLE / max(fast, 1e-9), FINE * max(abs(v), vs) / max(hastens, 1e-12), lasts - now)
-            k1 = rates(x, v, z)
-            k2 = rates(x + h / 2 * k1[0], v + h / 2 * k1[1], z + h / 2 * k1[2])
-            k3 = rates(x + h / 2 * k2[0], v + h / 2 * k2[1], z + h / 2 * k2[2])
-            k4 = rates(x + h * k3[0], v + h * k3[1], z + h * k3[2])
-            x, v, z = (
-                y + h / 6 * (a + 2 * b_ + 2 * c + d)
-                for y, a, b_, c, d in zip((x, v, z), k1, k2, k3, k4, strict=True)
-            )
-            now += h
-        self.z = z
-        return x, v, []
 
     def step(self, x: float, v: float, m: float, s: float, h: float) -> tuple[float, float]:
         """(x, v) a time h later, of a slip with the sign s."""
