@@ -18,7 +18,8 @@ up or down by chance, and once more from others.
 As built, records are those of a drive that moves by a step before it hunts (scripts/peers/drive_record.py): counts of
 the encoder, so many of the amplitude, stand in its loop and in the record, which holds one of some samples; controllers
 are PID or P-PI, their derivative a difference or filtered.  The fit is told of the drive, and starts once.  Answers are
-those that say that the model holds; all others are refused, with the reason.
+those that say that the model holds; all others are refused, with the reason.  A P-PI whose velocity is filtered sums
+what is filtered: `Drive` has no such controller, and a fit is told of another one then.  These stand by themselves.
 
 Prints a line per servo and the sums.  The file holds one line of JSON per servo; a run adds those that it does not
 hold yet, and sums over all of them.
@@ -127,9 +128,10 @@ class AsBuilt(Made):
         cascade = bool(rng.integers(2)) and bool(np.isreal(zeros).all())
         how = {"derivative": "filtered", "filter_time": filter_time} if filter_time else {}
         self.drive = Drive(sample_time=T, encoder=self.counts, **how)
+        bristle = (f.stiffness, f.damping) if orbit.model == "lugre" else (0.0, 0.0)
         built = DriveServo(
             servo.inertia, f.static, f.coulomb, f.stribeck_velocity, f.viscous, kp, ki, kd, T, encoder=self.counts,
-            filter_time=filter_time, proportional=float(zeros.real.max()) if cascade else 0.0,
+            filter_time=filter_time, proportional=float(zeros.real.max()) if cascade else 0.0, bristle=bristle,
         )
         every = max(int(round(math.exp(rng.uniform(*np.log(EVERY))))), 1)
         samples = round(rng.uniform(*HUNTED) * orbit.period / T)
@@ -169,6 +171,8 @@ def examined(
             row["refused"].append(f"{type(error).__name__}: {error}")
         seconds.append(time.process_time() - began)
     row |= {"record": True, "seconds": seconds, "samples": made.record.times.size, "gain": made.gain}
+    if isinstance(made, AsBuilt):
+        row |= {"cascade": made.cascade, "filtered": made.filter_time > 0}
     if not answers:
         return row
     found, truth = answers[0], flatten(made.servo)
@@ -223,6 +227,11 @@ def sums(rows: list[dict[str, Any]]) -> str:
         for name in names
     }  # fmt: skip
     lines = [f"inside {share(sum(inside.values()), len(told) * len(names))}"]
+    for of in (False, True) if any(row["as_built"] for row in rows) else ():
+        own = [p for row in told if (row.get("cascade") and row.get("filtered") or False) == of
+               for p in row["parameters"].values()]  # fmt: skip
+        what = "of a P-PI whose velocity is filtered" if of else "of all others"
+        lines.append(f"  {what} {share(sum(p['low'] <= p['true'] <= p['high'] for p in own), len(own))}")
     lines += [f"  {name} {share(count, len(told))}" for name, count in inside.items()]
     for name in ("explained",) if any(row["as_built"] for row in rows) else ("same", "explained"):
         lines.append(f"{name} {share(sum(row[name] for row in fitted), len(fitted))}")

@@ -1,7 +1,8 @@
 """Records of servos as drives make them: counts of the encoder at every so many samples, from a step on.
 
 The difference equations are those of sampled_motion.py.  Between changes of the torque Runge-Kutta's formula of order 4
-with steps by the bend of the friction, whose zero of v is found within a step.
+with steps by the bend of the friction, whose zero of v is found within a step;
+LuGre friction as there.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ class DriveServo(SampledServo):
 
     def piece(self, x: float, v: float, m: float, lasts: float) -> tuple[float, float, list[float]]:
         """(x, v) after a time of constant torque, and the times of the stops in it."""
+        if self.bristle[0]:
+            return self.slide(x, v, m, lasts)
         now, stops = 0.0, []
         Fs, J, b, drop, vs = self.Fs, self.J, self.b, self.Fs - self.Fc, self.vs
         rate = (drop / vs + b) / J

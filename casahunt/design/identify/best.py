@@ -135,7 +135,7 @@ def cut_off(question: Question, near: Point) -> tuple[Data, float, float] | None
     at_ends = [_at_ends(data) for data in question.records]
     if not any(mask.any() for mask in at_ends):
         return None
-    kept = replace(question, records=tuple(map(_without, question.records, at_ends)))
+    kept = replace(question, records=tuple(d.only(~mask) for d, mask in zip(question.records, at_ends, strict=True)))
     found = explained_from(kept, near.z)
     if found is None:
         return None
@@ -156,9 +156,3 @@ def _at_ends(data: Data) -> Array:
     y = data.position
     mask = np.any([(y == end) & (np.mean(y == end) >= CLIPPED_SHARE) for end in (y.max(), y.min())], axis=0)
     return np.asarray(np.convolve(mask, np.ones(3), "same") > 0)
-
-
-def _without(data: Data, mask: Array) -> Data:
-    """A record without some samples."""
-    each = {name: getattr(data, name) for name in ("times", "position", "torque", "passage", "rising", "beside")}
-    return replace(data, **{name: of[~mask] for name, of in each.items() if isinstance(of, np.ndarray)})

@@ -3,13 +3,16 @@
     x1(t) = continuous(t; q) + [as built(t; q*) - continuous(t; q*)],    T likewise, by the ratio of the periods at q*
 
 lags.py leaves out what is of second order in the lags, some tenths of a per cent of the amplitude, which a fit would
-take for per cents of friction.  The drive is followed without its counts (servo/sampled), which shift single swings and
-hardly their mean; its mean swing s -> x about its passages stands beside that of the cycle.  The fit goes on with that
-difference to another q*, until it changes no more; the last change is the error that stays (judgement.py).
+take for per cents of friction; and the counts that the controller reads: a servo that rests between two is read as
+nearer or farther, alike in every swing, which shifts the mean swing by a tenth of a count to a whole one, and the
+period by per cents.  The drive is followed with its counts (servo/sampled); its mean swing s -> x about its passages
+stands beside that of the cycle.  The fit goes on with that difference to another q*, until it changes no more; the last
+change is the error that stays (judgement.py).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,24 +23,24 @@ from ...servo.hunting import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.sampled.motion import simulate_sampled
 from ...servo.servo import Servo
+from ..record.verdict import deviation
 from ..record.waveform import SIDE
 from .climb import climb
 from .fit import Array, Data, Point, Question, at
 from .likelihood import Noise, Rows
 from .noise import with_noise
-from .swings import passages
+from .swings import once_each, passages
 
 LEAST_KNOWN = 1e-9
 """Information about the phase of a swing, below which it stays where it is."""
-SETTLING, SWINGING = 3, 10
+SETTLING, SWINGING = 3, 20
 """Periods of the drive that are left out, and those whose mean is taken."""
 ABOUT = 201
 """Times about a passage at which swings are compared."""
-MOST_ROUNDS, SAME_SWING = 6, 1e-4
-"""Corrections, and the change of one, relative to the amplitude, after which there is none; what lags leave out that
-is less is left out."""
+MOST_ROUNDS, FIRST_ROUNDS, SAME_SWING = 6, 2, 1e-4
+"""Corrections, those that lead there, and the change of one, relative to the amplitude, after which there is none."""
 MOST_BUILT = 1e6
-"""That are followed, some seconds; of more, what lags leave out counts as an error."""
+"""That are followed, some seconds; of more, what lags leave out and a count are an error."""
 
 
 def as_built(question: Question, best: Point, noises: Sequence[Noise]) -> tuple[Question, Point, list[Noise]]:
@@ -45,23 +48,45 @@ def as_built(question: Question, best: Point, noises: Sequence[Noise]) -> tuple[
 
     Raises InputError: the drive does not hunt with the friction found.
     """
-    measured, noises = question.records, list(noises)
-    for _ in range(MOST_ROUNDS if any(data.lags is not None for data in measured) else 0):
+    measured, noises = tuple(map(once_each, question.records)), list(noises)
+    question, rounds = replace(question, records=measured), []
+    best = at(question, best.z, noises, best) or best
+    for left in reversed(range(MOST_ROUNDS if any(data.lags is not None for data in measured) else 0)):
         rows = iter(best.rows)
         measured = tuple(
             _aligned(first, last, next(row for row in rows if row.values.size > 1), question.own(i).start)
             for i, (first, last) in enumerate(zip(measured, question.records, strict=True))
         )
         servo, laid = question.servo_at(best.z), zip(measured, question.records, best.orbits, strict=True)
-        records = tuple(_beside(first, last, orbit, servo, question.model) for first, last, orbit in laid)
+        rounds.append(tuple(_beside(first, last, orbit, servo, question.model) for first, last, orbit in laid))
+        settled = max(data.lags.left_out for data in rounds[-1] if data.lags is not None) < SAME_SWING
+        settled = settled or all(data.apart is None for data in rounds[-1])
+        last_ones = zip(*rounds[FIRST_ROUNDS:], strict=True)
+        records = tuple(map(_pooled, last_ones)) if not (left or settled) else rounds[-1]
         question = replace(question, records=records)
         near = at(question, best.z, noises, best)
         if near is None:
             break
         best, noises = with_noise(question, climb(question, near, noises), noises)
-        if max(data.lags.left_out for data in records if data.lags is not None) < SAME_SWING:
+        if settled:
             break
     return question, best, noises
+
+
+def _pooled(each: Sequence[Data]) -> Data:
+    """The mean of what was beside the cycle in several rounds, whose differences are errors: counts may bring the drive
+    into another pattern with each friction, however near."""
+    last, periods = each[-1], np.array([data.period for data in each])
+    if last.apart is None or last.passage is None or last.lags is None:
+        return last
+    ratio, beside = float(periods.mean()) / last.period, np.array([data.beside for data in each])
+    passage, other = ratio * last.passage, (beside - beside.mean(axis=0)) / math.sqrt(len(each) - 1)
+    return replace(
+        last, times=passage + last.times - last.passage, passage=passage, period=ratio * last.period,
+        beside=beside.mean(axis=0), apart=np.column_stack([last.apart, other.T]),
+        period_error=math.hypot(last.period_error, deviation(periods) / last.period),
+        lags=last.lags._replace(left_out=0.0),
+    )  # fmt: skip
 
 
 def _aligned(first: Data, last: Data, row: Rows, phase: int) -> Data:
@@ -84,11 +109,12 @@ def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: M
     whole = (SETTLING + SWINGING) * orbit.period
     if first.lags is None or first.passage is None or first.rising is None:
         return first
-    if first.lags.left_out < SAME_SWING or whole > MOST_BUILT * first.lags.drive.sample_time:
-        return first
+    if whole > MOST_BUILT * first.lags.drive.sample_time:
+        left_out = first.lags.left_out + first.count / first.amplitude
+        return replace(first, lags=first.lags._replace(left_out=left_out))
     s = np.linspace(-orbit.period / 4, orbit.period / 4, ABOUT)
-    cycle, _ = _mean_swing(*_twice(orbit), s)
-    drive = replace(first.lags.drive, encoder=0.0, quantise_torque=0.0)
+    cycle = _swings(*_twice(orbit), s)[0].mean(axis=0)
+    drive = replace(first.lags.drive, encoder=2 * math.pi / first.count if first.count else 0.0)
     seen = simulate_sampled(
         servo, first.gain, drive, model=model, set_point=0.0, position=-orbit.amplitude, time=whole,
     )  # fmt: skip
@@ -98,15 +124,21 @@ def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: M
             f"{seen.verdict.sentence}; are its sample time, delay and filter right?"
         )
     later = seen.times > SETTLING * orbit.period
-    swing, period = _mean_swing(seen.times[later], seen.states[0, later], s)
-    ratio = orbit.period / period
+    swings, lasts = _swings(seen.times[later], seen.states[0, later], s)
+    swing, period = swings.mean(axis=0), 2 * float(lasts.mean())
+    apart, unsure = (swings - swing) / math.sqrt(len(swings) - 1), deviation(lasts[1:] + lasts[:-1]) / period
+    ratio, at_samples = orbit.period / period, first.times - first.passage
     passage = ratio * first.passage
-    beside = first.rising * np.interp(first.times - first.passage, s, swing - cycle)
-    changed = float(np.sqrt(np.mean((beside - last.beside) ** 2))) / first.amplitude
-    changed += abs(first.period * ratio / last.period - 1)
+    beside = first.rising * np.interp(at_samples, s, swing - cycle)
+    chance = (float(np.mean(apart**2)) / first.amplitude**2 + unsure**2) / len(swings)
+    changed = float(np.mean((beside - last.beside) ** 2)) / first.amplitude**2
+    changed += (first.period * ratio / last.period - 1) ** 2
+    part = math.sqrt(1 / len(swings) + 1 / np.unique(first.passage).size)
     return replace(
-        first, times=passage + first.times - first.passage, passage=passage, period=ratio * first.period, beside=beside,
-        lags=first.lags._replace(left_out=changed),
+        first, times=passage + at_samples, passage=passage, period=ratio * first.period, beside=beside,
+        period_error=math.hypot(first.period_error, unsure / math.sqrt(len(swings))),
+        apart=np.column_stack([part * first.rising * np.interp(at_samples, s, each) for each in apart]),
+        lags=first.lags._replace(left_out=math.sqrt(max(changed - 2 * chance, 0.0))),
     )  # fmt: skip
 
 
@@ -117,9 +149,9 @@ def _twice(orbit: HuntingOrbit) -> tuple[Array, Array]:
     return t, np.tile(states[0, :-1], 3)
 
 
-def _mean_swing(t: Array, x: Array, s: Array) -> tuple[Array, float]:
-    """Of positions x (m,) the mean swing upwards at the times s about its passage, and the period."""
+def _swings(t: Array, x: Array, s: Array) -> tuple[Array, Array]:
+    """Of positions x (m,) the swings upwards (n, s) at times s about their passages; and how long they last (n,)."""
     at, rising = passages(t, x, SIDE * float(np.abs(x).max()))
     whole = slice(1, 2 * ((at.size - 1) // 2))
     each = [sign * np.interp(when + s, t, x) for when, sign in zip(at[whole], rising[whole], strict=True)]
-    return np.mean(each, axis=0), 2 * float(np.mean(np.diff(at[whole.start - 1 : whole.stop])))
+    return np.array(each), np.diff(at[whole.start - 1 : whole.stop])

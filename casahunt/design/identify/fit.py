@@ -53,6 +53,8 @@ linear."""
 WALLS = 0.1
 """Noise, in units of the quantum, below which the deviance feels every error of a cycle: a fit to counts without noise
 takes five times as long with provisional ones."""
+OF_SAMPLES = ("times", "position", "torque", "passage", "rising", "beside", "apart")
+"""What a record has of each sample."""
 HALVED_STEPS = 2
 """Of a step along which the cycle is not found from the last one."""
 
@@ -74,6 +76,7 @@ class Data:
     passage, rising : (m,) of each sample, and whether the position rises there, 1 or -1, where its swings begin one by
         one (swings.py); None: it repeats as the cycle does.
     beside : (m,) by how much the loop as built is beside the continuous one (built.py) [rad].
+    apart : (m, n) errors of that, of one standard deviation each, since its swings differ [rad].
     """
 
     times: Array
@@ -91,6 +94,12 @@ class Data:
     passage: Array | None = None
     rising: Array | None = None
     beside: Array | float = 0.0
+    apart: Array | None = None
+
+    def only(self, held: Array) -> Data:
+        """With some samples alone, those that are held (m,)."""
+        each = {name: getattr(self, name) for name in OF_SAMPLES}
+        return replace(self, **{name: of[held] for name, of in each.items() if isinstance(of, np.ndarray)})
 
     @property
     def swings(self) -> int:

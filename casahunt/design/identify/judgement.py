@@ -42,7 +42,8 @@ UNSTEADY = 0.05
 """Difference of periods from one another, relative to the amplitude, above which they do not repeat.  Steady records
 with noise of 1 % have 0.011 at most, with 15 % 0.035; drives whose derivative sees counts of the encoder 0.18, 0.29."""
 MOST_OFF = 3.0
-"""Errors of a measured period by which that of a model may be off, where it is one datum (swings.py)."""
+"""Errors of a measured period by which that of a model may be off, where it is one datum (swings.py); and of a mean
+swing, which differs from that of the drive by what single ones do (built.py)."""
 LASTING_ERROR = 3e-5
 """Error, relative to the amplitude, that lasts: of a transient's end, of rounded rests, of samples between which a
 simulation was interpolated.  However many samples there are, none is told to more."""
@@ -124,8 +125,15 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
     factor += doubt / NORMAL_95**2
     systematic = math.sqrt(left / size)
-    fits = (chance >= IMPROBABLE or systematic < NEGLIGIBLE) and sum(periods_off) <= MOST_OFF**2 * len(periods_off)
+    fits = chance >= IMPROBABLE or systematic < max(NEGLIGIBLE, MOST_OFF * _apart(question))
+    fits = fits and sum(periods_off) <= MOST_OFF**2 * len(periods_off)
     return Judgement(misfit, scatter, fits, systematic, factor, math.sqrt(differ / size))
+
+
+def _apart(question: Question) -> float:
+    """What the mean swings of the records differ by from those of their drives, relative to the amplitude."""
+    built = [data.apart / data.amplitude for data in question.records if data.apart is not None]
+    return math.sqrt(sum(float(np.mean(np.sum(apart**2, axis=1))) for apart in built) / len(question.records))
 
 
 def _means(by: Array, values: Array) -> tuple[Array, Array]:

@@ -36,6 +36,8 @@ FRICTION = "friction."
 """Of which parameters begin that lags leave as they are."""
 MOST_LEFT_OUT = 0.1
 """Of what lags leave out, in amplitudes."""
+SHORTER = "record with a shorter sample time, delay or filter, or at a lower gain"
+"""What helps against lags that are too long."""
 SHAKEN = 0.02
 """Torque that a count makes by the derivative, as a part of static friction, above which it is told."""
 
@@ -65,7 +67,8 @@ def as_continuous(servo: Servo, gain: float, lags: Lags) -> Servo:
     inertia = servo.inertia - gain * servo.motor_gain * pid.kd * lags.velocity
     kp, kd = pid.kp - pid.ki * lags.sum, pid.kd - pid.kp * lags.position
     if min(inertia, kp) <= 0 or kd < 0:
-        raise InputError(f"drive: must be faster; its lag of {lags.velocity:.3g} s is no small one in this loop")
+        small = "is no small one in this loop, as a fit takes it to be"
+        raise InputError(f"drive: its lag of {lags.velocity:.3g} s {small}: {SHORTER}")
     return dataclasses.replace(servo, inertia=inertia, controller=Pid(kp=kp, ki=pid.ki, kd=kd))
 
 
@@ -85,8 +88,7 @@ def lags_taken(
     if lags.left_out > MOST_LEFT_OUT:
         raise InputError(
             f"drive: its lag of {lags.velocity:.3g} s is too long for a fit, which leaves out {lags.left_out:.2g} of "
-            f"the amplitude then, more than {MOST_LEFT_OUT:g}: record with a shorter sample time, delay or filter, or "
-            "at a lower gain"
+            f"the amplitude then, more than {MOST_LEFT_OUT:g}: {SHORTER}"
         )
     return lags
 

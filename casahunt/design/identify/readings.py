@@ -7,8 +7,9 @@ a, the optimum z of records with the weights W and the derivatives J moves by
 
     dz_g = (J'WJ)^-1 J'W (dx/d log g) e,        variance of z:  sum over gains and records of dz_g dz_g'
 
-to which the periods of a record add nothing: it is no noise.  Of a controller by times these and the motor gain, with
-which all torque goes, stand for the gains, whose slopes have no limit where both times are equal.
+to which the periods of a record add nothing: it is no noise.  Nor do swings repeat: what those of the drive's own
+simulation differ by (built.py) moves the mean swing of a record likewise.  Of a controller by times these and the motor
+gain, with which all torque goes, stand for the gains, whose slopes have no limit where both times are equal.
 
 Symbols: k parameters, m samples.
 """
@@ -28,12 +29,13 @@ from .torque import torque_of
 
 
 def unread(question: Question, point: Point) -> Array:
-    """(n, k) by how much the parameters may be off, a row for each gain of the controller and each record."""
+    """(n, k) by how much the parameters may be off, a row for each gain of the controller and each record; and one for
+    each swing of its simulation."""
     found, k = [np.zeros((0, len(question.free)))], len(question.free)
     rows = iter(point.rows)
     for i, (data, orbit) in enumerate(zip(question.records, point.orbits, strict=True)):
         own = [next(rows) for _ in range(1 + (data.passage is not None) + (data.torque is not None))]
-        if not data.count:
+        if not data.count and data.apart is None:
             continue
         servo = orbit.servo
         names = (*(() if isinstance(servo.controller, Pid) else (MOTOR_GAIN,)), *servo.controller_names)
@@ -46,13 +48,17 @@ def unread(question: Question, point: Point) -> Array:
             of_motor = torque_of(orbit, laid, names).derivatives
             moved.append(of_motor - of_motor.mean(axis=1)[:, None])
         pull = sum(each.J.T @ (each.weights[:, None] * by.T) for each, by in zip(own, moved, strict=True))
-        e, size = data.count / (data.amplitude * math.sqrt(12)), np.array([flatten(servo)[name] for name in names])
+        e = data.count / (data.amplitude * math.sqrt(12))
+        size = e * np.array([flatten(servo)[name] for name in names])
         if data.passage is not None:
             level = point.z[question.own(i)][1] * data.amplitude
             read = own[0].J.T @ (own[0].weights * (point.positions[i] - level))
-            pull, size = np.column_stack([pull, read]), np.append(size, 1.0)
+            pull, size = np.column_stack([pull, read]), np.append(size, e)
+        if data.apart is not None:
+            moves = own[0].J.T @ (own[0].weights[:, None] * data.apart)
+            pull, size = np.column_stack([pull, moves]), np.append(size, np.ones(data.apart.shape[1]))
         dz = np.linalg.lstsq(point.curvature, pull, rcond=None)[0][:k]
-        found.append((question.slopes(point.z)[:, None] * dz * size * e).T)
+        found.append((question.slopes(point.z)[:, None] * dz * size).T)
     return np.concatenate(found)
 
 

@@ -15,6 +15,7 @@ from ...errors import InputError
 from ...servo.sampled.border import ENCODER_BORDER
 from ..record.file import Record
 from ..record.measure import Measurement, measured
+from ..record.waveform import counts_by
 from .clipped import of_clipped
 from .fit import Data
 from .lags import Lags
@@ -36,7 +37,8 @@ def suitable(record: Record) -> Measurement:
     if found.kind == "still":
         raise InputError(f"{record.name}: shows a servo at rest, and no hunting: {found.reason}")
     if not found.hunting:
-        raise InputError(f"{record.name}: shows no limit cycle: {found.reason}")
+        grows = "; record until it grows no more, or at a lower gain" if found.kind == "growing" else ""
+        raise InputError(f"{record.name}: shows no limit cycle: {found.reason}{grows}")
     length = float(found.crossings[-1] - found.crossings[0])
     if abs(found.drift) * length > MOST_DRIFT * found.amplitude:
         raise InputError(
@@ -88,10 +90,11 @@ def data_of(record: Record, m: Measurement, gain: float, lags: Lags | None = Non
     first, last = m.crossings[0] - beside, m.crossings[-1] + beside
     inside = np.flatnonzero((record.times >= first) & (record.times <= last))
     inside = inside[:: -(-inside.size // MOST_FITTED)]
+    quantum = lags.drive.count if lags is not None and counts_by(record.position, lags.drive.count) else m.quantum
     t, torque = record.times[inside], None if record.torque is None else record.torque[inside]
     data = Data(
         t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
-        max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, m.quantum, m.noise, m.shape, record.name,
+        max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, quantum, m.noise, m.shape, record.name,
         torque, lags,
     )  # fmt: skip
     return data if lags is None else one_by_one(data, m.mean_level)

@@ -24,6 +24,10 @@ FEWEST_TO_AND_FRO = 6
 """That tell a mean and how far it may be off."""
 OWN_PART = 0.3
 """Of a period about a passage: what is farther off belongs to one that the record does not hold."""
+STILL_SETTLING = 2
+"""Swings behind a transient that are left out: a rest that is off by a count weighs as much as a whole slip."""
+NOISY = 0.25
+"""Share of the moves to another count that go against the one before, from which on counts carry noise (clipped.py)."""
 LEAST_PERIOD_ERROR = 1e-4
 """Relative error below which a measured period is not trusted on the way."""
 
@@ -54,9 +58,23 @@ def one_by_one(data: Data, level: float) -> Data:
     apart = float(ways[0].mean() - ways[1].mean())
     error = math.hypot(*scatter, apart, float(np.median(np.diff(t))) / at.size) / period
     near = np.searchsorted((at[1:] + at[:-1]) / 2, t)
-    own = np.abs(t - at[near]) < OWN_PART * period
+    own = (np.abs(t - at[near]) < OWN_PART * period) & (near >= STILL_SETTLING)
     passage = (at[0] + np.arange(at.size) * period / 2)[near]
     return replace(
         data, times=(t - at[near] + passage)[own], position=data.position[own], passage=passage[own],
         rising=rising[near][own], period=period, period_error=max(error, LEAST_PERIOD_ERROR),
     )  # fmt: skip
+
+
+def once_each(data: Data) -> Data:
+    """A record without what a drive that reads counts says again and again.
+
+    Of samples in a row that read one count the first and the last say it all: between them the position lay in it, too.
+    Where a servo rests is one fact, and no so many independent ones.  Counts that noise moves say more, each by itself.
+    """
+    moves = np.sign(np.diff(data.position))
+    moved = moves[moves != 0]
+    if not data.quantum or data.passage is None or np.mean(moved[1:] != moved[:-1]) > NOISY:
+        return data
+    held = np.append(moves, 1) != 0
+    return data.only(held | np.append(True, held[:-1]))

@@ -47,8 +47,11 @@ def behind_a_transient(records: Sequence[Record], fit: Callable[[Sequence[Record
         again = behind_a_transient(later, fit)
         if again.judgement.explained:
             return replace(again, left_out=TRANSIENT_PART + (1 - TRANSIENT_PART) * again.left_out)
+    if refused is not None and "--from" in str(refused):
+        raise refused
     if found is None:
-        raise InputError(f"{refused} Or is it still on the way to its cycle at its beginning? Leave that out: --from.")
+        end = "" if str(refused).endswith("?") else "."
+        raise InputError(f"{refused}{end} Or is it still on the way to its cycle at first? Leave that out: --from.")
     return found
 
 

@@ -142,10 +142,19 @@ def quantum(values: Array) -> float:
     if not d.size or levels.size > values.size / 3:
         return 0.0
     step = float(np.min(d))
-    on = np.abs(d / step - np.round(d / step)) <= LADDER
+    on = _on_ladder(d, step)
     if on.mean() < 1 - STRAY:
         return 0.0
     return float(np.mean(d[on] / np.round(d[on] / step)))
+
+
+def counts_by(values: Array, count: float) -> bool:
+    """Whether all values differ by whole counts of an encoder, however few of them there are [rad]."""
+    return bool(count > 0 and _on_ladder(np.diff(np.unique(values)), count).all())
+
+
+def _on_ladder(d: Array, step: float) -> Array:
+    return np.abs(d / step - np.round(d / step)) <= LADDER
 
 
 def shape_of(folded: Folded) -> tuple[Array, Array, float]:

@@ -74,6 +74,8 @@ SHAKES = (
     "a servo loose, and what is found may be the friction of the shaken one"
 )
 """Said of records of a drive."""
+COUNTS_READ = 300.0
+"""Of the amplitude, below which a controller that reads them hunts otherwise by more than intervals are wide."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
 
 
@@ -236,6 +238,10 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     else:
         yield "  from, to: of the nearest servo that the model has; the true values may lie outside"
     yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude; {NEGLIGIBLE:g} is next to nothing"
+    counts = [each.amplitude / each.quantum for each in data if each.lags is None and each.quantum]
+    if counts and min(counts) < COUNTS_READ:
+        yield f"  its positions come in counts, {min(counts):.3g} of amplitude: if the controller reads them"
+        yield "  too, state its sample time and encoder in [drive]; without them friction may lie outside"
     for powers in found.untold if found.status.ok else ():
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:

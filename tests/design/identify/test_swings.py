@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify
+from casahunt import Drive, Friction, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
 from casahunt.design.identify.built import MOST_ROUNDS
 from casahunt.design.identify.fit import Data
 from casahunt.design.identify.judgement import judged
 from casahunt.design.identify.likelihood import Rows
-from casahunt.design.identify.swings import one_by_one, passages
+from casahunt.design.identify.swings import once_each, one_by_one, passages
+from casahunt.design.record.waveform import counts_by, quantum
 from scripts.peers.drive_record import DriveServo
 
 T, COUNT = 1e-3, 1e-3
@@ -57,6 +58,7 @@ def test_the_axis_of_a_screw_whose_drive_is_not_told():
         assert not found.judgement.explained
 
 
+@pytest.mark.slow
 def test_what_lags_leave_out_is_computed_as_built(monkeypatch):
     """Exact readings, at samples so far apart that what is of second order moves friction by half a per cent."""
     built = DriveServo(0.03, 90.0, 65.0, 2.0, 0.8, 240.0, 4500.0, 3.0, 2 * T)
@@ -67,6 +69,50 @@ def test_what_lags_leave_out_is_computed_as_built(monkeypatch):
         found = identify([record], SCREW, 1.0, drive=drive, advise=False, free=["friction.static"])
         off[rounds] = abs(found.values["friction.static"] / TRUE["friction.static"] - 1)
     assert off[MOST_ROUNDS] < 5e-4 < 0.003 < off[0]
+
+
+@pytest.mark.slow
+def test_counts_in_the_loop_move_the_period(monkeypatch):
+    """With 40 of amplitude by four per cent: a fit to a drive without them takes that for friction."""
+    friction = {"static": 0.59, "coulomb": 0.256, "stribeck_velocity": 0.0082, "viscous": 0.0055}
+    pid = Pid(kp=21.5, ki=42.7, kd=2.37)
+    servo = Servo(inertia=0.014, motor_gain=1.0, controller=pid, friction=Friction(**friction))
+    built = DriveServo(0.014, *friction.values(), 21.5, 42.7, 2.37, 2 * T, encoder=37700.0)
+    record, drive = Record(*built.record(0.04, 25000, 5), "counts"), Drive(sample_time=2 * T, encoder=37700.0)
+    off = {}
+    follow = simulate_sampled
+    for counts in (True, False):
+        if not counts:
+            monkeypatch.setattr(
+                "casahunt.design.identify.built.simulate_sampled",
+                lambda servo, gain, drive, **how: follow(servo, gain, replace(drive, encoder=0.0), **how),
+            )
+        found = identify([record], servo, 1.0, drive=drive, advise=False, free=["friction.static"])
+        off[counts] = abs(found.values["friction.static"] / friction["static"] - 1)
+        assert found.judgement.explained == counts
+    assert off[True] < 1e-3 < 2e-3 < off[False]
+
+
+def test_what_rests_says_so_once():
+    """Of counts in a row the first and the last; of counts that noise moves all, and of positions that are none."""
+    level = np.array([0, 0, 0, 0, 1, 2, 2, 3, 3, 3, 3, 2, 2, 2, 0, 0, 0], float)
+    t = np.arange(level.size, dtype=float)
+    data = Data(t, level, 1.0, 4.0, 1e-4, 1.5, 1.0, 0.0, level, "counts", passage=t, rising=t)
+    kept = once_each(data)
+    assert kept.times.tolist() == [0, 3, 4, 5, 6, 7, 10, 11, 13, 14, 16]
+    assert kept.passage is not None and np.array_equal(kept.passage, kept.times)
+    assert once_each(replace(data, quantum=0.0)).times.size == t.size
+    noisy = replace(data, position=level + np.resize([0.0, 1.0, 1.0], level.size))
+    assert once_each(noisy).times.size == t.size
+
+
+def test_a_few_readings_are_seen_to_be_counts_of_the_drive():
+    """Nearly each of them is another one: without the drive's word they might be anything."""
+    rng = np.random.default_rng(7)
+    counts = 1e-3 * rng.permutation(400)[:60]
+    assert quantum(counts) == 0.0 and counts_by(counts, 1e-3)
+    assert not counts_by(counts, 0.0013) and not counts_by(counts, 0.0)
+    assert not counts_by(counts + 1e-3 * rng.random(60), 1e-3)
 
 
 def swinging(jitter: np.ndarray, each: int = 50) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
