@@ -122,7 +122,10 @@ def row_of(course: Course, orbit: Any, largest_step: float | None, limit: float)
 
 
 def places(branch: Branch[Any]) -> list[int]:
-    """The number i of the step orbits[i] -> orbits[i + 1] of every special point, in their order."""
+    """The number i of the step orbits[i] -> orbits[i + 1] of every special point, in their order.
+
+    Of the steps whose values have that of the point between them, that which leads by it; of a fold there is none.
+    """
     orbits = [*branch.orbits, *(special.orbit for special in branch.special)]
     sampled = [orbit.sample(2)[1] for orbit in orbits]
     extrema = np.array([np.concatenate([states.min(axis=1), states.max(axis=1)]) for states in sampled])
@@ -135,10 +138,13 @@ def places(branch: Branch[Any]) -> list[int]:
     way = np.diff(path, axis=0)
     squares = np.maximum(np.sum(way**2, axis=1), STILL**2)
     at: list[int] = []
-    for point in points:
+    lows, highs = np.sort([branch.values[:-1], branch.values[1:]], axis=0)
+    for point, value in zip(points, values[len(branch.orbits) :], strict=True):
         first, seen = at[-1] if at else 0, point - path[:-1]
         along = np.clip(np.sum(seen * way, axis=1) / squares, 0, 1)
-        at.append(first + int(np.argmin(np.linalg.norm(seen - along[:, None] * way, axis=1)[first:])))
+        off, between = np.linalg.norm(seen - along[:, None] * way, axis=1), (lows <= value) & (value <= highs)
+        off[~between] += math.inf if between[first:].any() else 0.0
+        at.append(first + int(np.argmin(off[first:])))
     return at
 
 
