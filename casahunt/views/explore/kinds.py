@@ -18,7 +18,7 @@ from ... import effort
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
 from ...design.remedies.border import BORDERS, Border, Scales, border
-from ...errors import ComesToRest, NoOrbit
+from ...errors import ComesToRest, HuntsIrregularly, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
 from ...servo.find_fold import HIGHEST, find_fold
@@ -97,6 +97,11 @@ class ServoAnswers:
     def _no_cycle(self, why: NoOrbit, proved: bool) -> dict[str, Any]:
         self.verdict = "rests" if proved else "unknown"
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
+        if isinstance(why, HuntsIrregularly):
+            self.verdict, (least, most) = "uneven", why.amplitude
+            self.said = f"It hunts irregularly: it turns {least:.4g} to {most:.4g} rad from the set point."
+            shown = {"verdict": self.verdict, "sentence": self.said, "why": "none: no swing repeats"}
+            return {**shown, "evidence": str(why)}
         if isinstance(why, ComesToRest):
             self.verdict, self.rests = "unknown", True
             self.said = "No hunting was found: from every start that was tried it comes to rest."

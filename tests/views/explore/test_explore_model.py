@@ -15,6 +15,7 @@ from explore_support import STATES, TABLE1, turned
 from casahunt import NoOrbit, Options, Servo, Status, effort, find_fold, find_orbit, margins, remedies, simulate
 from casahunt.cli import main
 from casahunt.continuation import follow
+from casahunt.errors import HuntsIrregularly
 from casahunt.servo.parts import load_loop, loop_cycle
 from casahunt.views.explore import answers as stages
 from casahunt.views.explore import kinds
@@ -357,6 +358,17 @@ def test_a_cycle_beyond_the_reach_of_the_first_motion_is_found_along_the_branch(
     assert told["border"]["gain"]["value"] > 0.07 and told["diagram"]["stable"]
     beyond = shown(turned(asked, leak=0.253), "hunts", "border")
     assert beyond["hunts"]["verdict"] == "unknown" and "present one is" in beyond["border"]["sentence"]
+
+
+def test_irregular_hunting_is_an_answer(monkeypatch, shown):
+    """Where no swing repeats there is no cycle to be shown, and how far it swings is said."""
+    def irregular(*_: object) -> None:
+        raise HuntsIrregularly("it hunts irregularly", Status.NOT_FOUND, amplitude=(0.05186, 0.05356), between=(1, 2))
+
+    monkeypatch.setattr(kinds, "cycle_beside", irregular)
+    told = shown(turned(TABLE1.choose("remedy", "leak"), gain=0.07, leak=0.25), "hunts")["hunts"]
+    assert told["verdict"] == "uneven" and "amplitude" not in told
+    assert told["sentence"] == "It hunts irregularly: it turns 0.05186 to 0.05356 rad from the set point."
 
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])
