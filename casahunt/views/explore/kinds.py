@@ -97,16 +97,15 @@ class ServoAnswers:
     def _no_cycle(self, why: NoOrbit, proved: bool) -> dict[str, Any]:
         self.verdict = "rests" if proved else "unknown"
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
+        more = refused(why)
         if isinstance(why, HuntsIrregularly):
             self.verdict, (least, most) = "uneven", why.amplitude
             self.said = f"It hunts irregularly: it turns {least:.4g} to {most:.4g} rad from the set point."
-            shown = {"verdict": self.verdict, "sentence": self.said, "why": "none: no swing repeats"}
-            return {**shown, "evidence": str(why)}
+            more = {"why": "none: no swing repeats", "evidence": str(why)}
         if isinstance(why, ComesToRest):
-            self.verdict, self.rests = "unknown", True
+            self.verdict, self.rests, more = "unknown", True, {"evidence": str(why)}
             self.said = "No hunting was found: from every start that was tried it comes to rest."
-            return {"verdict": self.verdict, "sentence": self.said, "evidence": str(why)}
-        return {"verdict": self.verdict, "sentence": self.said, **refused(why)}
+        return {"verdict": self.verdict, "sentence": self.said, **more}
 
     def _cycle(self, orbit: Any, times: Any, states: Any, torque: Any, *, partly: bool = False) -> dict[str, Any]:
         stable = orbit.stable
