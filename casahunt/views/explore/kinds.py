@@ -95,9 +95,8 @@ class ServoAnswers:
         return self._cycle(orbit, times, states, motor_torque(states, servo.parameters(gain)))
 
     def _no_cycle(self, why: NoOrbit, proved: bool) -> dict[str, Any]:
-        self.verdict = "rests" if proved else "unknown"
+        self.verdict, more = "rests" if proved else "unknown", refused(why)
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
-        more = refused(why)
         if isinstance(why, HuntsIrregularly):
             self.verdict, (least, most) = "uneven", why.amplitude
             self.said = f"It hunts irregularly: it turns {least:.4g} to {most:.4g} rad from the set point."
