@@ -98,9 +98,8 @@ class ServoAnswers:
         self.verdict, more = "rests" if proved else "unknown", refused(why)
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
         if isinstance(why, HuntsIrregularly):
-            self.verdict, (least, most) = "uneven", why.amplitude
-            self.said = f"It hunts irregularly: it turns {least:.4g} to {most:.4g} rad from the set point."
-            more = {"why": "none: no swing repeats", "evidence": str(why)}
+            self.verdict, more = "uneven", {"why": "none: no swing repeats", "evidence": str(why)}
+            self.said = "It hunts irregularly: it turns {:.4g} to {:.4g} rad from the set point.".format(*why.amplitude)
         if isinstance(why, ComesToRest):
             self.verdict, self.rests, more = "unknown", True, {"evidence": str(why)}
             self.said = "No hunting was found: from every start that was tried it comes to rest."
