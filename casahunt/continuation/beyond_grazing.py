@@ -30,7 +30,7 @@ from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from ..orbits.other_start import may_vanish
 from ..orbits.sequences import with_successor
-from .curve import along, backwards, parameter_value, point_at, predict, solved_at
+from .curve import along, backwards, point_at, predict, solved_at
 from .grazing_contact import (
     NEAR_CONTACT,
     VANISHING_SHARE,
@@ -43,7 +43,7 @@ from .grazing_contact import (
 )
 from .poincare_section import same_events
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
-from .vanishing import CHANGE_WIDTH, UNLOCATED, lacking, last_before, leads_elsewhere, with_phase_born
+from .vanishing import UNLOCATED, lacking, last_before, with_phase_born
 from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)
@@ -88,6 +88,11 @@ class Behind(NamedTuple, Generic[AnyOrbit]):
         if self.passed is None or self.grazing is None:
             return orbits
         return *_not_beyond(orbits, self.passed), self.grazing.orbit
+
+
+def leads_elsewhere(orbit: Orbit) -> bool:
+    """Whether an event of a cycle leads to another mode than the one that follows, by less than counts."""
+    return bool(undecided(*unknowns_of(orbit)))
 
 
 def behind_grazing(
@@ -159,12 +164,7 @@ def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Opti
     last = orbits[-1]
     kept = _not_beyond(orbits, leads_elsewhere)
     same = kept[-1].signature == last.signature and len(kept) < len(orbits)
-    there, error = last, UNLOCATED
-    if same:
-        there = last_before(kept[-1], orbits[len(kept)], vary, options, leads_elsewhere)
-        step = parameter_value(orbits[len(kept)], vary) - parameter_value(kept[-1], vary)
-        located = 2 * CHANGE_WIDTH * abs(step / there.problem.unit(vary))  # the way may be twice as long as that
-        error = max(located, there.parameter_error, there.error_estimate)
+    there = last_before(kept[-1], orbits[len(kept)], vary, options, leads_elsewhere) if same else last
     at = unknowns_of(last)
     k = undecided(*at)[0]
     event, name = last.arcs[k].event, last.cycle.phases[k].leads_to(behind(*at, k), at[2].p)
@@ -172,7 +172,9 @@ def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Opti
     more = None if start is None else with_phase_born(there.problem, start, k + 1, vary, options)
     follows = "no cycle with it was found next to this one" if more is None else "it goes on with the cycle that has it"
     what = f"{SUCCESSOR_CHANGES} at {{name}} = {{value:.10g}}: {event!r} leads to {name!r} beyond; {follows}"
-    point = special_point(Monitor(SUCCESSOR_CHANGES, GRAZING.value, what), there, vary, error)
+    point = special_point(
+        Monitor(SUCCESSOR_CHANGES, GRAZING.value, what), there, vary, error=0.0 if same else UNLOCATED
+    )
     following = cast("AnyOrbit | None", more) or _clear_of_it(last, vary, options)
     return Behind(point, following, leads_elsewhere)
 

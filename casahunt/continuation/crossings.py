@@ -42,7 +42,7 @@ from .locating import Located, locate_special_point
 from .poincare_section import apart_by_kinks
 from .special_points import ACCEPTED_TOLERANCES, FOLD, GRAZING, Missed, Monitor, SpecialPoint, in_order, special_point
 from .stations import LOOKED_INSIDE, Change, Inside, Signs, Station
-from .vanishing import changes_of_phases
+from .vanishing import change_of_phases
 
 Array = np.ndarray
 
@@ -189,8 +189,9 @@ class Crossings(Generic[AnyOrbit]):
         if GRAZING in self._monitors and not self.at_kinks and apart_by_kinks(before.orbit, after.orbit):
             missed.append(Missed(KINK_PASSED, f"{self._between(before, after)} {KINK_LEFT_OUT}"))
         elif GRAZING in self._monitors:
-            changes = changes_of_phases(before.orbit, after.orbit, self._vary, self._options)
-            special += [special_point(GRAZING, grazing, self._vary) for grazing in changes]
+            grazing = change_of_phases(before.orbit, after.orbit, self._vary, self._options)
+            if grazing is not None:
+                special.append(special_point(GRAZING, grazing, self._vary))
         earlier = self._line[k - 2] if k > 1 and not before.opens else None
         later = self._line[k + 1] if k + 1 < len(self._line) else None
         stations = [before, *self._steps.stations(before, after, earlier, later, self._halvings), after]

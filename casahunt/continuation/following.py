@@ -28,7 +28,7 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.one_of_many import one_of_many
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
-from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing
+from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
 from .bifurcations import monitors_of
 from .branch import Branch, Run
 from .broken_symmetry import as_whole_as_needed
@@ -45,7 +45,7 @@ from .poincare_section import (
 )
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
 from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges, through_rest
-from .vanishing import at_changed_successor, first_shrinks, from_strongest, leads_elsewhere, vanishing_soon
+from .vanishing import first_shrinks, from_strongest, vanishing_soon
 from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
 
 Array = np.ndarray
@@ -296,8 +296,7 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
         by_planes = cut_by_planes(before) and cut_by_planes(after)
         if by_planes and before.signature != after.signature and _shrunk(run.branch) is not None:
             return _Pause.NEXT_TO_NOTHING  # stepped over: the same cycles, half a turn later
-        last = at_changed_successor(before, after, run.branch.vary, run.options) if GRAZING in run.looked_for else None
-        if (found := _at_an_end(run, last or after)) is not None:
+        if (found := _at_an_end(run, after)) is not None:
             return found
         if by_planes:
             largest = np.maximum(largest, ranges(after))

@@ -25,7 +25,6 @@ import numpy as np
 
 from ..collocation.mesh import halved, phase_breaks
 from ..collocation.newton import newton
-from ..collocation.successors import contradicted, undecided
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks
@@ -37,7 +36,6 @@ from .curve import along, backwards, curve_point, parameter_value, secant_direct
 from .grazing_contact import CONTACT_RANGE, grazing_at
 from .locating import length_to, nearer
 from .poincare_section import beside_the_plane, same_events
-from .special_points import absolute_error
 from .walk import step_along
 
 Array = np.ndarray
@@ -58,13 +56,9 @@ BEHIND = 1e-4
 """How far behind a grazing contact, along the branch, the next cycle is looked for."""
 BORN_PARTS = (1.0, 0.1, 0.01)
 """Parts of its first duration with which a phase that begins at a contact is sought."""
-ONE_PLACE = 3.0
-"""Places that differ by less than this many of their errors are one."""
 UNLOCATED = 1e-5
 """Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
 located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
-FARTHEST_BY = 16.0
-"""How many times as far as an orbit with other phases seems to be, whose durations are others, its place is sought."""
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
 
@@ -149,8 +143,7 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) ->
     """(u, lambda) where phase k has become `VANISHED_PART` times as long; None where it does not get there.
 
     Where the end of that phase hardly tells anything any more, less than the tolerance before, where it still did.  Nor
-    where lambda turns round on the way, by more than the tolerance: near the end its slope is rounding; nor where an
-    event leads elsewhere on the way.
+    where lambda turns round on the way, by more than the tolerance: near the end its slope is rounding.
     """
     goal, lam, part = VANISHED_PART * float(t.durations_of(u)[k]), 0.0, SHRINKS_TO
     way, well = 0.0, (u, lam)
@@ -163,9 +156,6 @@ def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) ->
         ahead = u + (part - 1) * du, lam + (part - 1) * float(y[-1])
         solution = newton(t, ahead[0], setting, border=row, parameter=ahead[1], accuracy=1e-3 * tol)
         if solution.status.ok:
-            there = t, solution.u, setting.moved(solution.parameter)
-            if any(contradicted(*there, i) for i in range(t.phases)):
-                return None  # another phase has begun before
             u, lam, part = solution.u, solution.parameter, max(part**2, SHRINKS_TO)
             well = (u, lam) if solution.iterations <= WELL else well
         elif abs(y[-1]) <= tol:
@@ -230,26 +220,6 @@ def vanishing_soon(
     return None
 
 
-def changes_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> list[AnyOrbit]:
-    """The orbits at which the phases change on the way from one orbit to another: phases that vanish at once have one.
-
-    Each is that of one phase, and the next one is sought between that and the orbit with fewer phases.
-    """
-    fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
-    found: list[AnyOrbit] = []
-    while (between := change_of_phases(fewer, more, vary, options)) is not None:
-        found.append(between)
-        if not len(fewer.arcs) < len(between.arcs) < len(more.arcs):
-            break
-        more = between
-    apart: list[tuple[float, float, AnyOrbit]] = []
-    for error, k in sorted((absolute_error(orbit, vary), k) for k, orbit in enumerate(found)):
-        value = parameter_value(found[k], vary)
-        if all(abs(value - other) > ONE_PLACE * (error + others) for other, others, _ in apart):
-            apart.append((value, error, found[k]))
-    return [orbit for *_, orbit in apart]
-
-
 def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
     """The orbit at which the phases change from those of `before` to those of `after`.
 
@@ -269,30 +239,10 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         gone = orbit_at_contact(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
-    last = last_before(fewer, more, vary, options)
+    last = last_before(fewer, more, vary, options, lambda orbit: orbit.signature != fewer.signature)
     distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
     contact = grazing_at(last, event, vary, options) if distance <= CONTACT_RANGE else None
     return replace(last, parameter_error=UNLOCATED) if contact is None else contact[1]
-
-
-def leads_elsewhere(orbit: Orbit) -> bool:
-    """Whether an event of a cycle leads to another mode than the one that follows, by less than counts."""
-    return bool(undecided(*unknowns_of(orbit)))
-
-
-def at_changed_successor(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The last orbit with the phases of the first of two, where an event leads elsewhere beyond it.
-
-    Returns Orbit, whose event leads elsewhere by less than counts; None where the phases change otherwise.
-    """
-    if same_events(before, after) or not any(phase.follows for phase in before.cycle.phases):
-        return None
-    more = max(before, after, key=lambda orbit: len(orbit.arcs))
-    contact = orbit_at_contact(more, vary, options)
-    if contact is not None and _on_the_way(before, contact, after, vary):
-        return None
-    last = last_before(before, after, vary, options)
-    return last if leads_elsewhere(last) else None
 
 
 def _on_the_way(before: Orbit, contact: Orbit, after: Orbit, vary: str) -> bool:
@@ -315,23 +265,21 @@ def _way(one: Orbit, between: Orbit, other: Orbit, vary: str) -> float:
 
 
 def last_before(
-    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, beyond: Callable[[AnyOrbit], bool] | None = None
+    before: AnyOrbit, after: AnyOrbit, vary: str, options: Options, beyond: Callable[[AnyOrbit], bool]
 ) -> AnyOrbit:
-    """The last orbit on the way from one to another that has the phases of the first, and is not beyond something."""
+    """The last orbit on the way from one to another that is not beyond something."""
     start = curve_point(before, vary, like=secant_direction(before, after, vary))
-    near, far = 0.0, length_to(after, before, start, vary)
-    most, found = FARTHEST_BY * far, [before]
+    length = length_to(after, before, start, vary)
+    found = [before]
 
     def passed(ds: float) -> bool:
         outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
-        if isinstance(outcome, str) or outcome[0].signature != before.signature or beyond and beyond(outcome[0]):
+        if isinstance(outcome, str) or beyond(outcome[0]):
             return True
         found.append(outcome[0])
         return False
 
-    while not passed(far) and far < most:
-        near, far = far, 2 * far
-    boundary(passed, near, far, width=CHANGE_WIDTH * far, rounds=CHANGE_ROUNDS)
+    boundary(passed, 0.0, length, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
     return found[-1]
 
 
