@@ -108,9 +108,8 @@ class Cycles(Problem):
         """
         if repeats != self.closure.repeats:
             raise ValueError(f"{self.title}: no cycle closes {repeats} times, but {self.closure.repeats} times")
-        asked = self.system, self.sections, self.closure
-        after = mode_after_last(*asked, signature, self.vector()) if self.watched else None
-        return cycle_of(*asked, self.amplitude_of(), signature, after)
+        after = mode_after_last(self.system, self.closure, signature, self.vector()) if self.watched else None
+        return cycle_of(self.system, self.sections, self.closure, self.amplitude_of(), signature, after)
 
     def amplitude_of(self) -> int | Feature:
         """What is measured, as a cycle knows it: `Cycle.measured`."""

@@ -11,7 +11,6 @@ import numpy as np
 
 from ..hybrid.language import System
 from ..hybrid.system import Cycle, Feature, Phase, Signature, VectorSystem
-from ..hybrid.vector_form import Always
 from ..motion.phases import Segment
 from .closure import Closure, Plane, Section, with_sections
 from .recurrence import TRIED, image_of
@@ -20,31 +19,24 @@ from .sequences import parts_of
 Array = np.ndarray
 
 
-def mode_after_last(
-    system: System, sections: tuple[Section, ...], closure: Closure, signature: Signature, p: Array
-) -> str:
-    """The mode that follows the last phase: the first one, or what that is one computed piece later; "" if not known.
-
-    It is not asked for where the event at the end always leads to one and the same.
-    """
+def mode_after_last(system: System, closure: Closure, signature: Signature, p: Array) -> str:
+    """The mode that follows the last phase: the first, or what that is one computed piece later; "" if not known."""
     if np.array_equal(closure.matrix, np.eye(len(closure.matrix))):
         return signature[0][0]
-    way_out = with_sections(system, sections).ways_out(*signature[-1])
-    if not way_out or isinstance(way_out[0].successor, Always):
-        return ""
-    return _image(system, sections, closure, p.tobytes(), signature[0])
+    return _image(system, closure, p.tobytes(), signature[0][0])
 
 
 @lru_cache(maxsize=256)
-def _image(system: System, sections: tuple[Section, ...], closure: Closure, p: bytes, phase: tuple[str, str]) -> str:
-    """The mode of the image of a phase one computed piece later, at parameters p as bytes; "" where it has no name."""
-    n = len(system.names.entries)
+def _image(system: System, closure: Closure, p: bytes, mode: str) -> str:
+    """The image of a mode one computed piece later, however it ends, at parameters p as bytes; "" where it has none."""
+    form, n = system.vector_form, len(system.names.entries)
     states = np.random.default_rng(0).standard_normal((TRIED, n))
-    form = with_sections(system, sections)
-    jumped = states[0] if any(way.reset is not None for way in form.ways_out(*phase)) else None
-    segment = Segment(*phase, 1.0, np.array([0.0, 1.0]), states, states[0], jumped)
-    image = image_of(form, segment, closure, np.frombuffer(p), np.ones(n))
-    return "" if image is None else image[0]
+    for way_out in form.exits[mode]:
+        jumped = None if way_out.reset is None else states[0]
+        segment = Segment(mode, way_out.event.name, 1.0, np.array([0.0, 1.0]), states, states[0], jumped)
+        if (image := image_of(form, segment, closure, np.frombuffer(p), np.ones(n))) is not None:
+            return image[0]
+    return ""
 
 
 @lru_cache(maxsize=256)

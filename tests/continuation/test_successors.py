@@ -2,12 +2,13 @@
 
 import math
 
+import casadi
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
-from casahunt.continuation import follow
+from casahunt.continuation import GRAZING, follow
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import find_cycle
 
@@ -137,3 +138,42 @@ def test_a_modulator_has_the_modes_of_its_own_signs(u):
         x = x * math.exp(-0.2) + (u - signs[-1]) * 5 * (1 - math.exp(-0.2))
     assert [1 if arc.mode == "plus" else -1 for arc in cycle.arcs] == signs
     assert x == pytest.approx(float(cycle.arcs[0].states[0, 0, 0]), abs=1e-9) or np.isclose(cycle.repeats, 2)
+
+
+# A half cycle: what follows its last phase is the image of the first -------------------------------------------------
+
+
+def coulomb():
+    """x'' + x = cos(0.8 t) with dry friction mu, which sticks where the pull at a stop is less."""
+
+    def pull(x, p):
+        return casadi.cos(0.8 * x.t) - x.x
+
+    def after(x, p):
+        return "sticks" if abs(float(pull(x, p))) <= p.mu else ("up" if pull(x, p) > 0 else "down")
+
+    def slides(x, p):
+        return {"x": x.v, "v": pull(x, p) - p.sign * p.mu}
+
+    leaves = (
+        Event("leaves upwards", lambda x, p: pull(x, p) - p.mu, +1, to="up"),
+        Event("leaves downwards", lambda x, p: pull(x, p) + p.mu, -1, to="down"),
+    )
+    modes = (
+        Mode("up", slides, sign=1, ends=(Event("stops", lambda x, p: x.v, -1, to=after),)),
+        Mode("down", slides, sign=-1, ends=(Event("stops going down", lambda x, p: x.v, +1, to=after),)),
+        Mode("sticks", lambda x, p: {"x": 0 * x.x, "v": 0 * x.v}, ends=leaves),
+    )
+    return System("mass", ("x", "v"), {"mu": 0.85}, modes, forcing_period=lambda p: 2 * math.pi / 0.8)
+
+
+@pytest.mark.slow
+def test_a_rest_does_not_go_on_through_the_events_that_end_it():
+    """At x = 0 the force cos(0.8 t) is held where friction is above 1; below, no stick lasts half a turn."""
+    branch = follow(find_cycle(coulomb(), "down", x=1.27, v=0.0, t=0.5, tol=1e-9), "mu", to=1.06, monitors=(GRAZING,))
+    rest = branch.orbits[-1]
+    assert branch.end.kind == "range" and [arc.mode for arc in rest.arcs] == ["sticks"]
+    back = follow(rest, "mu", to=0.3, monitors=(GRAZING,))
+    sticks = [orbit for orbit in back.orbits if all(arc.mode == "sticks" for arc in orbit.arcs)]
+    assert min(orbit.problem.value("mu") for orbit in sticks) == pytest.approx(1.0, abs=1e-9)
+    assert back.special[0].value == pytest.approx(1.0, abs=1e-9)
