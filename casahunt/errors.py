@@ -117,13 +117,14 @@ class NotFollowed(NoOrbit):
     >>> try:
     ...     simulate(ends, x=0.0, duration=3.0)
     ... except NotFollowed as refusal:
-    ...     print(refusal.plain)
-    the motion of ramp cannot be followed; try a shorter time, or another start
+    ...     print(str(refusal)[:75])
+    the motion of ramp cannot be followed: at 1.5 the mode 'free' does not hold
     """
 
     def __init__(self, message: str, status: Status, *, evidence: str, time: float) -> None:
         beyond = f" beyond {time:.4g} s" if time > 0 else ""
         super().__init__(f"{message}{beyond}; try a shorter time, or another start", status, evidence=evidence)
+        self.args = (f"{message}{beyond}: {evidence}. Else try a shorter time, or another start",)
         self.time = time
 
 

@@ -124,7 +124,7 @@ def row_of(course: Course, orbit: Any, largest_step: float | None, limit: float)
 def places(branch: Branch[Any]) -> list[int]:
     """The number i of the step orbits[i] -> orbits[i + 1] of every special point, in their order.
 
-    Of the steps whose values have that of the point between them, that which leads by it; of a fold there is none.
+    Of the steps whose values have that of the point between them, that which leads by it; at a fold there is none.
     """
     orbits = [*branch.orbits, *(special.orbit for special in branch.special)]
     sampled = [orbit.sample(2)[1] for orbit in orbits]
@@ -139,11 +139,12 @@ def places(branch: Branch[Any]) -> list[int]:
     squares = np.maximum(np.sum(way**2, axis=1), STILL**2)
     at: list[int] = []
     lows, highs = np.sort([branch.values[:-1], branch.values[1:]], axis=0)
-    for point, value in zip(points, values[len(branch.orbits) :], strict=True):
+    for point, special in zip(points, branch.special, strict=True):
         first, seen = at[-1] if at else 0, point - path[:-1]
         along = np.clip(np.sum(seen * way, axis=1) / squares, 0, 1)
-        off, between = np.linalg.norm(seen - along[:, None] * way, axis=1), (lows <= value) & (value <= highs)
-        off[~between] += math.inf if between[first:].any() else 0.0
+        off, inside = np.linalg.norm(seen - along[:, None] * way, axis=1), (lows <= special.value) & (special.value <= highs)
+        if special.kind != "fold" and inside[first:].any():
+            off[~inside] = math.inf
         at.append(first + int(np.argmin(off[first:])))
     return at
 

@@ -82,7 +82,7 @@ def collocated(
     chosen; and is at most; limits: last Legendre coefficient of an interval; [s], stop there; intervals, give up
     beyond; lengths, pieces: of the intervals so far: [s], and (R,) start and stages, scaled; those of this part are put
     behind them. Returns reached, with the length of the interval that would have come next. Raises MarchFailure,
-    TooMany: a step size that vanishes; more intervals than there may be, with the time that they take.
+    TooMany: a step size that vanishes; more intervals than there may be, with time and state at their end.
     """
     stepper, (tol, max_time, max_intervals) = watch.stepper, limits
     t, start, d, h = begun.time, begun.x, stepper.scheme.degree, min(begun.length, max_time - begun.time)
@@ -95,7 +95,7 @@ def collocated(
         if t >= max_time * (1 - 1e-15):  # at rest for ever, or as good as; the rest is rounding
             return Reached(t, start, None, True, h)
         if len(pieces) >= max_intervals:
-            raise TooMany(t)
+            raise TooMany(t, start)
         effort.interval()
         found = _attempt(watch, previous, start, slope, h, tol)
         if isinstance(found, _Shorter):

@@ -41,6 +41,8 @@ Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
+RUNS_AWAY = 1e6
+"""A motion that comes to so many times the sizes of its states is told to grow, where it takes too many intervals."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
 HIDES = (
@@ -194,8 +196,12 @@ def _phase(
     try:
         segment, successor = _followed(system, name, x, stepper, tol, *left, begins, by_series)
     except TooMany as many:
-        took = spent[0] + float(many.args[0])
+        took, end = spent[0] + float(many.args[0]), many.args[1]
         hint = "" if mode.stiff else "; a mode with states that relax far faster than it lasts is to be marked as stiff"
+        far = int(np.argmax(np.abs(end)))
+        if abs(end[far]) > RUNS_AWAY:
+            size = f"{end[far] * scale[far]:.3g}"
+            hint = f"; {system.states[far]!r} has come to {size} there, as where it grows without bound"
         raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals{hint}", took) from None
     return segment if mode.flow is None else _polished(system, segment, p, scale), successor
 
@@ -382,7 +388,7 @@ def _followed(
     try:
         lengths, pieces = intervals_of(mode, stepper, stretches, tol, max_intervals)
     except TooMany:
-        raise TooMany(reached.time) from None
+        raise TooMany(reached.time, reached.x) from None
     by_intervals = not reached.over
     if by_intervals:
         watch, limits = EventWatch(exits, mode.feature, stepper), (tol, max_time, max_intervals)

@@ -57,9 +57,11 @@ def test_a_refusal_says_what_to_try_and_why_with_details(capsys, monkeypatch):
     monkeypatch.setattr(simulation, "march", march)
     words = ("simulate", "--gain", 0.04, "--leak", 1.0)
     code, _, err = run(capsys, *words)
-    plain = "the motion of switch servo cannot be followed beyond 5.169 s; try a shorter time, or another start"
-    assert code == 1 and err.strip().endswith(plain)
-    assert run(capsys, *words, "--details")[2].strip().endswith(f"{plain} (the mode 'stick' starts on its own event)")
+    what = "the motion of switch servo cannot be followed beyond 5.169 s"
+    advice = "try a shorter time, or another start"
+    assert code == 1 and err.strip().endswith(f"{what}; {advice}")
+    detailed = run(capsys, *words, "--details")[2].strip()
+    assert detailed.endswith(f"{what}: the mode 'stick' starts on its own event. Else {advice}")
 
 
 @pytest.mark.slow
