@@ -142,7 +142,8 @@ def places(branch: Branch[Any]) -> list[int]:
     for point, special in zip(points, branch.special, strict=True):
         first, seen = at[-1] if at else 0, point - path[:-1]
         along = np.clip(np.sum(seen * way, axis=1) / squares, 0, 1)
-        off, inside = np.linalg.norm(seen - along[:, None] * way, axis=1), (lows <= special.value) & (special.value <= highs)
+        inside = (lows <= special.value) & (special.value <= highs)
+        off = np.linalg.norm(seen - along[:, None] * way, axis=1)
         if special.kind != "fold" and inside[first:].any():
             off[~inside] = math.inf
         at.append(first + int(np.argmin(off[first:])))

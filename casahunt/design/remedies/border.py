@@ -305,11 +305,11 @@ def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, option
                 if not fold.value_error <= SIZE_KNOWN:
                     raise NoOrbit(f"the fold is known to {fold.value_error:.2g} only", Status.NOT_FOUND)
                 briefly = len(losses) > 1 and abs(fold.value - losses[-1].value) <= BRIEFLY * abs(fold.value)
-                if briefly or _outside(special.orbit):
+                if briefly or _outside(special):
                     return _lost(losses[: len(losses) - briefly], fold.value)
                 return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit,
                               moves=fold.sensitivities)  # fmt: skip
-            losses += [] if _outside(special.orbit) else [special]
+            losses += [] if _outside(special) else [special]
         if passed and len(passed[-1].orbit.arcs) < len(at.arcs):  # it meets the cycle that it branches off from
             losses, at, before = [], passed[-1].orbit, None
             continue
@@ -349,9 +349,14 @@ def _may_end(special: SpecialPoint[SystemOrbit]) -> bool:
     return special.kind in (*LOSSES, "fold")
 
 
-def _outside(orbit: SystemOrbit) -> bool:
-    """Whether multipliers lie outside the unit circle, besides those that pass it."""
-    return bool((np.abs(orbit.multipliers.half[1:]) > 1 + OUTSIDE_BY).any())
+def _outside(special: SpecialPoint[SystemOrbit]) -> bool:
+    """Whether multipliers lie outside the unit circle, besides those that pass it: the nearest ones.
+
+    A fold that is known to 1e-9 has one within the root of that.
+    """
+    sizes = np.abs(special.orbit.multipliers.half[1:])
+    others = sizes[np.argsort(np.abs(sizes - 1))][2 if special.kind == "Neimark-Sacker" else 1 :]
+    return bool((others > 1 + OUTSIDE_BY).any())
 
 
 def _lost(losses: list[SpecialPoint[SystemOrbit]], fold: float) -> Border:
