@@ -41,7 +41,7 @@ Array = np.ndarray
 
 MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
-RUNS_AWAY = 1e6
+MANY_SIZES_AWAY = 1e6
 """A motion that comes to so many times the sizes of its states is told to grow, where it takes too many intervals."""
 CROWD, CROWDED = 100, 1e-7
 """So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
@@ -136,7 +136,11 @@ def march(
             raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
         phase = None if meshed else by_steps(system, mode, x, p, scale, tol, max_time - time)
         left = (time, used), (max_time, max_intervals)
-        segment, mode = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
+        try:
+            segment, mode = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
+        except MarchFailure as failure:
+            failure.time = time if np.isnan(failure.time) else failure.time
+            raise
         segments.append(segment)
         still = at_rest_since(segments, scale) if strict else len(segments)
         if strict and still == len(segments):
@@ -199,7 +203,7 @@ def _phase(
         took, end = spent[0] + float(many.args[0]), many.args[1]
         hint = "" if mode.stiff else "; a mode with states that relax far faster than it lasts is to be marked as stiff"
         far = int(np.argmax(np.abs(end)))
-        if abs(end[far]) > RUNS_AWAY:
+        if abs(end[far]) > MANY_SIZES_AWAY:
             size = f"{end[far] * scale[far]:.3g}"
             hint = f"; {system.states[far]!r} has come to {size} there, as where it grows without bound"
         raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals{hint}", took) from None
