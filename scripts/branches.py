@@ -126,8 +126,8 @@ def row_of(course: Course, orbit: Any, largest_step: float | None, limit: float)
 def places(branch: Branch[Any]) -> list[int]:
     """The number i of the step orbits[i] -> orbits[i + 1] of every special point, in their order.
 
-    A step whose values have that of the point between them is preferred: a coarse one bends away from it.  At a fold, and
-    in a step that goes round one, they have not.
+    A step whose values have that of the point between them is preferred: a coarse one bends away from it.  At a fold,
+    and in a step that goes round one, they have not.
     """
     orbits = [*branch.orbits, *(special.orbit for special in branch.special)]
     sampled = [orbit.sample(2)[1] for orbit in orbits]
