@@ -64,17 +64,16 @@ if TYPE_CHECKING:
     from .servo.linear.linear_loop import LinearLoop, linear_loop
     from .servo.linear.margins import Margins, margins
     from .servo.lopsided import with_lopsided
+    from .servo.outcome import Outcome
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.cause import Cause, cause_of
     from .servo.sampled.check import AsBuilt, as_built
     from .servo.sampled.motion import SampledMotion, simulate_sampled
-    from .servo.sampled.verdict import SampledVerdict
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
     from .servo.servo import Servo, load, load_drive
     from .servo.simulation.simulate import simulate
     from .servo.simulation.trajectory import Trajectory
-    from .servo.simulation.verdict import Verdict
     from .views.explore.notebook import explore
 
 _HOMES = {
@@ -115,16 +114,15 @@ _HOMES = {
     "servo.linear.linear_loop": ("LinearLoop", "linear_loop"),
     "servo.linear.margins": ("Margins", "margins"),
     "servo.lopsided": ("with_lopsided",),
+    "servo.outcome": ("Outcome",),
     "servo.problem": ("Fold", "Orbit"),
     "servo.sampled.cause": ("Cause", "cause_of"),
     "servo.sampled.check": ("AsBuilt", "as_built"),
     "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
-    "servo.sampled.verdict": ("SampledVerdict",),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
     "servo.servo": ("Servo", "load", "load_drive"),
     "servo.simulation.simulate": ("simulate",),
     "servo.simulation.trajectory": ("Trajectory",),
-    "servo.simulation.verdict": ("Verdict",),
     "views.explore.notebook": ("explore",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -137,7 +135,9 @@ _OTHER_NAMES = {
 """What is called otherwise at home."""
 
 
-_FORMER_NAMES = {"sampled_margins": "margins(servo, gain, drive=drive)"}
+_FORMER_NAMES = {
+    "sampled_margins": "margins(servo, gain, drive=drive)", "Verdict": "Outcome", "SampledVerdict": "Outcome",
+}  # fmt: skip
 """Public names of earlier versions, and what is written today."""
 
 
@@ -191,10 +191,10 @@ __all__ = [
     "Options",
     "Orbit",
     "OrbitEnsemble",
+    "Outcome",
     "Pid",
     "Record",
     "SampledMotion",
-    "SampledVerdict",
     "Samples",
     "Sensitivities",
     "Servo",
@@ -204,7 +204,6 @@ __all__ = [
     "Trajectory",
     "Tuning",
     "Uncertainty",
-    "Verdict",
     "WorstCase",
     "as_built",
     "basin",

@@ -44,6 +44,7 @@ sys.path.insert(0, str(ROOT))
 from casahunt import NoOrbit, find_orbit  # noqa: E402
 from casahunt.cli import main as casahunt  # noqa: E402
 from casahunt.servo.hunting import Model  # noqa: E402
+from casahunt.servo.outcome import SETTLES  # noqa: E402
 from casahunt.servo.servo import flatten  # noqa: E402
 from scripts.identify import Made  # noqa: E402
 from scripts.limits import TooSlow, within  # noqa: E402
@@ -124,7 +125,7 @@ def checked(made: Made, model: Model, remedies: str) -> tuple[str, str, Counter[
     table = found["remedies"]
     best, outcome, seen, others = table["best"], "no remedy", complaint, ""
     for row in table["remedies"]:
-        if row["kind"] in ("none", "not found", "does not fit") or row["stays"][0] not in ("rests", "decays"):
+        if row["kind"] in ("none", "not found", "does not fit") or row["stays"][0] not in SETTLES:
             continue
         did, how = followed(made, model, row["name"], row["recommended"])
         rows[did] += 1

@@ -1,4 +1,4 @@
-"""Verdicts of timed simulations against motions ten times as long: 500 motions of 50 random servos.
+"""Verdicts of timed simulations against motions ten times as long, or as long as they took: 500 of 50 random servos.
 
     python scripts/verdicts.py [--quick] [--servos 50] [--motions 10] [--seed 1] [--model switch|lugre] [--json F]
 
@@ -41,7 +41,7 @@ from casahunt import NoOrbit, Servo, Trajectory, find_fold, simulate  # noqa: E4
 from casahunt.motion.phases import MarchFailure  # noqa: E402
 from casahunt.servo.gains import routh_hurwitz_gain  # noqa: E402
 
-LONGER = 10.0
+LONGER, BEFORE_THE_WINDOWS = 10.0, 0.4
 MOST = {"switch": 40, "lugre": 12}
 """Swings of a short motion."""
 NEAR, STEADY = 0.05, 1e-6
@@ -128,6 +128,12 @@ def cases(rng: np.random.Generator, model: str, motions: int) -> list[Case]:
     return made
 
 
+def rest_of(motion: Trajectory) -> float:
+    """Within which a servo is at rest [rad]."""
+    unit = motion.servo.friction.static / motion.servo.torque_gains(motion.gain)[0]
+    return max(1e-6 * unit, 1e-7 * float(np.abs(motion.states[0]).max()), float(motion.state_errors[0]))
+
+
 def contradiction(short: Trajectory, long: Trajectory) -> str:
     """What the long motion says against the verdict of the short one; "" where it agrees."""
     verdict = short.verdict
@@ -145,7 +151,7 @@ def contradiction(short: Trajectory, long: Trajectory) -> str:
         swings = (float(np.max(x[0][second])) - float(np.min(x[0][second]))) / 2
         return "" if abs(swings / verdict.amplitude - 1) < NEAR else f"{swings:.6g} rad, not {verdict.amplitude:.6g}"
     if verdict.kind == "decaying":
-        floor = max(verdict.floor, long.state_errors[0])
+        floor = max(rest_of(short), long.state_errors[0])
         if A2 > last * (1 + 1e-9) + floor:
             return f"{A2:.6g} rad, more than {last:.6g}"
         # What is reached on both sides: a window that begins in a stick begins with the swing before.
@@ -153,7 +159,7 @@ def contradiction(short: Trajectory, long: Trajectory) -> str:
         return f"{B2:.9g} rad after {B1:.9g}" if min(B1, B2) > 3 * floor and B2 > B1 * (1 - STEADY) else ""
     if verdict.kind == "at rest":
         later = float(np.max(x1[t >= own_t[-1]]))
-        floor = verdict.floor + float(long.state_errors[0])
+        floor = rest_of(short) + float(long.state_errors[0])
         return "" if later <= floor else f"{later:.3g} rad later, more than {floor:.3g}"
     if verdict.kind == "growing":
         grown = bool(long.ended) or max(A1, A2) > 2 * abs(float(short.end[0]))
@@ -171,7 +177,8 @@ def outcome(case: Case) -> Outcome:
             case = replace(case, time=float(crossings[MOST[case.model]]))
             short = case.motion()
         kind, sentence = short.verdict.kind, short.verdict.sentence
-        against = "" if kind == "undecided" else contradiction(short, case.motion(LONGER))
+        reached = (short.duration + short.verdict.behind) / case.time / BEFORE_THE_WINDOWS
+        against = "" if kind == "undecided" else contradiction(short, case.motion(max(LONGER, reached)))
     except NoOrbit as failure:
         kind, sentence, against = "refused", str(failure), ""
     return Outcome(case, kind, sentence, against, time.perf_counter() - began)

@@ -22,7 +22,7 @@ from casahunt.hybrid.examples import ball, belt
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle, orbit_ensemble
 from casahunt.results import Result, tables_of
-from casahunt.servo.simulation.verdict import Verdict
+from casahunt.servo.outcome import Outcome
 
 SERVO, SWITCH = Servo(), "switch"
 STATIC = casahunt.Uncertainty({"friction.static": (0.525, 0.535)})
@@ -121,7 +121,7 @@ def made(name: str) -> Any:
 
 def assert_same(given: Any, attribute: Any) -> None:
     """A value of plain Python against the attribute that it comes from."""
-    if given is None and attribute == "" or isinstance(attribute, Verdict):  # no sentence; the verdict in a word
+    if given is None and attribute == "" or isinstance(attribute, Outcome):  # no sentence; the verdict in a word
         assert given == getattr(attribute, "kind", None)
     elif isinstance(attribute, Status):
         assert given == attribute.name.lower()

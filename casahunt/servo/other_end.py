@@ -3,7 +3,7 @@
     theta(0) = theta_d - a,   theta'(0) = 0,   x3(0) = max(0, (kp a - 0.9 Fs)/ki)      stuck, not yet broken away
 
 a is the stick position of the cycle (basin.py), in as few digits as lead there; where none does, the motion starts on
-the cycle, where it turns round.  Stuck at |x1| = a, one number decides the whole future (servo/simulation/long_run.py);
+the cycle, where it turns round.  Stuck at |x1| = a, one number decides the whole future;
 that a start ends in the cycle is shown by a motion from it, whose verdict is asked for.  A servo stuck nearer than the
 unstable cycle, or flung far past the stable one, may rest: both ends are true of one servo, the start tells which.
 """
@@ -21,10 +21,10 @@ from ..errors import NoOrbit
 from .basin import stick_position
 from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
+from .outcome import SETTLES
 from .problem import HuntingOrbit
 from .simulation.simulate import simulate
 from .simulation.trajectory import Trajectory
-from .simulation.verdict import SETTLED, SETTLES, SWINGS, Verdict
 
 START_DIGITS, DIGITS_ON_IT = (2, 4), 10
 """Digits of the distance from the set point that starts are tried with, the first that leads to hunting being given;
@@ -72,17 +72,9 @@ def other_end(motion: Trajectory) -> OtherEnd | None:
                 motion.servo, motion.model, motion.gain, set_point=motion.set_point, tol=motion.tol, time=time,
                 **start,
             )  # fmt: skip
-            if _hunts(again.verdict, orbit):
+            if again.verdict.kind == "hunting":
                 return OtherEnd(orbit, start={**start, "time": time})
     return OtherEnd(orbit)
-
-
-def _hunts(seen: Verdict, orbit: HuntingOrbit) -> bool:
-    """Whether a motion hunts: by its verdict; or it stays on a stable cycle, with nothing left to converge."""
-    near = sum(abs(swing / orbit.amplitude - 1) <= SETTLED for swing in seen.judged)
-    return seen.kind == "hunting" or (
-        orbit.stable is True and seen.kind == "undecided" and near == len(seen.judged) and near >= SWINGS
-    )
 
 
 def _starts(motion: Trajectory, orbit: HuntingOrbit) -> Iterator[dict[str, float]]:

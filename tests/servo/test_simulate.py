@@ -170,7 +170,7 @@ def test_stick_is_its_closed_form():
     short = simulate(TABLE_1, "switch", 0.04, set_point=0.1, time=wait / 2, integral=0.05)
     assert short.times[-1] == wait / 2 and not short.events
     assert short.end[2] == pytest.approx(x3 + wait / 2 * x1, abs=1e-15)
-    assert short.verdict.kind == "undecided" and f"about {wait / 2:.4g} s later" in short.verdict.sentence
+    assert short.verdict.kind == "hunting" and short.verdict.waits == pytest.approx(wait / 2, rel=1e-9)
 
 
 def test_slip_with_coulomb_friction_is_its_closed_form():
@@ -224,9 +224,8 @@ def test_stiff_start_of_a_high_gain(gain):
 def test_the_regulator_task_ends_in_the_limit_cycle(orbit, model):
     cycle, found = orbit(model, 0.04), regulator(model)
     verdict = found.verdict
-    assert verdict.kind == "hunting" and verdict.limit == pytest.approx(cycle.amplitude, rel=1e-3)
-    assert verdict.amplitude == pytest.approx(cycle.amplitude, rel=2e-9)
-    assert verdict.period == pytest.approx(cycle.period, rel=2e-9)
+    assert verdict.kind == "hunting" and verdict.amplitude == pytest.approx(cycle.amplitude, rel=1e-5)
+    assert verdict.period == pytest.approx(cycle.period, rel=1e-5)
     crossings, peaks = found.shape()
     assert 2 * np.diff(crossings[-5:]) == pytest.approx(np.full(4, cycle.period), rel=2e-9)
     assert peaks[-5:-1] == pytest.approx(np.full(4, cycle.amplitude), rel=2e-9)
@@ -240,7 +239,7 @@ def test_the_regulator_task_ends_in_the_limit_cycle(orbit, model):
         (TABLE_1, "switch", 0.8, "at rest", {}),
         (TABLE_1, "switch", 0.04, "at rest", {"position": 1.0}),
         (TABLE_1, "lugre", 0.04, "at rest", {"position": 1.0}),
-        (TABLE_1, "switch", 0.04, "undecided", {"time": 3.0}),
+        (TABLE_1, "switch", 0.04, "hunting", {"time": 3.0}),
         (TABLE_1.replace(**{"friction.viscous": 0, "controller.lead_time": 0}), "switch", 0.1, "growing", {}),
     ],
 )
@@ -329,8 +328,8 @@ def test_the_largest_torque_of_a_step_is_that_of_another_integrator():
 # The command -----------------------------------------------------------------------------------------------
 
 KEYS = {
-    "model", "gain", "set_point", "time", "tol", "verdict", "reason", "amplitude", "period", "swings",
-    "judged", "position", "velocity", "integral", "bristle", "events", "time_error", "end_error", "state_errors",
+    "model", "gain", "set_point", "time", "tol", "verdict", "reason", "amplitude", "period", "pattern",
+    "ahead", "rests_since", "position", "velocity", "integral", "bristle", "events", "time_error", "end_error", "state_errors",
     "status", "advice", "ended", "intervals", "wall_s", "other_end", "other_end_reason",
     "peak_torque", "peak_voltage",
 }  # fmt: skip
@@ -349,7 +348,7 @@ def test_command(capsys, tmp_path):
     found = json.loads(out)
     assert (code, err) == (0, "") and set(found) >= KEYS and out.count("\n") == 1
     assert found["verdict"] == "hunting" and found["status"] == "converged" and found["advice"] is None
-    assert found["period"] == pytest.approx(10.2814152, rel=1e-6)
+    assert found["period"] == pytest.approx(10.2814152, rel=1e-5)
     assert found["bristle"] is None and len(found["events"]) == 41
     assert found["events"][0][1:4] == ["stop", "slip+", "stick"]
     assert plot.read_bytes().startswith(b"\x89PNG")

@@ -127,7 +127,7 @@ def test_the_worst_servo_of_a_set(capsys, tmp_path):
 
 
 def test_a_worst_servo_without_a_size_says_for_whom_the_size_to_choose_is():
-    row = Cure("leak", "1/s", "fold", 1.0, 1e-9, 1.1, beyond=(1.1,), stays=("rests",), worst_size=math.nan)
+    row = Cure("leak", "1/s", "fold", 1.0, 1e-9, 1.1, beyond=(1.1,), stays=("at rest",), worst_size=math.nan)
     assert any(f"the worst servo of the set: {NOT_FOR_THE_WORST}" in line for line in _row(row, True))
 
 

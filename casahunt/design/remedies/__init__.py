@@ -2,7 +2,6 @@
 
 scan.py        of motions from many starts, the worst
 price.py       what it costs: errors at rest, a step simulated
-outcome.py     what a motion of a loop goes on to
 border.py      the smallest size that ends it: where stable cycles in that size end, behind which no motion hunts
 cures.py       a row of the table, and the table
 remedies.py    the table of all remedies, and the sentence that names one

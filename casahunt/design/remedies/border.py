@@ -139,13 +139,13 @@ class EndOfMotions:
     """Where motions hunt, handed on from size to size.
 
     hunts, swing: the last size at which one was seen to, and that; None where none was; ended: the size from which on
-    none does, nan where that was not reached; verdict: of the motions at the last size that was looked at.
+    none does, nan where that was not reached; kind: of the motions at the last size that was looked at.
     """
 
     hunts: float
     swing: Swing | None
     ended: float
-    verdict: str
+    kind: str
 
 
 def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
@@ -284,7 +284,7 @@ def end_of_motions(
             trial = (low + high) / 2
         else:
             break
-    return EndOfMotions(hunts, found, high, seen.verdict)
+    return EndOfMotions(hunts, found, high, seen.kind)
 
 
 def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, options: Options) -> Border:

@@ -13,7 +13,7 @@ from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.hunting import Model
-from ...servo.parts.fate import ENDED, Verdict
+from ...servo.outcome import SETTLES, Kind
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Corners
 from .border import BORDERS
@@ -47,7 +47,7 @@ class Cure(Result):
     peak_torque, peak_voltage : on a step of 1 rad, at the recommended size [N m], [V].
     settling : of that step [s]; nan where it has not settled.
     beyond, stays : sizes from the recommended one up to three times the border, and the worst that motions do there:
-        "rests", "decays", "undecided", "hunts", "grows".
+        "at rest", "decaying", "undecided", "hunting", "growing".
     phase_margin, lowest_factor, highest_factor : of the linear loop without dry friction at the recommended size [deg],
         as `linear_loop` has them for the servo; nan where the remedy makes the loop nonlinear (dead bands, reset,
         freeze), or the factors where it is unstable.
@@ -93,7 +93,7 @@ class Cure(Result):
     peak_voltage: float = math.nan
     settling: float = math.nan
     beyond: tuple[float, ...] = ()
-    stays: tuple[Verdict, ...] = ()
+    stays: tuple[Kind, ...] = ()
     phase_margin: float = math.nan
     lowest_factor: float = math.nan
     highest_factor: float = math.nan
@@ -128,12 +128,12 @@ class Cure(Result):
     @property
     def ends_hunting(self) -> bool:
         """A border was found, and at the recommended size nothing hunts."""
-        return self.kind in BORDERS and self.stays[0] in ENDED
+        return self.kind in BORDERS and self.stays[0] in SETTLES
 
     @property
     def keeps_it_ended(self) -> bool:
         """At no larger size that was looked at anything hunts."""
-        return self.ends_hunting and all(seen in ENDED for seen in self.stays)
+        return self.ends_hunting and all(seen in SETTLES for seen in self.stays)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

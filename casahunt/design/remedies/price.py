@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...servo.parts.fate import Swing, Verdict, fate
+from ...servo.outcome import Kind
+from ...servo.parts.fate import Swing, fate
 from ...servo.parts.loop import Loop
 from ...servo.parts.verbs import along
 
@@ -34,7 +35,7 @@ class Task:
 
     peak_torque: float
     settling: float
-    verdict: Verdict
+    kind: Kind
 
 
 def task(loop: Loop, before: Swing, rest_error: float) -> Task:
@@ -44,14 +45,14 @@ def task(loop: Loop, before: Swing, rest_error: float) -> Task:
     largest at rest [rad]; nan where that is not known: then this step's.
     """
     ended = fate(loop, loop.at_rest(-TASK_STEP), before, meshed=True)
-    if ended.verdict in ("undecided", "grows"):
-        return Task(math.nan, math.nan, ended.verdict)
+    if ended.kind in ("undecided", "growing"):
+        return Task(math.nan, math.nan, ended.kind)
     seen = along(loop, ended.motion)
     x, times, within = seen.states[loop.system.states.index("x1")], seen.times, settled_within(before.amplitude)
     within = float(np.fmax(rest_error, within))
-    if math.isnan(rest_error) and ended.verdict == "rests":
+    if math.isnan(rest_error) and ended.kind == "at rest":
         within = max(within, abs(float(x[-1])))
     outside = np.flatnonzero(np.abs(x) > within)
     last = int(outside[-1]) if outside.size else 0
-    settled = float(times[last]) if last < times.size - 1 and ended.verdict != "hunts" else math.nan
-    return Task(float(np.abs(seen.torque).max()), settled, ended.verdict)
+    settled = float(times[last]) if last < times.size - 1 and ended.kind != "hunting" else math.nan
+    return Task(float(np.abs(seen.torque).max()), settled, ended.kind)

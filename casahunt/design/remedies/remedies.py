@@ -23,8 +23,9 @@ from ...servo.find_orbit import find_orbit
 from ...servo.hunting import MODELS, Model, called
 from ...servo.linear.margins import Margins, margins_of
 from ...servo.linear.open_loop import linear_stable, open_loop_of_parts
+from ...servo.outcome import Kind
 from ...servo.parts.cascade import P_PI
-from ...servo.parts.fate import Swing, Verdict, fate, on_the_cycle
+from ...servo.parts.fate import Swing, fate, on_the_cycle
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
 from ...servo.parts.inertia import INERTIA
 from ...servo.parts.loop import Loop
@@ -268,23 +269,23 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     )  # fmt: skip
 
 
-def _stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -> tuple[Verdict, ...]:
+def _stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -> tuple[Kind, ...]:
     """What becomes of motions at sizes beyond a border.
 
     From the largest on: what hunts there, on a cycle to which few motions come, is handed on to the smaller ones.
     """
-    above, swing, verdicts = math.nan, None, list[Verdict]()
+    above, swing, kinds = math.nan, None, list[Kind]()
     for at in reversed(sizes):
         if swing is not None:
             swing = _handed_down(loop, remedy, swing, (above, at), before)
         there = with_remedy(loop, remedy, at)
         if linear_stable(there) is False:
-            seen = Scan("grows")
+            seen = Scan("growing")
         else:
-            seen = scan(there, before, beyond=True) if swing is None else Scan("hunts", swing)
-        verdicts.append(seen.verdict)
+            seen = scan(there, before, beyond=True) if swing is None else Scan("hunting", swing)
+        kinds.append(seen.kind)
         above, swing = at, seen.swing
-    return tuple(reversed(verdicts))
+    return tuple(reversed(kinds))
 
 
 def _handed_down(

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...servo.parts.fate import BY_SEVERITY, DECADE, ENDED, NEARLY_THERE, Fate, Swing, Verdict, fate
+from ...servo.outcome import BY_SEVERITY, SETTLES, Kind
+from ...servo.parts.fate import DECADE, NEARLY_THERE, Fate, Swing, fate
 from ...servo.parts.loop import Loop
 
 Array = np.ndarray
@@ -27,14 +28,14 @@ MOST_UNDECIDED, MOST_TURNS_OF_ALL = 2, 1200
 class Scan:
     """What becomes of motions from a scan of starts: the worst of them, the first that hunts, and if any is unclear."""
 
-    verdict: Verdict
+    kind: Kind
     swing: Swing | None = None
     unclear: bool = False
 
     @property
     def over(self) -> bool:
         """Whether none hunts: they come to rest, or grow.  One of which nobody knows may hunt, though others grow."""
-        return self.verdict in (*ENDED, "grows") and not self.unclear
+        return self.kind in (*SETTLES, "growing") and not self.unclear
 
 
 def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = False) -> Scan:
@@ -45,7 +46,7 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = 
     The others begin in the gaps between the places at which any motion has turned, or would do on its way to nothing,
     until there is none left: a cycle that attracts from nowhere but such a gap is not seen.
     """
-    seen: list[Verdict] = []
+    seen: list[Kind] = []
     ways: list[tuple[float, float]] = []
     first, turns = before[0], 0
     starts = [{name: off * x for name, x in each.state.items()} for each in before for off in OFF_THE_CYCLE]
@@ -59,9 +60,9 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = 
             starts = [loop.at_rest(-where * first.amplitude)]
         start = starts.pop(0)
         found = fate(loop, start, first, rest)
-        if found.verdict == "hunts":
-            return Scan("hunts", found.swing)
-        seen.append(found.verdict if turns <= MOST_TURNS_OF_ALL else "undecided")
+        if found.kind == "hunting":
+            return Scan("hunting", found.swing)
+        seen.append(found.kind if turns <= MOST_TURNS_OF_ALL else "undecided")
         turns += found.turns.size
         ways += _way(abs(start.get("x1", 0.0)), found)
     return Scan(max(seen, key=BY_SEVERITY.index), unclear="undecided" in seen)
@@ -70,10 +71,10 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = 
 def _way(start: float, found: Fate) -> list[tuple[float, float]]:
     """Places of a motion, and the next one of each: where it rests, that; where it decays, those of a decade more."""
     places = [start, *np.abs(found.turns).tolist()]
-    if found.verdict == "decays":
+    if found.kind == "decaying":
         ratio = math.sqrt(places[-2] / places[-4])
         places += (places[-2] * np.geomspace(ratio, 1 / DECADE, 1 + int(math.log(DECADE) / -math.log(ratio)))).tolist()
-    return list(zip(places, [*places[1:], places[-1] if found.verdict == "rests" else math.nan], strict=True))
+    return list(zip(places, [*places[1:], places[-1] if found.kind == "at rest" else math.nan], strict=True))
 
 
 def _gap(ways: Array) -> float | None:

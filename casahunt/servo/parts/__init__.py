@@ -37,7 +37,8 @@ table.py                 all remedies
 plain_loop.py            a servo as a loop
 naming.py                parts by what a file calls them
 file.py                  a loop in a file
-fate.py                  what becomes of a motion of a loop
+fate.py                  what becomes of a motion of a loop, event by event
+ahead.py                 what lies ahead of a motion, behind its end
 verbs.py                 cycle and motion of a loop
 """
 

@@ -1,15 +1,15 @@
 """What becomes of a motion of a loop, event by event: it rests, decays, hunts, or grows.
 
-    turns      places t_k at which x1 turns back;   swings s_k = |t_k - t_(k-1)|
+    turns      places t_k at which x1 turns back, by more than a bristle springs;   swings s_k = |t_k - t_(k-1)|
 
-    rests      nothing moves any more: a phase without an end, or no state in the second half of a look; or it is at the
+    at rest    nothing moves any more: a phase without an end, or no state in the second half of a look; or it is at the
                set point, but for rounding
-    decays     the swings shrank geometrically down their last decade, whatever their size: towards a smaller cycle they
+    decaying   the swings shrank geometrically down their last decade, whatever their size: towards a smaller cycle they
                would shrink ever more slowly
-    hunts      the turns repeat, n by n or mirrored, of whatever size they are; or what they still change by shrinks
+    hunting    the turns repeat, n by n or mirrored, of whatever size they are; or what they still change by shrinks
                geometrically, and leaves them their size; or they neither repeat nor shrink, for `TURNS_OF_A_FATE`:
                it hunts irregularly
-    grows      its swings have become so large that they are beyond any hunting
+    growing    its swings have become so large that they are beyond any hunting
     undecided  none of these with the work that is allowed, or it cannot be followed
 
 A motion is followed once, in looks that become longer; where it has events, its fate ends it.
@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -29,15 +28,11 @@ import numpy as np
 from ... import effort
 from ...motion import MarchFailure, Motion, Segment, march
 from ...orbits import Orbit
+from ..outcome import Kind
 from .loop import Loop
 
 Array = np.ndarray
-Kind = Literal["gauss", "radau"]
-Verdict = Literal["rests", "decays", "hunts", "grows", "undecided"]
-
-BY_SEVERITY: tuple[Verdict, ...] = ("rests", "decays", "undecided", "hunts", "grows")
-ENDED: tuple[Verdict, ...] = ("rests", "decays")
-"""Verdicts of motions that hunt no more."""
+Points = Literal["gauss", "radau"]
 LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 16
 """Periods of the first look at a motion; each next one is twice as long."""
 WORK_OF_A_FATE = 2e5
@@ -50,8 +45,9 @@ ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its size is zero."""
 DECADE, LEAST_SWINGS = 10.0, 5
 """The way along which swings shrink geometrically, and how many they are at least."""
-PATTERN, REPEATS, TURNS_OF_A_FATE = 8, 1e-6, 240
-"""Turns of a pattern at most; how well it repeats; turns after which a motion repeats in none."""
+PATTERN, REPEATS, ALIKE_PATTERNS, TURNS_OF_A_FATE = 8, 1e-6, 1e-4, 240
+"""Turns of a pattern at most; how well it repeats; how well a shorter one does, which is told instead; turns after
+which a motion repeats in none."""
 REPEATS_NOT, DIFFERS, AS_MUCH_AS_BEFORE = 0.1, 1e-3, 2.0
 """Swings that differ by more than the first part for so long, without becoming smaller, repeat in no pattern; or by
 more than the second, and by as much as before but for a factor: of a motion that leaves a cycle, or comes to one, they
@@ -62,12 +58,14 @@ motions that are handed on."""
 NEARLY_THERE = 1e-5
 """What is left of them elsewhere: on a longer way an event may end hunting, as where a stop becomes as long as the time
 after which an integrator is frozen."""
-GROWN_BY = 50.0
-"""So many times as large as the hunting before, and as at its start, a motion grows."""
-PHASES_THAT_MEASURE, ROUGHLY, FOR_GOOD = 12, 1e-3, 1e9
-"""Phases, and error of an interval in them, that show sizes and times of a motion; a phase as long [s] has no end."""
+GROWN_BY, FARTHER_BY = 50.0, 2.0
+"""So many times as large as the hunting before, and as at its start, a motion grows, if its last swing leads so many
+times as far as its first: what was thrown far away comes back."""
 NO_TURN = 1e-10
 """What turns back by less, in sizes of the state, does so by rounding."""
+SPRING, MOST_SPRINGS = 1e-2, 400
+"""A stuck servo springs on its bristles: what moves back by so small a part of the last swings is no turn, but for one
+that does so many times in a row, and no more than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +100,15 @@ class Fate:
 
     Attributes
     ----------
-    verdict : see the module.
+    kind : see the module.
     turns : (k,) places at which x1 turned back [rad].
     motion : its phases.
     swing : where it hunts, that.
     at : times of the turns but the last [s].
-    pattern : turns after which it repeats; 0 where it hunts irregularly, or does not.
+    pattern : swings after which it repeats; 0 where it hunts irregularly, or does not.
     """
 
-    verdict: Verdict
+    kind: Kind
     turns: Array
     motion: Motion
     swing: Swing | None = None
@@ -135,9 +133,11 @@ class _Watched:
     """Times of the turns."""
     way: float = 0.0
     """The direction of x1, 0 as long as it has not moved."""
+    springs: int = 0
+    """Times that it has sprung back a little since the last turn."""
     farthest: tuple[float, float] = (0.0, 0.0)
     """Time and x1 of the last place."""
-    verdict: Verdict | None = None
+    outcome: Kind | None = None
     repeats: tuple[int, bool] = (0, False)
     """Turns of the pattern, and whether its mirror image follows."""
 
@@ -145,7 +145,7 @@ class _Watched:
         self.system = self.loop.system
         self.place = self.system.states.index("x1")
         self.farthest = 0.0, self.start
-        self.kind: Kind = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
+        self.kind: Points = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
         self.tol = TO_BE_SAMPLED if self.meshed else TOLERANCE_OF_A_FATE
         self.meshed |= not all(mode.ends for mode in self.system.modes)  # turns are no events there
 
@@ -158,17 +158,17 @@ class _Watched:
         self.phases.append(segment)
         if math.isinf(segment.duration):  # what is kept of it is as long as a look at first
             self.phases[-1] = replace(segment, duration=LOOK_OF_A_FATE * self.before.period)
-            self.verdict = "rests"
+            self.outcome = "at rest"
             return True
         many = len(self.turns)
         for t, x in self._places(segment):
             self._place(self.time + t, x)
         self.time += segment.duration
         if len(self.turns) > many:
-            self.verdict = self._told()
-        if self.verdict is None and segment.event and self._is_there(segment.end[:, None]):
-            self.verdict = "rests"
-        return self.verdict is not None
+            self.outcome = self._told()
+        if self.outcome is None and segment.event and self._is_there(segment.end[:, None]):
+            self.outcome = "at rest"
+        return self.outcome is not None
 
     def _is_there(self, states: Array) -> bool:
         """Whether states (n, m) are those at the set point, but for rounding."""
@@ -201,25 +201,31 @@ class _Watched:
         if abs(moved) <= NO_TURN * self.scale[self.place]:
             return
         if moved * self.way < 0:
+            recent = self.turns[-3:]
+            self.springs += 1
+            if self.springs < MOST_SPRINGS and abs(moved) <= SPRING * (max(recent) - min(recent) if recent else 0.0):
+                return
+            self.springs = 0
             self.at.append(self.farthest[0])
             self.turns.append(self.farthest[1])
         self.way, self.farthest = math.copysign(1.0, moved), (t, x)
 
-    def _told(self) -> Verdict | None:
+    def _told(self) -> Kind | None:
         """What the turns tell."""
         turns = np.array(self.turns)
         swings = np.abs(np.diff(turns))
         if swings.size < 3:
             return None
-        if np.abs(turns[-2:]).max() > GROWN_BY * max(self.before.amplitude, abs(self.start)):
-            return "grows"
+        far = np.abs(turns[-2:]).max() > GROWN_BY * max(self.before.amplitude, abs(self.start))
+        if far and swings[-1] > FARTHER_BY * swings[0]:
+            return "growing"
         for n in range(1, min(PATTERN, (turns.size - 1) // 4) + 1):
             for mirror in (-1.0, 1.0):
                 if _settles(self.turns, n, mirror, self.rest):
-                    self.repeats = n, mirror < 0
-                    return "hunts"
+                    self.repeats = self._shortest(n, mirror)
+                    return "hunting"
         if _shrinks(swings):
-            return "decays"
+            return "decaying"
         if swings.size < TURNS_OF_A_FATE:
             return None
         late, earlier = swings[-TURNS_OF_A_FATE // 4 :], swings[-TURNS_OF_A_FATE // 2 : -TURNS_OF_A_FATE // 4]
@@ -227,7 +233,16 @@ class _Watched:
         differ, before = np.ptp(late), np.ptp(earlier)
         irregular = differ > REPEATS_NOT * late.max()
         irregular |= differ > DIFFERS * late.max() and before / AS_MUCH_AS_BEFORE < differ < AS_MUCH_AS_BEFORE * before
-        return "hunts" if irregular and late.max() > (1 - LEFT_OF_A_SWING) * earlier.max() else "undecided"
+        return "hunting" if irregular and late.max() > (1 - LEFT_OF_A_SWING) * earlier.max() else "undecided"
+
+    def _shortest(self, most: int, mirror: float) -> tuple[int, bool]:
+        """The shortest pattern that the turns repeat in, where a longer one was found to settle."""
+        for n in range(1, most):
+            for sign in (-1.0, 1.0):
+                last, before = self.turns[-n:], [sign * x for x in self.turns[-2 * n : -n]]
+                if max(abs(a - b) for a, b in zip(last, before, strict=True)) <= ALIKE_PATTERNS * _width(last, sign):
+                    return n, sign < 0
+        return most, mirror < 0
 
     def stands(self, since: int) -> bool:
         """Whether no state moved in the second half of the last look, or it is at the set point."""
@@ -256,53 +271,32 @@ class _Watched:
 
 def fate(
     loop: Loop, start: Mapping[str, float], before: Swing, rest: float = NEARLY_THERE, meshed: bool = False,
-    work: float = WORK_OF_A_FATE,
+    work: float = WORK_OF_A_FATE, mode: str = "",
 ) -> Fate:  # fmt: skip
     """What becomes of a motion.
 
     start: its states at the start, by name, all others zero; before: the hunting that is to end, which measures it;
-    rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled; work: allowed (effort.py).
+    rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled; work: allowed (effort.py);
+    mode: in which it starts, where it goes on from another motion.
     """
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
     watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed)
-    x, mode, length = np.array(list(state.values())), loop.mode_at(**state), LOOK_OF_A_FATE * before.period
+    x, mode, length = np.array(list(state.values())), mode or loop.mode_at(**state), LOOK_OF_A_FATE * before.period
     try:
         with effort.at_most(work):
             for _ in range(MOST_LOOKS):
                 x, mode, length = _look(watched, x, mode, length)
-                if watched.verdict is not None:
+                if watched.outcome is not None:
                     break
     except (MarchFailure, effort.PartGivenUp):
-        watched.verdict = None
-    verdict = watched.verdict or "undecided"
-    swing = watched.swing() if verdict == "hunts" else None
-    pattern = watched.repeats[0] if swing is not None and watched.repeats[0] <= PATTERN else 0
+        watched.outcome = None
+    kind = watched.outcome or "undecided"
+    swing = watched.swing() if kind == "hunting" else None
+    n, mirrored = watched.repeats
+    pattern = (2 * n if mirrored else n) if swing is not None and n <= PATTERN else 0
     turns = np.array([*watched.turns, watched.farthest[1]])
-    return Fate(verdict, turns, watched.motion(watched.phases), swing, np.array(watched.at), pattern)
-
-
-def measured(loop: Loop, start: Mapping[str, float], amplitude: float) -> Swing:
-    """What measures a motion of which nothing is known but its start: its sizes and times in its first phases.
-
-    start: its states at the start, by name, all others zero; amplitude: of hunting that is of interest, at most [rad].
-    """
-    state = loop.state(**start)
-    x, phases = np.array(list(state.values())), list[Segment]()
-
-    def enough(segment: Segment) -> bool:
-        phases.append(segment)
-        return len(phases) == PHASES_THAT_MEASURE
-
-    with suppress(MarchFailure, effort.PartGivenUp), effort.at_most(WORK_OF_A_FATE):
-        march(
-            loop.system.vector_form, loop.mode_at(**state), x, loop.system.values(None), scale=np.where(x, abs(x), 1.0),
-            until=enough, tol=ROUGHLY, strict=True, meshed=False, max_time=FOR_GOOD,
-        )  # fmt: skip
-    largest = np.max([np.abs(x), *(np.abs(segment.nodes).max(axis=0) for segment in phases)], axis=0)
-    lasted = sum(segment.duration for segment in phases if segment.event)
-    sizes = dict(zip(loop.system.states, largest.tolist(), strict=False))
-    return Swing(dict(start), amplitude, lasted or 1.0, sizes)
+    return Fate(kind, turns, watched.motion(watched.phases), swing, np.array(watched.at), pattern)
 
 
 def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array, str, float]:
@@ -313,14 +307,14 @@ def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array,
         tol=watched.tol, kind=watched.kind, max_time=length, strict=True, meshed=watched.meshed,
         max_intervals=sys.maxsize,  # its work is bounded
     )  # fmt: skip
-    if watched.verdict is not None:
+    if watched.outcome is not None:
         return x, mode, length
     last, came_to_rest = phases[-1], len(phases) <= len(watched.phases) - since
     if not last.event and not came_to_rest:
         watched.seen(last)
     if not last.event:
-        if watched.verdict not in ("hunts", "grows") and (came_to_rest or watched.stands(since)):
-            watched.verdict = "rests"
+        if watched.outcome not in ("hunting", "growing") and (came_to_rest or watched.stands(since)):
+            watched.outcome = "at rest"
         return last.end, last.mode, 2 * length
     # a phase in closed form does not see the time: it is followed again, in a longer look
     del watched.phases[-1]

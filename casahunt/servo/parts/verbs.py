@@ -21,7 +21,9 @@ from ...continuation import FOLD, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...motion import Motion, simulate
 from ...orbits import Options, SystemOrbit, find_cycle
-from .fate import ENDED, Fate, fate, measured
+from ..outcome import SETTLES
+from .ahead import measured
+from .fate import Fate, fate
 from .loop import Loop
 
 Array = np.ndarray
@@ -141,13 +143,13 @@ def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
     if any(mode.stiff or not mode.ends for mode in loop.system.modes):
         return start
     seen = fate(loop, start, measured(loop, start, FIRST_OFF), work=WORK_OF_A_START)
-    if seen.verdict in ENDED:
+    if seen.kind in SETTLES:
         lasted = f"followed for {seen.motion.duration:.6g}"
         raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest", Status.NOT_FOUND,
                           evidence=lasted)  # fmt: skip
     if seen.swing is not None and not seen.pattern:
         raise _irregular(loop, seen)
-    if seen.verdict == "undecided" and seen.turns.size > LATE_TURNS:
+    if seen.kind == "undecided" and seen.turns.size > LATE_TURNS:
         why = f"the motion neither rests nor repeats within {seen.turns.size} turns"
         raise NoOrbit(f"no cycle of {loop.name} was found: {why}", Status.NOT_FOUND)
     return start if seen.swing is None else seen.swing.state

@@ -22,9 +22,8 @@ import numpy as np
 
 from ...results import Result
 from ..drive import Drive, with_remedy
-from ..simulation.verdict import SETTLES
+from ..outcome import SETTLES, Outcome
 from .motion import SampledMotion, simulate_sampled
-from .verdict import SampledVerdict
 
 Array = np.ndarray
 
@@ -63,7 +62,7 @@ class Cause(Result):
 
     kind: Kind
     sentence: str
-    without: SampledVerdict
+    without: Outcome
     counts: float
     dead_band: float
 
@@ -96,7 +95,7 @@ def cause_of(motion: SampledMotion) -> Cause | None:
     return Cause(kind, sentence, without, counts, smallest_dead_band(motion))
 
 
-def told_apart(seen: SampledVerdict, without: SampledVerdict) -> tuple[Kind, str]:
+def told_apart(seen: Outcome, without: Outcome) -> tuple[Kind, str]:
     """Kind and sentence, from the verdicts on the same motion with and without quantisation."""
     if without.kind in SETTLES:
         return "quantisation", f"without quantisation the same loop does not hunt: {without.sentence}"

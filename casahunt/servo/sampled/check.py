@@ -18,8 +18,8 @@ from itertools import product
 
 from ...results import Result
 from ..drive import Drive, with_remedy
+from ..outcome import BY_SEVERITY, SETTLES
 from ..servo import Servo
-from ..simulation.verdict import SETTLES
 from .cause import cause_of, smallest_dead_band
 from .motion import SampledMotion, simulate_sampled
 
@@ -42,7 +42,6 @@ UNENDED = {
 BY_CAUSE = {
     "quantisation": "by quantisation", "stiction": "by stiction", "not certain": "by what, is not certain",
 }  # fmt: skip
-BY_BADNESS = (*SETTLES, "undecided", "hunting", "growing")
 
 
 @dataclass(frozen=True, repr=False)
@@ -104,9 +103,9 @@ def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     ('hunting', 0.00173)
     """
     motions = _motions(servo, gain, drive)
-    worst = max(motions, key=lambda motion: BY_BADNESS.index(motion.verdict.kind))
+    worst = max(motions, key=lambda motion: BY_SEVERITY.index(motion.verdict.kind))
     kind, count = worst.verdict.kind, len(motions)
-    if kind in BY_BADNESS[:2]:
+    if kind in SETTLES:
         how = "comes to rest for ever" if kind == "at rest" else "dies out"
         said = f"every one of {count} motions {how}"
         return AsBuilt(kind, said, said, math.nan, worst)
@@ -143,7 +142,7 @@ def _ending(servo: Servo, gain: float, drive: Drive, first: float) -> float:
         if math.isnan(band):
             return band
         motions = _motions(servo, gain, with_remedy(drive, "dead_band", band))
-        left = [motion for motion in motions if motion.verdict.kind not in BY_BADNESS[:2]]
+        left = [motion for motion in motions if motion.verdict.kind not in SETTLES]
         if not left:
             return band
         following = WIDER_BAND * smallest_dead_band(left[0])

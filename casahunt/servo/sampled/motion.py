@@ -20,9 +20,10 @@ from ...export import Columns
 from ...results import Result
 from ..drive import Drive
 from ..hunting import MODELS, Model
+from ..outcome import Outcome
 from ..servo import Servo, a_servo
 from .loop import SampledLoop
-from .verdict import Ending, SampledVerdict, judge
+from .verdict import Ending, judge
 
 Array = np.ndarray
 
@@ -97,7 +98,7 @@ class SampledMotion(Result):
         return (int(np.floor(theta.min() / q + 0.5)), int(np.floor(theta.max() / q + 0.5))) if q else (0, 0)
 
     @cached_property
-    def verdict(self) -> SampledVerdict:
+    def verdict(self) -> Outcome:
         """What the end of the motion shows."""
         friction = self.servo.friction
         kp = self.servo.torque_gains(self.gain)[0]

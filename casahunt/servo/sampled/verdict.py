@@ -26,8 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...results import Result
-from ..simulation.verdict import Kind
+from ..outcome import Outcome
 
 Array = np.ndarray
 
@@ -46,51 +45,6 @@ ENDLESS, FALLING = 12, 4
 """Swings that show hunting without a pattern, or decay."""
 SMALLER, LARGER_LATER = 0.75, 1.5
 """Of two parts of an endless motion: the largest swing of the later one is between so much of the earlier one's."""
-
-
-@dataclass(frozen=True, repr=False)
-class SampledVerdict(Result):
-    """What the end of a sampled motion shows.
-
-    Attributes
-    ----------
-    kind : "hunting", "decaying", "growing", "at rest" or "undecided".
-    sentence : what supports it, or what is missing.
-    amplitude : half of the largest swing, from turning point to turning point, of the pattern [rad]; nan where it does
-        not hunt.
-    period : of the whole pattern [s]; without one, mean time of two swings; nan likewise.
-    pattern : swings after which hunting repeats; 0 without a pattern.
-    swings, lasts : the last ones [rad], and how long they take [s]; at most `LONGEST_PATTERN`.
-
-    Examples
-    --------
-    >>> from casahunt import Drive, Servo, simulate_sampled
-    >>> motion = simulate_sampled(Servo(), 0.04, Drive(sample_time=2e-3), time=150.0)
-    >>> motion.verdict.kind, motion.verdict.pattern, round(motion.verdict.period, 1)  # s
-    ('hunting', 2, 10.3)
-    """
-
-    _quantities = ("kind", "amplitude [rad]", "period [s]", "pattern")
-    _details = ("sentence", "swings", "lasts", "mean_period [s]")
-
-    kind: Kind
-    sentence: str
-    amplitude: float = math.nan
-    period: float = math.nan
-    pattern: int = 0
-    swings: tuple[float, ...] = ()
-    lasts: tuple[float, ...] = ()
-
-    @property
-    def mean_period(self) -> float:
-        """Mean time of two swings [s]."""
-        return self.period / max(self.pattern / 2, 1)
-
-    @property
-    def unevenness(self) -> float:
-        """By how much the last swings differ among themselves in size or time, relative to the largest or longest."""
-        sizes, times = (np.array(values[-(self.pattern or LONGEST_PATTERN) :]) for values in (self.swings, self.lasts))
-        return max(float(np.ptp(values) / values.max()) for values in (sizes, times))
 
 
 def turning_points(x: Array, clear: float) -> Array:
@@ -141,20 +95,20 @@ class Ending:
         return max(self.count, self.step)
 
 
-def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
+def judge(times: Array, x: Array, end: Ending) -> Outcome:
     """The verdict on a motion.
 
     times, x: (n,) of the samples [s], [rad]; end: what else is known.
     """
     if not math.isnan(end.rests_since):
         text = "it is stuck, and its torque stays within static friction"
-        return SampledVerdict("at rest", f"since {end.rests_since:.6g} s {text}: {x[-1]:+.4g} rad beside the set point")
+        return Outcome("at rest", f"since {end.rests_since:.6g} s {text}: {x[-1]:+.4g} rad beside the set point")
     if end.far:
-        return SampledVerdict("growing", f"it was followed only until {x[-1]:+.3g} rad beside the set point")
+        return Outcome("growing", f"it was followed only until {x[-1]:+.3g} rad beside the set point")
     half = x[x.size // 2 :]
     if np.ptp(half) < end.bends:
         text = f"since {times[-half.size]:.4g} s it moves by less than its bristles bend, {end.bends:.2g} rad"
-        return SampledVerdict("at rest", text)
+        return Outcome("at rest", text)
     turns = turning_points(x, TURNED_BACK * float(np.ptp(half)))
     t, S = times[turns], np.abs(np.diff(x[turns]))
     last, lasts = (tuple(map(float, values[-LONGEST_PATTERN:])) for values in (S, np.diff(t)))
@@ -163,28 +117,28 @@ def judge(times: Array, x: Array, end: Ending) -> SampledVerdict:
         amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
         text = f"{count}, {_how_closely(in_size, in_time)}"
-        return SampledVerdict("hunting", text, amplitude, period, pattern, last, lasts)
+        return Outcome("hunting", text, amplitude, period, pattern, last, lasts)
     largest = float(np.abs(half).max())
     if not end.grain and largest <= DIED_OUT * end.unit and largest < np.abs(x[: -half.size]).max(initial=0.0):
         text = f"within {largest:.2g} rad of the set point since {times[-half.size]:.4g} s"
-        return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
+        return Outcome("decaying", f"{text}{end.waits}", swings=last)
     late = S[t[:-1] >= times[-1] / 2]
     falling = max(FALLING, min(late.size - 1, ENDLESS))  # of a chatter some few are smaller by chance
     falls = S.size > falling and bool((np.diff(S[-falling - 1 :]) < 0).all())
     if falls and S[-1] >= end.grain:  # of less nothing is read, or acts, and the integral goes on
         text = f"the last {falling} swings are each smaller than the one before, {S[-1]:.3g} rad at the end"
-        return SampledVerdict("decaying", f"{text}{end.waits}", swings=last)
+        return Outcome("decaying", f"{text}{end.waits}", swings=last)
     early, later = (float(part.max(initial=0.0)) for part in np.array_split(late, 2))
     if late.size >= ENDLESS and later > LARGER_LATER * early:
         text = f"its swings grow, from {early:.3g} to {later:.3g} rad in the second half of the motion"
-        return SampledVerdict("undecided", f"{text}; simulate a longer time", swings=last)
+        return Outcome("undecided", f"{text}; simulate a longer time", swings=last)
     if late.size >= ENDLESS and later >= SMALLER * early:
         text = f"{late.size} swings in the second half of the motion, which get no smaller and do not repeat"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
-        return SampledVerdict("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)
+        return Outcome("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)
     seen = f"; its last swing is {S[-1]:.3g} rad, {t[-1] - t[-2]:.4g} s after the one before" if late.size else ""
     text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s{seen}; simulate a longer time{end.waits}"
-    return SampledVerdict("undecided", text, swings=last)
+    return Outcome("undecided", text, swings=last)
 
 
 def _how_closely(in_size: float, in_time: float) -> str:

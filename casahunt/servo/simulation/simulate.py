@@ -33,11 +33,10 @@ from ...motion import MarchFailure, Segment, march
 from ...orbits import Options
 from ..cycles import SCHEMES, system_of
 from ..event_map.half_cycle import StickMap
+from ..gains import matrix
 from ..hunting import MODELS, Model
 from ..servo import Servo, a_servo
-from .long_run import escapes
 from .trajectory import Happening, Trajectory
-from .verdict import SPAN, static_friction_error
 
 Array = np.ndarray
 
@@ -50,6 +49,10 @@ LEAST = 0.1
 """Smallest error estimate in units of the finer march tolerance."""
 HOPELESS = 1e-2
 """No motion is marched with a larger tolerance."""
+SPAN = 20.0
+"""States may start at so many times the scale that their errors are measured in."""
+ESCAPE = {"switch": 1.05, "lugre": 2.0}
+"""What |w . x| must exceed in units of the certain bound; a LuGre bristle that is being bent adds sigma1 z'."""
 UNIT = 0.1
 """Expected size of the motion in units of Fs/kp, the error at which the proportional torque is static friction."""
 MOST_EVENTS = 20_000
@@ -135,6 +138,20 @@ def simulate(
         where = f"the motion of the {model} servo at gain {gain:g} was not computed"
         raise NoOrbit(f"{where}: {found}", Status.NOT_CONVERGED)
     return found
+
+
+def escapes(servo: Servo, model: Model, gain: float, x: Array) -> bool:
+    """Whether the motion from a state x (n,) grows without bound, whatever the friction does; False: not certain.
+
+    With w A = lambda w, Re lambda > 0, A the loop without dry friction, y = w . x obeys |y|' >= Re lambda |y| - |w_2|
+    Fs/J, as |F - sigma2 x2| <= Fs: |y| > |w_2| Fs/(J Re lambda) grows for ever.
+    """
+    values, vectors = np.linalg.eig(matrix(servo, gain).T)
+    static = servo.friction.static / servo.inertia
+    return any(
+        value.real > 0 and abs(w @ x[:3]) > ESCAPE[model] * abs(w[1]) * static / value.real
+        for value, w in zip(values, vectors.T, strict=True)
+    )
 
 
 def _refined(
@@ -301,7 +318,8 @@ def _event_errors(fine: Trajectory, coarse: Trajectory) -> tuple[Array, float]:
 
 def _alive_until(trajectory: Trajectory) -> float:
     """The last time [s] at which the position differs from the set point by more than rounding."""
-    far = np.abs(trajectory.states[0]) > NOTHING * static_friction_error(trajectory)
+    servo = trajectory.servo
+    far = np.abs(trajectory.states[0]) > NOTHING * servo.friction.static / servo.torque_gains(trajectory.gain)[0]
     return float(trajectory.times[np.flatnonzero(far)[-1]]) if far.any() else 0.0
 
 

@@ -1,4 +1,4 @@
-"""A simulated motion as data; what its end shows is judged in verdict.py.
+"""A simulated motion as data; what becomes of it is seen by following it on (parts/ahead.py).
 
 States are x1 = theta - theta_d [rad], x2 = theta' [rad/s], x3 = integral of x1 [rad s] and, for LuGre, x4 = z [rad].
 Inside an interval a motion is its collocation polynomial; simulate.py computes it.
@@ -20,13 +20,17 @@ from ...export import Columns
 from ...results import Result
 from ..cycles import SCHEMES, motor_torque
 from ..hunting import Model
+from ..outcome import Outcome
+from ..parts.ahead import Moved, ahead
+from ..parts.plain_loop import loop_of
 from ..servo import Servo
-from .verdict import Verdict, judge_motion
 
 Array = np.ndarray
 
 COLUMNS = ("time_s", "position_rad", "velocity_rad_per_s", "integral_rad_s", "torque_Nm", "mode")
 """Columns of the table of a motion; for LuGre bristle_rad stands before the torque."""
+STATES = ("x1", "x2", "x3", "x4")
+"""Of a trajectory, by the names of a loop."""
 PEAK_POINTS = 16
 """Points of an interval at which its torque is looked at: a peak between two of them is missed by 1e-3 of its size at
 most, where the interval is half a swing."""
@@ -89,7 +93,7 @@ class Trajectory(Result):
     )  # fmt: skip
     _details = (
         "servo", "time = duration [s]", "tol", "verdict = verdict.kind", "reason = verdict.sentence",
-        "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]", "swings = verdict.swings", "end",
+        "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]", "pattern = verdict.pattern", "end",
         "peak_torque [N m]", "peak_voltage [V]", "state_errors", "intervals = modes.size", "wall_s [s]",
     )  # fmt: skip
 
@@ -207,9 +211,11 @@ class Trajectory(Result):
         return (low + high) / 2, np.array(peaks)
 
     @cached_property
-    def verdict(self) -> Verdict:
-        """What the end of the motion shows: hunting, decaying, growing, at rest or undecided."""
-        return judge_motion(self)
+    def verdict(self) -> Outcome:
+        """What becomes of the motion: hunting, decaying, growing, at rest or undecided."""
+        loop = loop_of(self.servo, self.model, self.gain)
+        order = [STATES.index(name) for name in loop.system.states]
+        return ahead(loop, Moved(self.times, self.states[order], self.state_errors[order]))
 
     @property
     def duration(self) -> float:
@@ -233,17 +239,10 @@ class Trajectory(Result):
         return self.table()
 
     def _more(self) -> dict[str, Any]:
-        x, verdict = self.end, self.verdict
+        x, seen = self.end, self.verdict
         return {
-            "judged": {
-                "swings": verdict.judged,
-                "since": verdict.since,
-                "ratios": verdict.ratios,
-                "limit": verdict.limit,
-                "multiplier": verdict.multiplier,
-                "floor": verdict.floor,
-                "map_motions": verdict.motions,
-            },
+            "ahead": {"swings": seen.swings, "lasts": seen.lasts, "followed_for": seen.behind, "waits": seen.waits},
+            "rests_since": seen.rests_since,
             "position": self.set_point + x[0],
             "velocity": x[1],
             "integral": x[2],

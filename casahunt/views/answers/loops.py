@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...checks import error_text, to_absolute_error
-from ...orbits import SystemOrbit
 from .answer import Answer, angle, item, rhythm, short
 from .simulate import HEADS, counted
 
@@ -19,21 +18,19 @@ ELSEWHERE = "not looked at: with a remedy it may hunt from nearer to the set poi
 
 
 def loop_motion_answer(
-    title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], cycle: SystemOrbit | None,
-    angles: Collection[str], names: Mapping[str, str],
+    title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], angles: Collection[str],
+    names: Mapping[str, str],
 ) -> Answer:  # fmt: skip
     """What is said of a motion.
 
-    title: which loop; parts: a line; record: its JSON object; cycle: that it goes on to; angles: states that are some;
+    title: which loop; parts: a line; record: its JSON object; angles: states that are some;
     names: what states are called, of a servo with a remedy.
     """
     verdict, motion = record["verdict"], found.motion
     plain = [f"{title}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s: {HEADS[verdict]}"]
-    if cycle is not None:
-        plain += [item("amplitude", angle(cycle.amplitude, cycle.amplitude_error))]
-        plain += [item("period", rhythm(cycle.period, cycle.period_error))]
-    else:
-        plain.append(item("because", record["reason"]))
+    plain.append(item("because", record["reason"]))
+    if verdict == "hunting":
+        plain += [item("amplitude", angle(record["amplitude"])), item("period", rhythm(record["period"]))]
     if names and record["verdict"] in ("at rest", "decaying"):
         plain.append(item("other starts", ELSEWHERE))
     voltage = "" if record["peak_voltage"] is None else f", by {record['peak_voltage']:.4g} V"
@@ -49,7 +46,7 @@ def loop_motion_answer(
 
 def _details(found: LoopMotion, record: Mapping[str, Any]) -> Iterator[str]:
     motion = found.motion
-    yield item("because", record["reason"] + (f" ({record['evidence']})" if record["evidence"] else ""))
+    yield item("because", record["reason"])
     end = (
         f"{state} {to_absolute_error(value, motion.error * motion.sizes[state], most=10)}"
         for state, value in motion.end.items()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from ...checks import error_text, to_absolute_error, to_error
 from ...servo.other_end import OtherEnd
 from ...servo.simulation.trajectory import Trajectory
@@ -23,6 +25,8 @@ EVENT_WORDS = {
     "reversal": "reversals", "centre": "times the bristle slack",
 }  # fmt: skip
 """How many of an event are told."""
+AT = 1e-6
+"""Part of its largest distance from the set point within which a servo is at it."""
 
 
 def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Answer:
@@ -31,18 +35,17 @@ def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) 
 
 
 def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
-    verdict = found.verdict
+    seen = found.verdict
     partly = ", but not from every start" if other is not None and other.hunts else ""
     name = f"{found.model} servo at gain {found.gain:.10g} V/rad"
     where = f"set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s"
-    waits = "" if verdict.kind != "decaying" or math.isnan(verdict.waits) else "stuck for now, "
-    yield f"{name}, {where}: {waits}{HEADS[verdict.kind]}{partly}"
+    waits = "" if seen.kind != "decaying" or math.isnan(seen.waits) else "stuck for now, "
+    irregular = ", irregularly" if seen.kind == "hunting" and not seen.pattern else ""
+    yield f"{name}, {where}: {waits}{HEADS[seen.kind]}{irregular}{partly}"
     yield item("because", _because(found))
-    repeats = verdict.kind != "growing"  # a swing that grows has neither
-    if repeats and math.isfinite(verdict.amplitude):
-        yield item("amplitude", angle(verdict.amplitude))
-    if repeats and math.isfinite(verdict.period):
-        yield item("period", rhythm(verdict.period))
+    if seen.kind == "hunting":
+        yield item("amplitude", angle(seen.amplitude))
+        yield item("period", rhythm(seen.period))
     if other is not None:
         yield item("other starts", elsewhere(other, found.duration))
     x = found.end
@@ -53,31 +56,18 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
 def _near(found: Trajectory) -> str:
     """Where it is at the end."""
     x = float(found.end[0])
-    if abs(x) <= max(found.verdict.floor, float(found.state_errors[0])):
+    if abs(x) <= max(float(found.state_errors[0]), AT * float(np.abs(found.states[0]).max())):
         return "at"
     return f"{within(abs(x), found.state_errors[0])} rad {'beyond' if x > 0 else 'short of'}"
 
 
 def _because(found: Trajectory) -> str:
     """What supports the verdict, in plain words."""
-    verdict = found.verdict
-    stuck = "" if math.isnan(verdict.waits) else (
-        f"it is stuck {_near(found)} the set point, and the growing integral breaks it away again about "
-        f"{short(verdict.waits)} s later"
-    )  # fmt: skip
-    if verdict.kind == "hunting":
-        return f"its swings have settled at {short(verdict.limit)} rad, the amplitude of a cycle that draws them"
-    if verdict.kind == "decaying":
-        return f"each swing is smaller than the one before{'; ' if stuck else ', down to rest'}{stuck}"
-    if verdict.kind == "at rest" and not math.isnan(verdict.rests_since):
-        floor = f"{short(verdict.floor)} rad, what the motion is known to"
-        return f"it has not left the set point by more than {floor}, since {short(verdict.rests_since)} s"
-    if verdict.kind != "undecided" or not math.isfinite(float(found.state_errors[0])):
-        return verdict.sentence  # of simple words
-    known = f"it is on its way to a cycle of {short(verdict.limit)} rad" if verdict.limit > 0 else (
-        f"it was followed only until {found.ended}" if found.ended else "it has shown neither hunting nor rest yet"
-    )  # fmt: skip
-    return f"{known}{'; ' if stuck else ''}{stuck}; simulate a longer time"
+    seen = found.verdict
+    if math.isnan(seen.waits):
+        return seen.sentence
+    stuck = f"it is stuck {_near(found)} the set point, and the growing integral breaks it away again about"
+    return f"{seen.sentence}; at the end {stuck} {short(seen.waits)} s later"
 
 
 def elsewhere(other: OtherEnd, duration: float) -> str:
@@ -97,12 +87,10 @@ def elsewhere(other: OtherEnd, duration: float) -> str:
 
 
 def _details(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterator[str]:
-    verdict, errors, x = found.verdict, found.state_errors, found.end
-    yield item("because", verdict.sentence)
-    if verdict.judged:
-        swings = ", ".join(to_absolute_error(a, verdict.floor, most=6) for a in verdict.judged)
-        since = to_absolute_error(verdict.since, found.time_error, most=6)
-        yield item("judged from", f"{swings} rad since {since} s; floor {verdict.floor:.1e} rad")
+    seen, errors, x = found.verdict, found.state_errors, found.end
+    if seen.swings:
+        sizes, times = (", ".join(f"{value:.5g}" for value in values) for values in (seen.swings, seen.lasts))
+        yield item("swings ahead", f"{sizes} rad in {times} s")
     if other is not None and other.orbit is not None:
         orbit = other.orbit
         amplitude, period = (
@@ -111,14 +99,9 @@ def _details(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterat
         )
         kind = "stable" if orbit.stable else "symmetric"
         yield item("other cycle", f"{kind}, of amplitude {amplitude} rad and period {period} s")
-    if math.isfinite(verdict.amplitude):
-        count = verdict.swings
-        of = "the cycle's: no period agrees yet"
-        if count:
-            of = f"mean of the last {count} periods" if count > 1 else "of the last period"
-        yield item("amplitude", f"{to_absolute_error(verdict.amplitude, errors[0], most=10)} rad ({of})")
-    if math.isfinite(verdict.period):
-        yield item("period", f"{to_absolute_error(verdict.period, 2 * found.time_error, most=10)} s")
+    if seen.kind == "hunting":
+        of = f"repeats after {seen.pattern} swings" if seen.pattern else "repeats in no pattern"
+        yield item("hunting", f"{seen.amplitude:.6g} rad, {seen.period:.6g} s; {of}")
     end = (found.set_point + x[0], errors[0]), (x[1], errors[1])
     position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
     yield item("at the end", f"position {position} rad, velocity {velocity} rad/s")

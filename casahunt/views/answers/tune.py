@@ -12,7 +12,7 @@ from typing import Any
 
 from ...checks import to_error
 from ...design.tune.demands import NUMBERS
-from ...servo.simulation.verdict import SETTLES
+from ...servo.outcome import SETTLES
 from ...servo.units import unit_of
 from .answer import Answer, item, short
 from .loop import stable_between

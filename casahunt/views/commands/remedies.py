@@ -25,7 +25,7 @@ from ...errors import InputError
 from ...export import plain
 from ...results import tables_of
 from ...servo.drive import with_remedy
-from ...servo.parts.fate import ENDED
+from ...servo.outcome import SETTLES
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
@@ -67,7 +67,7 @@ HEADINGS = (
 )
 NONE_AS_BUILT = "none of those that were checked brings every motion to rest (see below)"
 """Said where no remedy holds in the loop as built."""
-AFTERWARDS = {"hunts": "hunts on", "grows": "grows without bound", "undecided": "could not be followed to its end"}
+AFTERWARDS = {"hunting": "hunts on", "growing": "grows without bound", "undecided": "could not be followed to its end"}
 """What any other motion does, by its verdict."""
 
 
@@ -349,13 +349,13 @@ def _why_not(row: Cure) -> str:
 
 def _not_kept(row: Cure) -> str:
     """At which larger sizes hunting has not ended."""
-    times = [f"{factor:g}" for factor, seen in zip(LARGER_SIZES, row.stays[1:], strict=True) if seen not in ENDED]
+    times = [f"{factor:g}" for factor, seen in zip(LARGER_SIZES, row.stays[1:], strict=True) if seen not in SETTLES]
     return f"with {' or '.join(times)} times as much that is not sure: a motion {_after(row)}"
 
 
 def _after(row: Cure) -> str:
     """What motions do beyond the border that have not ended."""
-    return " or ".join(AFTERWARDS[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in ENDED)
+    return " or ".join(AFTERWARDS[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in SETTLES)
 
 
 def advice_of(

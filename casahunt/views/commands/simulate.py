@@ -1,16 +1,16 @@
 """casahunt simulate: the motion of the closed loop from an initial state.
 
 Keys of the JSON object, the `to_dict` of the motion and what was found besides: model, gain, set_point, time (reached),
-tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude [rad] and period [s] (null
-without whole periods), swings (their number); judged: swings [rad], since [s], ratios of each to the one before, limit
-(the cycle's swing, also of one that an undecided motion is on its way to; 0 for rest, else null) [rad], multiplier (or
-null), floor [rad] below which nothing is judged, map_motions (beyond the motion itself); position, velocity, integral
-and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the cycle at the same gain that it
-has not come to, amplitude, period, half_multiplier (null where not to be trusted) and start, from which, at rest, a
-motion was followed that hunts: position, integral, time and, on the cycle itself, velocity and bristle (null where none
-hunts); null without such a cycle, of which other_end_reason says why; events, a list of [time, name, mode before, mode
-after, estimated error of the time or null]; time_error [s], end_error, state_errors (null where unknown); status,
-advice (null where converged), ended (why it stopped early, or null), intervals, wall_s.
+tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude [rad], period [s] (null where
+it does not hunt) and pattern (swings after which it repeats, 0: irregularly); ahead: swings [rad], lasts [s], the last
+ones seen behind its end, followed_for [s], waits [s] (until it breaks away, or null); rests_since [s] or null;
+position, velocity, integral and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the
+cycle at the same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted) and
+start, from which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself,
+velocity and bristle (null where none hunts); null without such a cycle, of which other_end_reason says why; events, a
+list of [time, name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error,
+state_errors (null where unknown); status, advice (null where converged), ended (why it stopped early, or null),
+intervals, wall_s.
 Those of a loop of parts: loops/simulate.py; of the loop as built: sampled.py.
 """
 
@@ -19,15 +19,13 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from ... import effort
 from ...checks import error_text, moderate
-from ...errors import InputError, NoOrbit
-from ...servo.find_orbit import find_orbit
+from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
@@ -89,10 +87,7 @@ def run(options: argparse.Namespace) -> int:
     left_out(options, "it is of a loop of parts", "state")
     if remedies:
         left_out(options, "with a remedy the motion is one of a loop of parts", "step")
-        bare = None
-        with suppress(NoOrbit):
-            bare = find_orbit(servo, model, gain)
-        return of_loop(options, with_remedies(servo, model, gain, remedies), length, numbers, f"{model} servo", bare)
+        return of_loop(options, with_remedies(servo, model, gain, remedies), length, numbers, f"{model} servo")
     if drive is not None:
         return of_drive(options, servo, drive, length, numbers)
     began = time.perf_counter()

@@ -6,6 +6,7 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
+from ...servo.outcome import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
 from .fragments import Fragments, document, figure, made_line, table, words
 
@@ -62,7 +63,7 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
 
 def _ends(row: Mapping[str, Any]) -> bool:
     """As `Cure.ends_hunting`."""
-    return bool(row["stays"]) and row["stays"][0] in ("rests", "decays")
+    return bool(row["stays"]) and row["stays"][0] in SETTLES
 
 
 def _parameter(p: Fragments, name: str) -> list[str]:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...checks import known_digits
-from ...servo.simulation.verdict import SETTLES
+from ...servo.outcome import SETTLES
 from ..glossary import GLOSSARY, words_in
 
 

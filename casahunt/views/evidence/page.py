@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...checks import known_decimals
-from ...servo.simulation.verdict import SETTLES
+from ...servo.outcome import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS
 from ..answers.tune import BINDS, DOES, loop_name, unless

@@ -6,8 +6,8 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
+from ...servo.outcome import SETTLES
 from ...servo.parts.table import unit_of
-from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT
 from .fragments import Fragments, built_section, document, figure, made_line, table, words
 

@@ -26,12 +26,12 @@ from ...servo.find_orbit import find_orbit
 from ...servo.linear.margins import margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
+from ...servo.outcome import SETTLES
 from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
 from ...servo.parts.fate import on_the_cycle
 from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
-from ...servo.simulation.verdict import SETTLES
 from ...servo.units import GAIN_UNIT
 from ..answers.simulate import HEADS
 from .curves import branches_shown, friction_curve, left_open, loop_torque

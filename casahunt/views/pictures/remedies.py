@@ -10,7 +10,7 @@ import numpy as np
 
 from ...design.remedies.cures import Cure, Cures
 from ...errors import InputError, NoOrbit
-from ...servo.parts.fate import ENDED
+from ...servo.outcome import SETTLES
 from .fold_curve import HEADROOM
 from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, png
 
@@ -72,7 +72,7 @@ def _size(place: Axes, row: Cure) -> None:
         place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
     place.axvline(row.size, color="C3", linestyle="--", label="no stable cycle beyond")
     for ended, marker, colour, said in ((True, "o", RESTING, "motions end at rest"), (False, "x", "C3", "they do not")):
-        sizes = [at for at, seen in zip(row.beyond, row.stays, strict=True) if (seen in ENDED) is ended]
+        sizes = [at for at, seen in zip(row.beyond, row.stays, strict=True) if (seen in SETTLES) is ended]
         place.plot(sizes, [0.0] * len(sizes), marker, color=colour, label=said)
     top = HEADROOM * highest
     place.set_ylim(-ROOM_BELOW * top, top)

@@ -12,6 +12,7 @@ from casahunt import Controller, Friction, NoOrbit, Options, Pid, Servo, Uncerta
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies import scan as scans
+from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts import fate
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of
@@ -57,7 +58,7 @@ def test_a_motion_that_creeps_to_the_set_point_is_over_there():
         for size in (0.017, 0.0185):
             with effort.counting_work(None, limit=1e9) as spent:
                 seen = fate.fate(loop.replace(ki=size), loop.at_rest(-0.0476 * start), before)
-            assert seen.verdict in fate.ENDED and spent.work < 12000, (start, size)
+            assert seen.kind in SETTLES and spent.work < 12000, (start, size)
 
 
 def test_a_smaller_cycle_is_hunting_and_what_dies_out_is_not():
@@ -67,10 +68,10 @@ def test_a_smaller_cycle_is_hunting_and_what_dies_out_is_not():
     before = fate.Swing.of(orbit)
     for start in (0.003, 0.0073):
         seen = fate.fate(filtered, filtered.at_rest(-start), before)
-        assert seen.verdict == "hunts" and seen.swing.amplitude == pytest.approx(0.0032756, rel=0.03)
+        assert seen.kind == "hunting" and seen.swing.amplitude == pytest.approx(0.0032756, rel=0.03)
     loop = loop_of(Servo(), "switch", 0.7)  # above the fold, at 0.647
     dies = scans.scan(loop, fate.Swing.of(find_orbit(Servo(), "switch", 0.6)))
-    assert dies.verdict in fate.ENDED
+    assert dies.kind in SETTLES
 
 
 def test_turns_that_shrink_towards_a_cycle_do_not_die_out():
@@ -128,7 +129,7 @@ def test_a_larger_cycle_to_which_few_motions_come_is_handed_on_to_a_smaller_size
     """Of 400 motions by the same integrator 26 hunt at 0.0163 rad, with 2.9 times the amplitude, and 88 at 0.0295."""
     servo, gain = Servo().replace(**draw(4242, 9)), 1.3699738753472719
     (row,) = remedies(servo, "switch", gain, only=["error dead band"]).remedies
-    assert row.recommended == pytest.approx(0.0163, rel=0.01) and row.stays[0] == "hunts" and not row.ends_hunting
+    assert row.recommended == pytest.approx(0.0163, rel=0.01) and row.stays[0] == "hunting" and not row.ends_hunting
 
 
 @pytest.mark.slow
@@ -139,7 +140,7 @@ def test_hunting_is_handed_down_in_steps_that_become_smaller():
     """
     servo, gain = Servo().replace(**draw(4242, 24)), 2.6451967422646887
     (row,) = remedies(servo, "switch", gain, only=["error dead band"]).remedies
-    assert row.recommended == pytest.approx(0.06124, rel=0.01) and row.stays[0] == "hunts" and not row.ends_hunting
+    assert row.recommended == pytest.approx(0.06124, rel=0.01) and row.stays[0] == "hunting" and not row.ends_hunting
 
 
 @pytest.mark.slow
@@ -166,7 +167,7 @@ def test_no_size_with_which_the_loop_is_unstable_is_looked_at():
     up_to, limit = (float(number) for number in re.findall(r"(\d[\d.e-]*) s", row.why))
     assert left(0.999 * limit) > 0 > left(1.001 * limit) and up_to == pytest.approx(0.99 * limit, rel=1e-3)
     loop = border.with_remedy(loop_of(SMALLER, "switch", gain), remedy_of("error filter", "switch"), 1.3 * limit)
-    assert fate.fate(loop, loop.at_rest(-5.0), fate.Swing.of(find_orbit(SMALLER, "switch", gain))).verdict == "grows"
+    assert fate.fate(loop, loop.at_rest(-5.0), fate.Swing.of(find_orbit(SMALLER, "switch", gain))).kind == "growing"
 
 
 @pytest.mark.parametrize(("times", "known"), [(10.0, True), (1.001, False)])
@@ -187,7 +188,7 @@ def test_corners_that_are_no_servo_are_left_out(monkeypatch):
 
     def looked_at(at, *more):
         seen.append((at.value("static"), at.value("coulomb")))
-        return border.EndOfMotions(0.2, found.swing, 0.2, "rests")
+        return border.EndOfMotions(0.2, found.swing, 0.2, "at rest")
 
     monkeypatch.setattr(table, "end_of_motions", looked_at)
     leak = remedy_of("leak", "switch")
@@ -203,14 +204,14 @@ def test_corners_that_are_no_servo_are_left_out(monkeypatch):
 
 def test_what_grows_beside_what_nobody_knows_is_not_over(monkeypatch):
     """A motion that is unclear may hunt: that others grow says nothing of it, and no border lies there."""
-    told = iter(["rests", "undecided", "rests", "grows"])
+    told = iter(["at rest", "undecided", "at rest", "growing"])
     loop = loop_of(Servo(), "switch", 0.04)
     seen = [fate.Fate(verdict, np.array([1.0, 1.0]), None) for verdict in told]
     monkeypatch.setattr(scans, "fate", lambda *more: seen.pop(0) if len(seen) > 1 else seen[0])
     monkeypatch.setattr(scans, "_gap", lambda ways: None)
     found = scans.scan(loop, fate.Swing({"x1": 1.0}, 1.0, 1.0))
-    assert found.verdict == "grows" and found.unclear and not found.over
-    assert scans.Scan("grows").over and not scans.Scan("undecided").over
+    assert found.kind == "growing" and found.unclear and not found.over
+    assert scans.Scan("growing").over and not scans.Scan("undecided").over
 
 
 @pytest.mark.parametrize("at_the_end", [False, True])

@@ -25,7 +25,8 @@ from casahunt.design.remedies import remedies as module
 from casahunt.design.remedies.border import MOTIONS_KNOW, with_remedy
 from casahunt.design.remedies.cures import Cure
 from casahunt.design.remedies.price import task
-from casahunt.servo.parts.fate import ENDED, Swing
+from casahunt.servo.outcome import SETTLES
+from casahunt.servo.parts.fate import Swing
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of
 from casahunt.views.commands.remedies import advice_of
@@ -100,7 +101,7 @@ def test_freezing_must_come_before_the_servo_breaks_away():
 @pytest.mark.parametrize("name", ["feedforward", "error dead band", "reset at a stop", "error filter"])
 def test_what_does_not_end_hunting_says_why(name):
     found = row(name, 0.04)
-    assert not found.ends_hunting and (found.why or "grows" in found.stays)
+    assert not found.ends_hunting and (found.why or "growing" in found.stays)
     assert ("goes on down to -0.9" in found.why) is (name == "reset at a stop")  # factors become smaller
 
 
@@ -116,8 +117,8 @@ def test_demands_and_the_cheapest():
 
 def test_a_remedy_at_whose_larger_sizes_the_servo_hunts_again_is_named_last():
     cheapest = module.cheapest
-    again = Cure("leak", "1/s", "fold", 1.0, recommended_rest_error=0.0, peak_torque=1.0, stays=("rests", "hunts"))
-    kept = replace(again, name="gain", peak_torque=2.0, stays=("rests", "decays"))
+    again = Cure("leak", "1/s", "fold", 1.0, recommended_rest_error=0.0, peak_torque=1.0, stays=("at rest", "hunting"))
+    kept = replace(again, name="gain", peak_torque=2.0, stays=("at rest", "decaying"))
     assert cheapest([again, kept], None, math.inf, of_a_set=False) == "gain"
     assert cheapest([again, kept], None, 1.5, of_a_set=False) == "leak"
     assert cheapest([again, kept], None, math.inf, of_a_set=True) == "gain"
@@ -178,7 +179,7 @@ def test_what_the_worst_servo_needs_comes_before_what_is_cheaper(monkeypatch):
     def made(asked, remedy):
         worst = math.nan if remedy.name == "dead band" else 1.0
         known = {"recommended_rest_error": 0.0, "peak_torque": 1.0, "settling": 1.0 if math.isnan(worst) else 2.0}
-        return Cure(remedy.name, "", "fold", 1.0, 0.0, 1.1, stays=("rests",) * 4, worst_size=worst, **known)
+        return Cure(remedy.name, "", "fold", 1.0, 0.0, 1.1, stays=("at rest",) * 4, worst_size=worst, **known)
 
     monkeypatch.setattr(module, "_row", made)
     allowed = Uncertainty({"friction.static": (0.53, 0.54)})
@@ -226,7 +227,7 @@ def test_larger_sizes_are_looked_at():
     band = row("dead band", 0.04)
     assert band.keeps_it_ended and len(band.beyond) == len(band.stays) >= 4
     assert band.beyond[0] == band.recommended and band.beyond[-1] == pytest.approx(3 * band.size)
-    assert not replace(band, stays=("rests", "rests", "rests", "grows")).keeps_it_ended
+    assert not replace(band, stays=("at rest", "at rest", "at rest", "growing")).keeps_it_ended
 
 
 def test_the_price_of_gain_is_its_torque():
@@ -269,13 +270,13 @@ def test_a_motion_that_grows_has_no_price():
 
 def test_motions_that_come_to_rest_are_followed_with_the_sizes_that_they_had():
     """Beyond its border an integrator that is reset leaves motions of ever smaller swings, whose rate is rounding."""
-    assert set(row("reset", 0.1).stays) <= {"rests", "decays"}
+    assert set(row("reset", 0.1).stays) <= {"at rest", "decaying"}
 
 
 def test_a_servo_that_hunts_has_not_settled():
     """With 0.0177 rad, which is less than 2 % of the step; nor has one whose error is as large."""
     orbit, loop = find_orbit(Servo(), "switch", 0.1), loop_of(Servo(), "switch", 0.1)
     step = task(loop, Swing.of(orbit), 0.0)
-    assert step.verdict == "hunts" and math.isnan(step.settling) and orbit.amplitude < 0.02
+    assert step.kind == "hunting" and math.isnan(step.settling) and orbit.amplitude < 0.02
     calm = task(loop.replace(gain=0.8), Swing.of(orbit), 0.0)
-    assert calm.verdict in ENDED and calm.settling > 0
+    assert calm.kind in SETTLES and calm.settling > 0

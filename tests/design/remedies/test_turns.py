@@ -54,7 +54,7 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
 
 def test_where_nobody_knows_the_row_says_so(monkeypatch):
     """No motion hunts beside the first cycle, or what becomes of it is unclear up to the last size."""
-    for verdict, says in (("rests", "no motion hunts on the cycle"), ("undecided", "beyond is not known")):
+    for verdict, says in (("at rest", "no motion hunts on the cycle"), ("undecided", "beyond is not known")):
         monkeypatch.setattr(border, "scan", lambda *more, rest=0.0, verdict=verdict: scans.Scan(verdict))
         row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
         assert row.kind == "not found" and says in row.why and row.first is not None
@@ -99,8 +99,8 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     def end(hunts, unclear=lambda size: False):
         def scan(size, before, rest):
             if not hunts(size):
-                return scans.Scan("rests")
-            return scans.Scan("undecided") if unclear(size) else scans.Scan("hunts", fate.Swing({}, 1.0, 1.0))
+                return scans.Scan("at rest")
+            return scans.Scan("undecided") if unclear(size) else scans.Scan("hunting", fate.Swing({}, 1.0, 1.0))
 
         monkeypatch.setattr(border, "scan", scan)
         return border.end_of_motions(None, leak, first, 1.0, 10.0, border.MOTIONS_KNOW)
@@ -132,7 +132,7 @@ def test_no_size_is_told_where_motions_alone_do_not_show_the_end(monkeypatch):
 def test_what_motions_leave_open_is_the_error_of_their_size(monkeypatch):
     """None is known to hunt from 0.03 on, none does from 0.05 on."""
     swing = fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
-    seen = border.EndOfMotions(0.03, swing, 0.05, "rests")
+    seen = border.EndOfMotions(0.03, swing, 0.05, "at rest")
     monkeypatch.setattr(border, "end_of_motions", lambda *more: seen)
     monkeypatch.setattr(border, "_end_of_stable", without_end_of_cycles)
     row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]

@@ -1,0 +1,166 @@
+"""What lies ahead of a motion of a loop: it is followed on from its end, event by event, until that is seen (fate.py).
+
+    unit      static friction by the loop's torque per rad of error [rad]: the size in which small and large are told
+    doubt     the end is known to an error only: it is followed on from the end, and from as far beyond it as it may lie
+              where two such motions come to different ends, nobody knows
+    at rest   where x1 moves no more by than `REST` units, or by what it is known to: not even on the way ahead
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ... import effort
+from ...motion import MarchFailure, Segment, march
+from ..outcome import SETTLES, Outcome
+from .fate import LEFT_OF_A_SWING, ROUNDING_OF_A_STATE, TOLERANCE_OF_A_FATE, WORK_OF_A_FATE, Fate, Swing, fate
+from .loop import Loop
+
+Array = np.ndarray
+
+REST = 1e-6
+"""Part of a unit by which a servo at rest may move."""
+PERIOD = 1 / 16
+"""Part of the motion by which its first look ahead is measured."""
+WORK_AHEAD, WORK_THAT_MEASURES = 3e6, 2e4
+"""Work (effort.py) of following a motion on, 240 turns of two masses that ring; and of its first phases."""
+LAST_SWINGS, LAST_TURNS = 8, 120
+"""Swings of the motion ahead that are told; of irregular hunting, turns of which its range is told."""
+ERRORS_LOOKED_AT = (1.0, 1e-3, 1e-6)
+"""Errors at which the torque per rad is looked at: of a limit and a dead band the one between counts [rad]."""
+OTHERWISE_BY = 2 * LEFT_OF_A_SWING
+"""Relative difference of the amplitudes at which two motions hunt in different cycles: of the second one nothing more
+than this is asked."""
+
+PHASES_THAT_MEASURE, ROUGHLY, FOR_GOOD = 12, 1e-3, 1e9
+"""Phases, and error of an interval in them, that show sizes and times of a motion; a phase as long [s] has no end."""
+
+
+class Moved(NamedTuple):
+    """A motion up to its end: times (m,) [s], states (n, m), what each is known to (n,), and the mode at the end."""
+
+    times: Array
+    states: Array
+    errors: Array
+    mode: str = ""
+
+
+def ahead(loop: Loop, moved: Moved) -> Outcome:
+    """What becomes of a motion behind its end."""
+    names, place = loop.system.states, loop.system.states.index("x1")
+    error = float(moved.errors[place])
+    if not math.isfinite(error):
+        return Outcome("undecided", "two computations of the motion do not agree; ask for a larger tolerance")
+    largest = np.abs(moved.states).max(axis=1)
+    end = np.where(np.abs(moved.states[:, -1]) > ROUNDING_OF_A_STATE * largest, moved.states[:, -1], 0.0)
+    static, limited = _errors_of(loop)
+    unit = static or float(largest[place])
+    if not unit or not largest.any():
+        return Outcome("at rest", "it stands at the set point, held by static friction", rests_since=0.0)
+    known = dict(zip(names, end.tolist(), strict=True))
+    first = measured(loop, known, max(unit, limited), WORK_THAT_MEASURES)
+    sizes = {name: max(first.sizes[name], float(size)) for name, size in zip(names, largest, strict=True)}
+    # a look that is shorter than what the servo does would take the verge of a slip for rest
+    before = replace(first, period=max(first.period, PERIOD * float(moved.times[-1])), sizes=sizes)
+    found = fate(loop, known, before, work=WORK_AHEAD, mode=moved.mode)
+    floor = max(REST * unit, error, TOLERANCE_OF_A_FATE * float(largest[place]))
+    moves = np.flatnonzero(np.abs(moved.states[place] - end[place]) > floor)
+    way = np.concatenate([end[[place]], *(phase.nodes[:, place] for phase in found.motion.phases)])
+    if found.kind in SETTLES and min(np.abs(way - end[place]).max(), np.abs(way).max()) <= floor:
+        since = float(moved.times[moves[-1]]) if moves.size else 0.0
+        said = f"since {since:.4g} s it has not moved by more than {floor:.2g} rad, and when followed on it stays there"
+        return Outcome("at rest", said, behind=found.motion.duration, rests_since=since)
+    if error > np.finfo(float).eps * unit:
+        farther = end + np.sign(end) * moved.errors  # of what stands nothing is in doubt
+        beyond = dict(zip(names, farther.tolist(), strict=True))
+        other = fate(loop, beyond, before, rest=LEFT_OF_A_SWING, work=WORK_AHEAD, mode=moved.mode)
+        if not _alike(found, other):
+            either = f"as far as the motion is known it {_said(found)}, or {_said(other)}"
+            return Outcome("undecided", f"{either}; ask for a smaller tolerance")
+    return _outcome(found)
+
+
+def measured(loop: Loop, start: Mapping[str, float], amplitude: float, work: float = WORK_OF_A_FATE) -> Swing:
+    """What measures a motion of which nothing is known but its start: its sizes and times in its first phases.
+
+    start: its states at the start, by name, all others zero; amplitude: of hunting that is of interest, at most [rad];
+    work: allowed (effort.py).
+    """
+    state = loop.state(**start)
+    x, phases = np.array(list(state.values())), list[Segment]()
+
+    def enough(segment: Segment) -> bool:
+        phases.append(segment)
+        return len(phases) == PHASES_THAT_MEASURE
+
+    with suppress(MarchFailure, effort.PartGivenUp), effort.at_most(work):
+        march(
+            loop.system.vector_form, loop.mode_at(**state), x, loop.system.values(None), scale=np.where(x, abs(x), 1.0),
+            until=enough, tol=ROUGHLY, strict=True, meshed=False, max_time=FOR_GOOD,
+        )  # fmt: skip
+    largest = np.max([np.abs(x), *(np.abs(segment.nodes).max(axis=0) for segment in phases)], axis=0)
+    lasted = sum(segment.duration for segment in phases if segment.event)
+    sizes = dict(zip(loop.system.states, largest.tolist(), strict=False))
+    return Swing(dict(start), amplitude, lasted or 1.0, sizes)
+
+
+def _errors_of(loop: Loop) -> tuple[float, float]:
+    """Errors at which the torque is static friction, and its limit [rad]; 0 where there is none, or not known."""
+    steepest = 0.0
+    for off in ERRORS_LOOKED_AT:
+        start = loop.at_rest(-off)
+        torque = loop.signal("torque", loop.mode_at(**start), np.array(list(start.values()))[:, None])
+        steepest = max(steepest, abs(float(torque[0])) / off)
+    torques = (loop.parameters.get(name, 0.0) for name in ("static", "torque_limit"))
+    static, limit = (torque / steepest if steepest else 0.0 for torque in torques)
+    return static, limit
+
+
+def _alike(found: Fate, other: Fate) -> bool:
+    """Whether two motions come to the same end."""
+    if found.swing is not None and other.swing is not None:
+        return not found.pattern or abs(other.swing.amplitude / found.swing.amplitude - 1) <= OTHERWISE_BY
+    return found.kind == other.kind or (found.kind in SETTLES and other.kind in SETTLES)
+
+
+def _said(found: Fate) -> str:
+    """What was seen of a motion, as a predicate."""
+    lasted, turns = f"followed on for {found.motion.duration:.4g} s", found.turns
+    swings = np.abs(np.diff(turns))
+    if found.kind == "at rest":
+        return f"comes to rest, {lasted}"
+    if found.kind == "decaying":
+        return f"becomes smaller from swing to swing, geometrically, down to {swings[-1] / 2:.3g} rad, {lasted}"
+    if found.kind == "growing":
+        return f"grows without bound, to {abs(turns[-1]):.3g} rad, {lasted}"
+    if found.swing is None:
+        return f"neither rests nor repeats in {turns.size} turns, {lasted}"
+    if not found.pattern:
+        far = np.abs(turns[-LAST_TURNS:])
+        return f"hunts irregularly, turning {far.min():.4g} to {far.max():.4g} rad from the set point, {lasted}"
+    how = "" if found.pattern <= 2 else f", after a pattern of {found.pattern} swings"
+    return f"hunts: its swings repeat{how}, by {found.swing.amplitude:.4g} rad to either side, {lasted}"
+
+
+def _outcome(found: Fate) -> Outcome:
+    """What was seen of a motion, as an outcome."""
+    swings, lasts = np.abs(np.diff(found.turns[:-1])), np.diff(found.at)
+    amplitude = period = math.nan
+    if found.swing is not None:
+        amplitude, period = found.swing.amplitude, found.swing.period
+        if not found.pattern:
+            late = slice(-LAST_TURNS, None)
+            amplitude, period = float(swings[late].max()) / 2, 2 * float(lasts[late].mean())
+    phases = found.motion.phases
+    waits = phases[0].duration if len(phases) > 1 and "stick" in phases[0].mode else math.nan
+    last = slice(-max(LAST_SWINGS, found.pattern), None)
+    return Outcome(
+        "decaying" if found.kind == "at rest" else found.kind, f"it {_said(found)}", amplitude, period, found.pattern,
+        tuple(swings[last].tolist()), tuple(lasts[last].tolist()), found.motion.duration, waits=waits,
+    )  # fmt: skip
