@@ -65,6 +65,11 @@ class Outcome(Result):
     waits: float = math.nan
 
     @property
+    def irregular(self) -> bool:
+        """Whether it hunts, and repeats in no pattern."""
+        return self.kind == "hunting" and not self.pattern
+
+    @property
     def mean_period(self) -> float:
         """Mean time of two swings [s]."""
         return self.period / max(self.pattern / 2, 1)

@@ -329,7 +329,8 @@ def test_the_largest_torque_of_a_step_is_that_of_another_integrator():
 
 KEYS = {
     "model", "gain", "set_point", "time", "tol", "verdict", "reason", "amplitude", "period", "pattern",
-    "ahead", "rests_since", "position", "velocity", "integral", "bristle", "events", "time_error", "end_error", "state_errors",
+    "ahead", "rests_since", "position", "velocity", "integral", "bristle", "events", "time_error", "end_error",
+    "state_errors",
     "status", "advice", "ended", "intervals", "wall_s", "other_end", "other_end_reason",
     "peak_torque", "peak_voltage",
 }  # fmt: skip

@@ -76,7 +76,8 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
         since = float(moved.times[moves[-1]]) if moves.size else 0.0
         said = f"since {since:.4g} s it has not moved by more than {floor:.2g} rad, and when followed on it stays there"
         return Outcome("at rest", said, behind=found.motion.duration, rests_since=since)
-    if error > np.finfo(float).eps * unit:
+    irregular = found.swing is not None and not found.pattern  # for so long that no start would tell another end
+    if error > np.finfo(float).eps * unit and not irregular:
         farther = end + np.sign(end) * moved.errors  # of what stands nothing is in doubt
         beyond = dict(zip(names, farther.tolist(), strict=True))
         other = fate(loop, beyond, before, rest=LEFT_OF_A_SWING, work=WORK_AHEAD, mode=moved.mode)
@@ -125,7 +126,7 @@ def _errors_of(loop: Loop) -> tuple[float, float]:
 def _alike(found: Fate, other: Fate) -> bool:
     """Whether two motions come to the same end."""
     if found.swing is not None and other.swing is not None:
-        return not found.pattern or abs(other.swing.amplitude / found.swing.amplitude - 1) <= OTHERWISE_BY
+        return abs(other.swing.amplitude / found.swing.amplitude - 1) <= OTHERWISE_BY
     return found.kind == other.kind or (found.kind in SETTLES and other.kind in SETTLES)
 
 

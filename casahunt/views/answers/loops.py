@@ -6,8 +6,9 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...checks import error_text, to_absolute_error
+from ...servo.outcome import SETTLES, Outcome
 from .answer import Answer, angle, item, rhythm, short
-from .simulate import HEADS, counted
+from .simulate import counted, head_of
 
 if TYPE_CHECKING:
     from ...servo.parts import LoopMotion
@@ -18,20 +19,20 @@ ELSEWHERE = "not looked at: with a remedy it may hunt from nearer to the set poi
 
 
 def loop_motion_answer(
-    title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], angles: Collection[str],
-    names: Mapping[str, str],
+    title: str, parts: str, found: LoopMotion, record: Mapping[str, Any], seen: Outcome,
+    angles: Collection[str], names: Mapping[str, str],
 ) -> Answer:  # fmt: skip
     """What is said of a motion.
 
-    title: which loop; parts: a line; record: its JSON object; angles: states that are some;
+    title: which loop; parts: a line; record: its JSON object; seen: what becomes of it; angles: states that are some;
     names: what states are called, of a servo with a remedy.
     """
-    verdict, motion = record["verdict"], found.motion
-    plain = [f"{title}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s: {HEADS[verdict]}"]
-    plain.append(item("because", record["reason"]))
-    if verdict == "hunting":
-        plain += [item("amplitude", angle(record["amplitude"])), item("period", rhythm(record["period"]))]
-    if names and record["verdict"] in ("at rest", "decaying"):
+    motion = found.motion
+    plain = [f"{title}, set point {record['set_point']:.10g} rad, {motion.duration:.10g} s: {head_of(seen)}"]
+    plain.append(item("because", seen.sentence))
+    if seen.kind == "hunting":
+        plain += [item("amplitude", angle(seen.amplitude)), item("period", rhythm(seen.period))]
+    if names and seen.kind in SETTLES:
         plain.append(item("other starts", ELSEWHERE))
     voltage = "" if record["peak_voltage"] is None else f", by {record['peak_voltage']:.4g} V"
     end = (

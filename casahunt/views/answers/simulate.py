@@ -9,6 +9,7 @@ import numpy as np
 
 from ...checks import error_text, to_absolute_error, to_error
 from ...servo.other_end import OtherEnd
+from ...servo.outcome import Outcome
 from ...servo.simulation.trajectory import Trajectory
 from .answer import Answer, angle, item, rhythm, short, within
 
@@ -29,6 +30,11 @@ AT = 1e-6
 """Part of its largest distance from the set point within which a servo is at it."""
 
 
+def head_of(seen: Outcome) -> str:
+    """What is said first of a motion."""
+    return HEADS[seen.kind] + (", irregularly" if seen.irregular else "")
+
+
 def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Answer:
     """What is said of a motion; other: the cycle that one which rests has not come to."""
     return Answer(_plain(found, other), _details(found, other, wall_s))
@@ -40,8 +46,7 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     name = f"{found.model} servo at gain {found.gain:.10g} V/rad"
     where = f"set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s"
     waits = "" if seen.kind != "decaying" or math.isnan(seen.waits) else "stuck for now, "
-    irregular = ", irregularly" if seen.kind == "hunting" and not seen.pattern else ""
-    yield f"{name}, {where}: {waits}{HEADS[seen.kind]}{irregular}{partly}"
+    yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
     yield item("because", _because(found))
     if seen.kind == "hunting":
         yield item("amplitude", angle(seen.amplitude))

@@ -114,7 +114,6 @@ class Parser(argparse.ArgumentParser):
             example = " ".join(self._examples[name] for name in names if name in self._examples)
             text = f"{', '.join(name.lstrip('-') for name in names)}: must be given"
             text += f", for example {example}" if example else ""
-            text += "; 1 takes kp, ki and kd of a servo file as they stand" if "--gain" in names else ""
         raise InputError(f"{text} (see {self.prog} --help)")
 
 
@@ -125,7 +124,7 @@ def add_command(
     """A command with the arguments that it shares with others, which its module goes on with.
 
     about: one line of help; file: what it reads, "" where it reads none; records: as `file`, of several, behind which
-    no servo file can stand without its option; gain: it has one, which must be given; tol: it computes to a tolerance;
+    no servo file can stand without its option; gain: it has one; tol: it computes to a tolerance;
     model: it has one, and what for ("": for everything); csv, plot: what its table holds and
     its picture shows, "" where it has none.
     """
@@ -323,7 +322,7 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
         left_out(options, "the friction of a loop is one of its parts", "model")
     loop = loop_of_tables(tables, f"loop file {options.servo!r}")
     values = assigned(options.set, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
-    gain = gain_of(options) if gain is None and hasattr(options, "gain") else gain
+    gain = gain_of(options) if gain is None and getattr(options, "gain", None) is not None else gain
     return loop.replace(**values, **({} if gain is None else {"gain": gain}))
 
 
@@ -368,18 +367,28 @@ def positive(key: str, text: Any) -> float:
     return sensible(key, finite(key, text))
 
 
-def add_gain(command: Parser, **keywords: Any) -> None:
-    """The gain of a command that must have one.
-
-    **keywords: of `add_argument`.
-    """
-    help_text = "controller gain in V/rad; it multiplies kp, ki and kd of the servo file: 1 takes them as they stand"
-    command.add_required("--gain", **{"example": "0.1", "metavar": "K", "help": help_text} | keywords)
+def add_gain(command: Parser, example: str = "0.1", **keywords: Any) -> None:
+    """The gain of a command that must have one; example: how it is given, for who leaves it out."""
+    help_text = "controller gain in V/rad; it multiplies kp, ki and kd of the servo file, which stand as they are "
+    command.add_argument("--gain", **{"metavar": "K", "help": f"{help_text}without it"} | keywords)
+    command.set_defaults(example_of_gain=example)
 
 
 def gain_of(options: argparse.Namespace) -> float:
-    """The one gain of a command that must have one [V/rad]."""
-    return positive("gain", options.gain)
+    """The one gain of a command that must have one [V/rad]: what is given, or what the file states."""
+    return stated_gain(options) if options.gain is None else positive("gain", options.gain)
+
+
+def stated_gain(options: argparse.Namespace) -> float:
+    """The gain [V/rad] of a loop of parts, or of a file with kp, ki and kd.  Raises InputError: it is left open."""
+    loop = loop_of(options)
+    if loop is not None:
+        return loop.value("gain")
+    tables = {} if options.servo is None else _tables(options)
+    if not {"kp", "ki", "kd"}.isdisjoint(tables.get("controller", {})):  # final: no gain multiplies it
+        return 1.0
+    said = f"--gain {options.example_of_gain}; 1 takes kp, ki and kd of a servo file as they stand"
+    raise InputError(f"gain: must be given, for example {said} (see casahunt {options.command} --help)")
 
 
 def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **keywords: Any) -> None:

@@ -46,6 +46,7 @@ from .arguments import (
     positive,
     reading_of,
     servo_of,
+    stated_gain,
 )
 from .console import complain, folder
 from .output import give
@@ -109,7 +110,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
             raise InputError(f"record {path!r}: is a servo file by its name; it is given as --servo {path}")
     model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
     drive = drive_of(options)
-    gains = [positive("gain", gain) for gain in options.gain]
+    gains = [positive("gain", gain) for gain in options.gain or ()] or [stated_gain(options)]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
 

@@ -10,7 +10,7 @@ from ...servo.gains import lowest_stable_gain, routh_hurwitz_gain
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.margins import margins
 from ..answers.loop import loop_answer
-from .arguments import add_command, add_gain, drive_of, loop_of, positive, servo_of
+from .arguments import add_command, add_gain, drive_of, loop_of, positive, servo_of, stated_gain
 from .output import give
 
 
@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    gains = [positive("gain", text) for text in options.gain]
+    gains = [positive("gain", text) for text in options.gain or ()] or [stated_gain(options)]
     parts = loop_of(options, gains[0])
     if parts is not None:
         loops = [linear_loop(parts.replace(gain=gain)) for gain in gains]

@@ -27,7 +27,7 @@ from ....servo.parts.ahead import Moved, ahead
 from ....servo.parts.verbs import loop_motion
 from ....servo.servo import assigned
 from ...answers.loops import loop_motion_answer
-from ...answers.simulate import HEADS
+from ...answers.simulate import head_of
 from ..console import complain
 from ..output import give
 from .shared import parts_line, record_of, title
@@ -62,9 +62,9 @@ def of_loop(
         "status": status, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
     name = title(loop, called)
-    picture = ("simulation.loop_motion", found, numbers["set_point"], f"{name}: {HEADS[seen.kind]}")
+    picture = ("simulation.loop_motion", found, numbers["set_point"], f"{name}: {head_of(seen)}")
     answer = loop_motion_answer(
-        name, parts_line(loop), found, record, loop.angles, {} if called == "loop" else NAMES
+        name, parts_line(loop), found, record, seen, loop.angles, {} if called == "loop" else NAMES
     )
     give(options, record, answer, table=_table(found), picture=picture)
     sure = status.ok or seen.kind == "growing"  # as what errors are relative to, they grow with it
