@@ -27,5 +27,5 @@ from problems import table1
 
 truth = next(row for row in table1.REFERENCE["switch"]["stable"] if row["K"] == 0.04)
 assert motions[0.04].verdict.kind == "hunting"
-assert abs(motions[0.04].verdict.limit / truth["amplitude"] - 1) < 1e-5
+assert abs(motions[0.04].verdict.amplitude / truth["amplitude"] - 1) < 1e-4
 assert motions[0.7121].verdict.kind in ("decaying", "at rest")
