@@ -81,7 +81,7 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
         farther = end + np.sign(end) * moved.errors  # of what stands nothing is in doubt
         beyond = dict(zip(names, farther.tolist(), strict=True))
         other = fate(loop, beyond, before, rest=LEFT_OF_A_SWING, work=WORK_AHEAD, mode=moved.mode)
-        if not _alike(found, other):
+        if other.kind != "undecided" and not _alike(found, other):
             either = f"as far as the motion is known it {_said(found)}, or {_said(other)}"
             return Outcome("undecided", f"{either}; ask for a smaller tolerance")
     return _outcome(found)

@@ -22,7 +22,7 @@ from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...motion import Motion, simulate
 from ...orbits import Options, SystemOrbit, find_cycle
 from ..outcome import SETTLES
-from .ahead import measured
+from .ahead import LAST_TURNS, measured
 from .fate import Fate, fate
 from .loop import Loop
 
@@ -36,8 +36,6 @@ MOST_UNSETTLED = 3
 """Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
 WORK_OF_A_START = 3e6
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring."""
-LATE_TURNS = 120
-"""Turns of a motion that hunts irregularly which tell how far and how long it swings."""
 FAR_UP = 1e3
 """A parameter that hunting does not end in is followed to so many times its value."""
 
@@ -149,7 +147,7 @@ def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
                           evidence=lasted)  # fmt: skip
     if seen.swing is not None and not seen.pattern:
         raise _irregular(loop, seen)
-    if seen.kind == "undecided" and seen.turns.size > LATE_TURNS:
+    if seen.kind == "undecided" and seen.turns.size > LAST_TURNS:
         why = f"the motion neither rests nor repeats within {seen.turns.size} turns"
         raise NoOrbit(f"no cycle of {loop.name} was found: {why}", Status.NOT_FOUND)
     return start if seen.swing is None else seen.swing.state
@@ -157,7 +155,7 @@ def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
 
 def _irregular(loop: Loop, seen: Fate) -> HuntsIrregularly:
     """What is said of a motion that goes on for ever and repeats in no pattern."""
-    far, between = np.abs(seen.turns[-LATE_TURNS:]), np.diff(seen.at[-LATE_TURNS:])
+    far, between = np.abs(seen.turns[-LAST_TURNS:]), np.diff(seen.at[-LAST_TURNS:])
     amplitude, times = ((float(x.min()), float(x.max())) for x in (far, between))
     sentence = (
         f"{loop.name} hunts irregularly: it turns {amplitude[0]:.4g} to {amplitude[1]:.4g} rad from the set point, "
