@@ -48,7 +48,7 @@ from casahunt import (  # noqa: E402
 from casahunt.servo.drive import BANDS, with_remedy  # noqa: E402
 from casahunt.servo.sampled.cause import told_apart  # noqa: E402
 from casahunt.servo.sampled.check import BY_BADNESS, _motions  # noqa: E402
-from casahunt.servo.sampled.verdict import turning_points  # noqa: E402
+from casahunt.servo.sampled.turning_points import turning_points  # noqa: E402
 from casahunt.servo.stable_range import stable_range  # noqa: E402
 from casahunt.views.commands.remedies import OWN  # noqa: E402
 from casahunt.views.commands.sampled import DRIVE_PARTS  # noqa: E402

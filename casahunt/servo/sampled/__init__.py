@@ -6,7 +6,7 @@ bristle.py    a LuGre servo under constant torque, likewise
 controller.py the difference equations, and whole sticks of them at once
 remedied.py   remedies in them
 loop.py       controller and servo, sample by sample, and whole sticks at once
-verdict.py    what a motion shows, and the pattern that hunting repeats
+turning_points.py  what a motion shows by its turning points, and the pattern that hunting repeats
 motion.py     the motion as data
 cause.py      stiction or quantisation, and the dead band that ends it
 check.py      whether given numbers come to rest in the loop as built

@@ -23,7 +23,7 @@ from ..hunting import MODELS, Model
 from ..outcome import Outcome
 from ..servo import Servo, a_servo
 from .loop import SampledLoop
-from .verdict import Ending, judge
+from .turning_points import Ending, judge
 
 Array = np.ndarray
 
