@@ -37,7 +37,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...roots import Bracket
-from ...servo.controller import torque_gains_of_gains, torque_gains_of_times
+from ...servo.controller import torque_gains_of
 from ...servo.linear.sampled_loop import Lag, squared_size
 from ...servo.servo import Servo, flatten
 from .demands import DEMANDS, Demands
@@ -138,8 +138,7 @@ def crossovers(loops: Array, goal: Array) -> tuple[Array, Array]:
 def _loops_of(points: Array, lag: Lag) -> Array:
     """(5, m) J, sigma2, kp', kd', ki' of (m, 4 or 5) points, whose controllers may be by times, as they are seen."""
     J, sigma2, *numbers = points.T
-    gains = torque_gains_of_times if len(numbers) == 2 else torque_gains_of_gains
-    return np.array(lag.seen(J, sigma2, *gains(1.0, *numbers)))
+    return np.array(lag.seen(J, sigma2, *torque_gains_of(1.0, *numbers)))
 
 
 def _least_phases(points: Array, lag: Lag) -> Array:

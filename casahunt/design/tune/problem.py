@@ -28,7 +28,7 @@ import numpy as np
 from ...collocation import minimise
 from ...compiled import alone
 from ...continuation import FoldConstraints
-from ...servo.controller import torque_gains_of_gains, torque_gains_of_times
+from ...servo.controller import torque_gains_of
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.margins import crossover, margins_of
 from ...servo.linear.open_loop import OpenLoop
@@ -158,9 +158,7 @@ def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX
 
 def _torque_gains(motor_gain: float, k: ca.MX | float, times: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
     """kp, kd, ki of symbols."""
-    numbers = [ca.exp(times[i]) for i in range(times.numel())]
-    torque_gains = torque_gains_of_times if len(numbers) == 2 else torque_gains_of_gains
-    return torque_gains(ca.exp(k) * motor_gain, *numbers)
+    return torque_gains_of(ca.exp(k) * motor_gain, *ca.vertsplit(ca.exp(times)))
 
 
 def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) -> ca.MX:
