@@ -112,7 +112,9 @@ def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: M
     if whole > MOST_BUILT * first.drive.sample_time:
         return replace(first, left_out=first.left_out + first.count / first.amplitude)
     s = np.linspace(-orbit.period / 4, orbit.period / 4, ABOUT)
-    cycle = _swings(*_twice(orbit), s)[0].mean(axis=0)
+    times, states = orbit.sample(20 * ABOUT)
+    three = np.concatenate([times[:-1] + k * orbit.period for k in range(3)])
+    cycle = _swings(three, np.tile(states[0, :-1], 3), s)[0].mean(axis=0)
     drive = replace(first.drive, encoder=2 * math.pi / first.count if first.count else 0.0)
     seen = simulate_sampled(
         servo, first.gain, drive, model=model, set_point=0.0, position=-orbit.amplitude, time=whole,
@@ -139,13 +141,6 @@ def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: M
         apart=np.column_stack([part * first.rising * np.interp(at_samples, s, each) for each in apart]),
         left_out=math.sqrt(max(changed - 2 * chance, 0.0)),
     )  # fmt: skip
-
-
-def _twice(orbit: HuntingOrbit) -> tuple[Array, Array]:
-    """Times and positions of three periods."""
-    times, states = orbit.sample(20 * ABOUT)
-    t = np.concatenate([times[:-1] + k * orbit.period for k in range(3)])
-    return t, np.tile(states[0, :-1], 3)
 
 
 def _swings(t: Array, x: Array, s: Array) -> tuple[Array, Array]:

@@ -221,7 +221,7 @@ def at(
         laid = _laid(question, orbit, data, z, question.own(i), stretched)
         at_z = [*range(k), *range(k + 2 * i, k + 2 * i + 2)]
         compared = _compared(data, laid, noise, orbit, stretched)
-        rows += [each._replace(J=_spread(each.J, at_z, z.size)) for each in compared]
+        rows += [each._replace(J=each.J @ np.eye(z.size)[at_z]) for each in compared]
         positions.append(laid.position)
         torques.append(laid.torque)
     deviance = sum(each.deviance for each in rows)
@@ -245,13 +245,6 @@ def _compared(data: Data, laid: _Laid, noise: Noise, orbit: HuntingOrbit, stretc
         yield Rows(off**2, np.array([-off]), np.array([off]), np.ones(1), J[None])
     if data.torque is not None and laid.torque is not None:
         yield term(data.torque, laid.torque, laid.torque_J)
-
-
-def _spread(J: Array, at_z: list[int], size: int) -> Array:
-    """Derivatives by some unknowns as derivatives by all."""
-    whole = np.zeros((len(J), size))
-    whole[:, at_z] = J
-    return whole
 
 
 def _cycle(q: Question, servo: Servo, z: Array, i: int, near: Point | None) -> HuntingOrbit:

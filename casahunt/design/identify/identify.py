@@ -311,17 +311,16 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         untold=untold(question, J, judgement.factor),
         further=further_gain(question, best, noises, ends) if advise and ends and judgement.explained else None,
         noises=tuple(noises),
-        torque_noises=tuple(map(_torque_noise, question.records, best.torques)),
+        torque_noises=tuple(
+            None if data.torque is None or torque is None else residual(data.torque, torque)[1]
+            for data, torque in zip(question.records, best.torques, strict=True)
+        ),
         orbits=best.orbits,
         records=question.records,
         residuals=tuple(d.position - x for d, x in zip(question.records, best.positions, strict=True)),
         deviance=best.deviance,
         phases=tuple(float(best.z[question.own(i)][0]) * d.period for i, d in enumerate(question.records)),
     )
-
-
-def _torque_noise(data: Data, torque: Array | None) -> float | None:
-    return None if data.torque is None or torque is None else residual(data.torque, torque)[1]
 
 
 def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: float) -> list[Interval] | None:
@@ -353,7 +352,11 @@ def _elsewhere(question: Question) -> tuple[Point, list[Noise]] | None:
         return None
     found = explained_from(question, other.z)
     if found is None:
-        raise _other_gain(question, other.factor)
+        data, factor = question.records[0], other.factor
+        raise InputError(
+            f"gain = {data.gain:g}: does not fit {data.name}: no friction explains it there, but one does at "
+            f"{factor:.2g} times that gain, {data.gain * factor:.2g} V/rad; are gain, motor gain and inertia right?"
+        )
     return found
 
 
@@ -363,14 +366,6 @@ def _does_not_fit(question: Question, how: str) -> Exception:
     return InputError(
         f"{data.name}: does not fit the {question.model} servo at gain {data.gain:g}, of amplitude "
         f"{data.amplitude:.4g} rad and period {data.period:.4g} s: {how}; {_what_else(data)}"
-    )
-
-
-def _other_gain(question: Question, factor: float) -> Exception:
-    data = question.records[0]
-    return InputError(
-        f"gain = {data.gain:g}: does not fit {data.name}: no friction explains it there, but one does at "
-        f"{factor:.2g} times that gain, {data.gain * factor:.2g} V/rad; are gain, motor gain and inertia right?"
     )
 
 

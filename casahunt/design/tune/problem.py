@@ -163,10 +163,10 @@ def _torque_gains(motor_gain: float, k: ca.MX | float, times: ca.MX) -> tuple[ca
 
 def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) -> ca.MX:
     """-ln rho, with the conditions that no pole is slower than rho."""
-    rate = max(-float(np.max(linear_loop(servo, gain).poles.real)), 1e-3 * crossover(servo, gain))
+    unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
+    rate = max(-float(np.max(linear_loop(servo, gain).poles.real)), 1e-3 * unit)
     y = ca.MX.sym("ln_rho")
     p.add(y, [math.log(rate)], math.log(rate) - 20, math.log(rate) + 20)
-    unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
     J, rho = servo.inertia, ca.exp(y) / unit
     kp, kd, ki = _torque_gains(servo.motor_gain / J, k, times)
     a2 = (kd + servo.friction.viscous / J) / unit

@@ -25,7 +25,6 @@ from typing import NoReturn
 import numpy as np
 
 from ...errors import NoOrbit, Status
-from ...servo.servo import Servo
 from ..uncertainty.worst_corner import WorstCase
 from .best_gain import Answer, Given, Outlook
 from .demands import cost_of, log_numbers
@@ -148,14 +147,15 @@ class TuningSearch:
         for _ in range(ROUNDS):
             self.rounds += 1
             self.given.tell(f"optimising the controller times: round {self.rounds}")
-            given = self.given
+            given, servo = self.given, self.given.at(q)
             needed = (1 + given.demands.margin) * (1 + given.guard)
-            gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), given.at(q))
+            gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), servo)
             point = solve_round(
                 Round(
                     given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),
                     np.maximum(q - step, self.low), np.minimum(q + step, self.high),
-                    gains, needed, folds, given.cuts, given.demands.lag, self._most(given.at(q)),
+                    gains, needed, folds, given.cuts, given.demands.lag,
+                    given.largest_gain(servo) * servo.torque_gains(1.0)[0],
                 )
             )  # fmt: skip
             moved = point.q - q
@@ -172,10 +172,6 @@ class TuningSearch:
                 continue
             q, gain, step = point.q, math.exp(point.k), min(STEP, 2 * step)
         return q, gain
-
-    def _most(self, servo: Servo) -> float:
-        """The largest kp of the nominal servo [N m/rad]; with it no servo of the set takes too large a torque."""
-        return self.given.largest_gain(servo) * servo.torque_gains(1.0)[0]
 
     def _outlook(self, q: Array) -> Outlook | None:
         """The outlook at times, computed once as long as no servo joins."""
