@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
 from contextlib import suppress
 from typing import NoReturn
 
@@ -202,16 +201,14 @@ class TuningSearch:
 
     def _starts(self) -> list[Outlook]:
         """Feasible times, cheapest first; the nearest to feasible where none was found, none where there are none."""
-        self._look_at(itertools.product(*self.axes))
+        for pair in itertools.product(*self.axes):
+            self._outlook(np.array(pair))
         if not self._good():
             self.excluded = self._exclude()
             if not self._good() and not self.excluded and self._known():
                 nearest = self._compass(min(self._known(), key=lambda o: o.missed))
                 return self._good() or [nearest]
         return sorted(self._good(), key=lambda o: o.cost)
-
-    def _look_at(self, times: Iterable[tuple[float, ...]]) -> list[Outlook | None]:
-        return [self._outlook(np.array(pair)) for pair in times]
 
     def _known(self) -> list[Outlook]:
         return [o for o in self.seen.values() if o is not None]
@@ -232,7 +229,7 @@ class TuningSearch:
             corners.append(tuple((a + b) / 2 for a, b in cell))
             if len(self.seen) + len(corners) > MOST_TIMES[self.given.model]:
                 return False
-            found = self._look_at(corners)
+            found = [self._outlook(np.array(corner)) for corner in corners]
             if any(o is None for o in found):
                 return False
             values = [o.missed for o in found if o is not None]

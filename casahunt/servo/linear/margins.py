@@ -143,7 +143,8 @@ def margins(
         wrong = "delay: must be the drive's, Drive(delay=...)" if delay else "drive: is one of a servo, Servo(...)"
         raise InputError(wrong)
     last = math.pi / drive.sample_time
-    omega = np.geomspace(LOWEST_SEEN * min(_last_crossover(loop), last), last, FREQUENCIES)
+    unit = gain_crossovers(loop.numerator, loop.denominator)[-1].frequency
+    omega = np.geomspace(LOWEST_SEEN * min(unit, last), last, FREQUENCIES)
 
     def turned(at: Array) -> Array:
         return -sampled_response(servo, gain, drive, at)
@@ -187,10 +188,7 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
 
     servo, gain: the loop; gain K > 0 [V/rad]; level: magnitude > 0. Raises InputError: gain not a finite number > 0.
     """
-    return _last_crossover(open_loop(servo, gain), level)
-
-
-def _last_crossover(loop: OpenLoop, level: float = 1.0) -> float:
+    loop = open_loop(servo, gain)
     return gain_crossovers(loop.numerator / level, loop.denominator)[-1].frequency
 
 
