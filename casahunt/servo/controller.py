@@ -32,21 +32,16 @@ Array = np.ndarray
 _TABLE_1_TIME = 1 / (2 * np.pi)
 
 
-def torque_gains_of_times(factor: Any, lead_time: Any, integral_time: Any) -> tuple[Any, Any, Any]:
-    """The torque gains of a controller by times; numbers, arrays or expressions.
+def torque_gains_of(factor: Any, *numbers: Any) -> tuple[Any, Any, Any]:
+    """The torque gains of a controller; numbers, arrays or expressions.
 
-    factor: K cm [N m/rad]; lead_time, integral_time: tau_d, tau_i [s].
+    factor: K cm [N m/rad]; numbers: tau_d, tau_i [s]; or kp, ki, kd, gains at K = 1: a number, [1/s], [s].
     Returns (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
     """
-    return factor * (1 + lead_time / integral_time), factor * lead_time, factor / integral_time
-
-
-def torque_gains_of_gains(factor: Any, kp: Any, ki: Any, kd: Any) -> tuple[Any, Any, Any]:
-    """The torque gains of a controller by gains; numbers, arrays or expressions.
-
-    factor: K cm [N m/rad]; kp, ki, kd: gains at K = 1: a number, [1/s], [s].
-    Returns (kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)].
-    """
+    if len(numbers) == 2:
+        lead_time, integral_time = numbers
+        return factor * (1 + lead_time / integral_time), factor * lead_time, factor / integral_time
+    kp, ki, kd = numbers
     return factor * kp, factor * kd, factor * ki
 
 
@@ -76,7 +71,7 @@ class Controller:
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
         """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
-        return torque_gains_of_times(factor, self.lead_time, self.integral_time)
+        return torque_gains_of(factor, self.lead_time, self.integral_time)
 
     @property
     def reset_time(self) -> float:
@@ -158,7 +153,7 @@ class Pid:
 
     def torque_gains(self, factor: float) -> tuple[float, float, float]:
         """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
-        return torque_gains_of_gains(factor, self.kp, self.ki, self.kd)
+        return torque_gains_of(factor, self.kp, self.ki, self.kd)
 
     @property
     def reset_time(self) -> float:

@@ -32,7 +32,7 @@ from typing import Any, Literal
 import casadi as ca
 
 from ..hybrid import Event, Mode, System
-from .controller import torque_gains_of_gains, torque_gains_of_times
+from .controller import torque_gains_of
 from .friction import bristle_rate, stribeck
 from .servo import Servo
 
@@ -51,8 +51,8 @@ def torque_gains(p: Any) -> tuple[Any, Any, Any]:
     """(kp, kd, ki), of a controller by its gains or by its times."""
     factor = p.gain * p.motor_gain
     if "kp" in p:
-        return torque_gains_of_gains(factor, p.kp, p.ki, p.kd)
-    return torque_gains_of_times(factor, p.lead_time, p.integral_time)
+        return torque_gains_of(factor, p.kp, p.ki, p.kd)
+    return torque_gains_of(factor, p.lead_time, p.integral_time)
 
 
 def motor_torque(x: Any, p: Any) -> Any:

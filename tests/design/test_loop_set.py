@@ -9,9 +9,9 @@ import pytest
 
 from casahunt import Demands, Friction, Pid, Servo
 from casahunt.design.tune.demands import DEMANDS
-from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.loop_set import Table, allowed, common, loop_box, shortfall, worst
 from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.sampled_loop import Lag
 
 NAMES = ("servo.inertia", "friction.viscous", "controller.lead_time", "controller.integral_time", "servo.motor_gain")
 

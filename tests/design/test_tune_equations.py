@@ -12,7 +12,6 @@ from tuning import TIME, crossover_phase
 from casahunt import Drive, Servo, find_fold
 from casahunt.continuation.optimum import data_of, fold_conditions
 from casahunt.design.tune.demands import Demands, log_numbers
-from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.problem import Cut, Round, solve_round
 from casahunt.design.tune.tuning import tune
 from casahunt.design.uncertainty.set import Uncertainty
@@ -20,6 +19,7 @@ from casahunt.errors import NoOrbit
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.linear.margins import crossover, margins
+from casahunt.servo.linear.sampled_loop import Lag
 from casahunt.servo.servo import PARAMETERS
 from problems import table1
 

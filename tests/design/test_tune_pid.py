@@ -10,10 +10,10 @@ import pytest
 
 from casahunt import InputError, Options, Pid, find_fold
 from casahunt.design.tune.demands import Demands, log_numbers
-from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.problem import Cut, Round, solve_round
 from casahunt.design.tune.tuning import tune
 from casahunt.servo.linear.margins import margins
+from casahunt.servo.linear.sampled_loop import Lag
 
 
 @pytest.mark.slow

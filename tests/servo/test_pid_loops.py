@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from casahunt import Friction, Pid, Servo
-from casahunt.design.tune.lag import Lag
 from casahunt.design.tune.loop_set import loop_box, worst
 from casahunt.servo.gains import integral_gain, lowest_stable_gain, typical_gain
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.linear.margins import margins
 from casahunt.servo.linear.open_loop import open_loop
+from casahunt.servo.linear.sampled_loop import Lag
 
 UNEVEN = Servo().replace(**{"controller.lead_time": 0.09, "controller.integral_time": 0.21})
 COMPLEX = Servo(controller=Pid(kp=1.0, ki=6.0, kd=0.15))

@@ -4,7 +4,6 @@
 
 likelihood.py positions that carry noise and are rounded
 torque.py     the torque of the motor, where it was measured
-lags.py       the loop as built as a continuous one, to first order in its lags
 fit.py        the computed cycle laid over records
 swings.py     swings that begin one by one, as counts in the loop make them
 climb.py      the way to the likeliest unknowns

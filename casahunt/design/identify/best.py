@@ -107,13 +107,9 @@ def gain_that_fits(question: Question) -> OtherGain | None:
     if not another(point) or not judged(freed, point, found[1]).explained:
         return None
     values, factor = freed.values(point.z), factor_of(point)
-    own = [values[name] / (factor if _goes_with_torque(name) else 1.0) for name in question.free]
+    torques = [name for name in question.free if name.startswith(("servo.inertia", "friction.")) and name != STRIBECK]
+    own = [values[name] / (factor if name in torques else 1.0) for name in question.free]
     return OtherGain(factor, np.concatenate([question.unknowns(np.array(own)), point.z[len(free) :]]))
-
-
-def _goes_with_torque(name: str) -> bool:
-    """Whether a parameter is one of F or J, which are divided by c where the gain is as it was stated."""
-    return name == "servo.inertia" or name.startswith("friction.") and name != STRIBECK
 
 
 def explained_from(question: Question, z: Array) -> tuple[Point, list[Noise]] | None:

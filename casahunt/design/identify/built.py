@@ -2,12 +2,12 @@
 
     x1(t) = continuous(t; q) + [as built(t; q*) - continuous(t; q*)],    T likewise, by the ratio of the periods at q*
 
-lags.py leaves out what is of second order in the lags, some tenths of a per cent of the amplitude, which a fit would
-take for per cents of friction; and the counts that the controller reads: a servo that rests between two is read as
-nearer or farther, alike in every swing, which shifts the mean swing by a tenth of a count to a whole one, and the
-period by per cents.  The drive is followed with its counts (servo/sampled); its mean swing s -> x about its passages
-stands beside that of the cycle.  The fit goes on with that difference to another q*, until it changes no more; the last
-change is the error that stays (judgement.py).
+A continuous loop (`as_continuous`) leaves out what is of second order in the lags, some tenths of a per cent of the
+amplitude, which a fit would take for per cents of friction; and the counts that the controller reads: a servo that
+rests between two is read as nearer or farther, alike in every swing, which shifts the mean swing by a tenth of a count
+to a whole one, and the period by per cents.  The drive is followed with its counts (servo/sampled); its mean swing
+s -> x about its passages stands beside that of the cycle.  The fit goes on with that difference to another q*, until it
+changes no more; the last change is the error that stays (judgement.py).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def as_built(question: Question, best: Point, noises: Sequence[Noise]) -> tuple[
     measured, noises = tuple(map(once_each, question.records)), list(noises)
     question, rounds = replace(question, records=measured), []
     best = at(question, best.z, noises, best) or best
-    for left in reversed(range(MOST_ROUNDS if any(data.lags is not None for data in measured) else 0)):
+    for left in reversed(range(MOST_ROUNDS if any(data.drive is not None for data in measured) else 0)):
         rows = iter(best.rows)
         measured = tuple(
             _aligned(first, last, next(row for row in rows if row.values.size > 1), question.own(i).start)
@@ -59,7 +59,7 @@ def as_built(question: Question, best: Point, noises: Sequence[Noise]) -> tuple[
         )
         servo, laid = question.servo_at(best.z), zip(measured, question.records, best.orbits, strict=True)
         rounds.append(tuple(_beside(first, last, orbit, servo, question.model) for first, last, orbit in laid))
-        settled = max(data.lags.left_out for data in rounds[-1] if data.lags is not None) < SAME_SWING
+        settled = max(data.left_out for data in rounds[-1]) < SAME_SWING
         settled = settled or all(data.apart is None for data in rounds[-1])
         last_ones = zip(*rounds[FIRST_ROUNDS:], strict=True)
         records = tuple(map(_pooled, last_ones)) if not (left or settled) else rounds[-1]
@@ -77,7 +77,7 @@ def _pooled(each: Sequence[Data]) -> Data:
     """The mean of what was beside the cycle in several rounds, whose differences are errors: counts may bring the drive
     into another pattern with each friction, however near."""
     last, periods = each[-1], np.array([data.period for data in each])
-    if last.apart is None or last.passage is None or last.lags is None:
+    if last.apart is None or last.passage is None or last.drive is None:
         return last
     ratio, beside = float(periods.mean()) / last.period, np.array([data.beside for data in each])
     passage, other = ratio * last.passage, (beside - beside.mean(axis=0)) / math.sqrt(len(each) - 1)
@@ -85,7 +85,7 @@ def _pooled(each: Sequence[Data]) -> Data:
         last, times=passage + last.times - last.passage, passage=passage, period=ratio * last.period,
         beside=beside.mean(axis=0), apart=np.column_stack([last.apart, other.T]),
         period_error=math.hypot(last.period_error, deviation(periods) / last.period),
-        lags=last.lags._replace(left_out=0.0),
+        left_out=0.0,
     )  # fmt: skip
 
 
@@ -107,14 +107,15 @@ def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: M
     first, last: as it was measured, and with what was taken for that before.
     """
     whole = (SETTLING + SWINGING) * orbit.period
-    if first.lags is None or first.passage is None or first.rising is None:
+    if first.drive is None or first.passage is None or first.rising is None:
         return first
-    if whole > MOST_BUILT * first.lags.drive.sample_time:
-        left_out = first.lags.left_out + first.count / first.amplitude
-        return replace(first, lags=first.lags._replace(left_out=left_out))
+    if whole > MOST_BUILT * first.drive.sample_time:
+        return replace(first, left_out=first.left_out + first.count / first.amplitude)
     s = np.linspace(-orbit.period / 4, orbit.period / 4, ABOUT)
-    cycle = _swings(*_twice(orbit), s)[0].mean(axis=0)
-    drive = replace(first.lags.drive, encoder=2 * math.pi / first.count if first.count else 0.0)
+    times, states = orbit.sample(20 * ABOUT)
+    three = np.concatenate([times[:-1] + k * orbit.period for k in range(3)])
+    cycle = _swings(three, np.tile(states[0, :-1], 3), s)[0].mean(axis=0)
+    drive = replace(first.drive, encoder=2 * math.pi / first.count if first.count else 0.0)
     seen = simulate_sampled(
         servo, first.gain, drive, model=model, set_point=0.0, position=-orbit.amplitude, time=whole,
     )  # fmt: skip
@@ -138,15 +139,8 @@ def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: M
         first, times=passage + at_samples, passage=passage, period=ratio * first.period, beside=beside,
         period_error=math.hypot(first.period_error, unsure / math.sqrt(len(swings))),
         apart=np.column_stack([part * first.rising * np.interp(at_samples, s, each) for each in apart]),
-        lags=first.lags._replace(left_out=math.sqrt(max(changed - 2 * chance, 0.0))),
+        left_out=math.sqrt(max(changed - 2 * chance, 0.0)),
     )  # fmt: skip
-
-
-def _twice(orbit: HuntingOrbit) -> tuple[Array, Array]:
-    """Times and positions of three periods."""
-    times, states = orbit.sample(20 * ABOUT)
-    t = np.concatenate([times[:-1] + k * orbit.period for k in range(3)])
-    return t, np.tile(states[0, :-1], 3)
 
 
 def _swings(t: Array, x: Array, s: Array) -> tuple[Array, Array]:

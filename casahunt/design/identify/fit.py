@@ -31,12 +31,13 @@ import numpy as np
 from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options, StateSensitivity, refined, state_sensitivity
 from ...servo.cold_start import quickly_at
+from ...servo.drive import Drive
 from ...servo.hunting import Model
+from ...servo.linear.sampled_loop import as_continuous
 from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times
 from ...servo.servo import Servo
 from ..record.waveform import swings_of
-from .lags import Lags, as_continuous
 from .likelihood import Noise, Rows
 from .torque import term, torque_of
 
@@ -72,7 +73,7 @@ class Data:
     shape : the waveform, measured at even phases (measure.py) [rad].
     name : of the file.
     torque : (m,) of the motor [N m]; None where it was not measured.
-    lags : of the drive that made it; None: of a continuous loop.
+    drive, left_out : that made it, None: a continuous loop; what its lags leave out, relative to the amplitude.
     passage, rising : (m,) of each sample, and whether the position rises there, 1 or -1, where its swings begin one by
         one (swings.py); None: it repeats as the cycle does.
     beside : (m,) by how much the loop as built is beside the continuous one (built.py) [rad].
@@ -90,7 +91,8 @@ class Data:
     shape: Array
     name: str
     torque: Array | None = None
-    lags: Lags | None = None
+    drive: Drive | None = None
+    left_out: float = 0.0
     passage: Array | None = None
     rising: Array | None = None
     beside: Array | float = 0.0
@@ -109,7 +111,7 @@ class Data:
     @property
     def count(self) -> float:
         """Of the encoder that the controller of a drive reads [rad], its own or the record's; 0 without a drive."""
-        return 0.0 if self.lags is None else max(self.quantum, self.lags.drive.count)
+        return 0.0 if self.drive is None else max(self.quantum, self.drive.count)
 
     @property
     def size(self) -> float:
@@ -219,7 +221,7 @@ def at(
         laid = _laid(question, orbit, data, z, question.own(i), stretched)
         at_z = [*range(k), *range(k + 2 * i, k + 2 * i + 2)]
         compared = _compared(data, laid, noise, orbit, stretched)
-        rows += [each._replace(J=_spread(each.J, at_z, z.size)) for each in compared]
+        rows += [each._replace(J=each.J @ np.eye(z.size)[at_z]) for each in compared]
         positions.append(laid.position)
         torques.append(laid.torque)
     deviance = sum(each.deviance for each in rows)
@@ -243,13 +245,6 @@ def _compared(data: Data, laid: _Laid, noise: Noise, orbit: HuntingOrbit, stretc
         yield Rows(off**2, np.array([-off]), np.array([off]), np.ones(1), J[None])
     if data.torque is not None and laid.torque is not None:
         yield term(data.torque, laid.torque, laid.torque_J)
-
-
-def _spread(J: Array, at_z: list[int], size: int) -> Array:
-    """Derivatives by some unknowns as derivatives by all."""
-    whole = np.zeros((len(J), size))
-    whole[:, at_z] = J
-    return whole
 
 
 def _cycle(q: Question, servo: Servo, z: Array, i: int, near: Point | None) -> HuntingOrbit:
@@ -281,8 +276,8 @@ def cycle_at(servo: Servo, model: Model, data: Data, options: Options) -> Huntin
     Raises NoOrbit: they lead to none; InputError: the problem cannot be.
     """
     gain = data.gain
-    if data.lags is not None:
-        servo = as_continuous(servo, gain, data.lags)
+    if data.drive is not None:
+        servo = as_continuous(servo, gain, data.drive)
     check_problem(servo, model, gain)
     check_hunts(servo, model)
     check_times(servo, model, gain)

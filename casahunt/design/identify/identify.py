@@ -36,12 +36,11 @@ from .clipped import CLIPPED_SHARE, LARGER_RANGE, flat_share
 from .fit import NEXT_TO_NOTHING, Array, Data, Point, Question, sharpened
 from .intervals import BetterFound, Interval, Unsettled, marginal_information, profile, student_95
 from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
-from .lags import lags_taken
 from .likelihood import Noise
 from .noise import with_noise
 from .readings import unread, widened
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
-from .suitable import data_of, gains_of, in_a_pattern, of_few_steps, suitable
+from .suitable import data_of, drive_taken, gains_of, in_a_pattern, of_few_steps, suitable
 from .torque import residual
 from .transient import behind_a_transient
 
@@ -204,7 +203,7 @@ def identify(
     free
         the parameters that are sought.
     drive
-        that made the records, whose lags are taken into account where they can be (lags.py); None: a continuous loop.
+        that made the records, whose lags are taken into account where they can be; None: a continuous loop.
     options
         tolerance of the computed cycles.
     advise
@@ -234,11 +233,14 @@ def identify(
     free = _free(free, servo, model)
     each = gains_of(gains, len(records))
     samples = [as_record(record) for record in records]
-    lags = lags_taken(samples, servo, each, free, drive)
+    drive, left_out = drive_taken(samples, servo, each, free, drive)
     how = of_kind("options", options or Options(), Options).finer(CYCLE_SHARE)
 
     def fit(records: Sequence[Record]) -> Identification:
-        data = tuple(data_of(record, suitable(record), gain, lags) for record, gain in zip(records, each, strict=True))
+        data = tuple(
+            data_of(record, suitable(record), gain, drive, left_out)
+            for record, gain in zip(records, each, strict=True)
+        )
         scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
         return fitted(Question(data, servo, model, tuple(free), how, scales, lowest), advise=advise)
 
@@ -309,17 +311,16 @@ def fitted(question: Question, *, advise: bool = True) -> Identification:
         untold=untold(question, J, judgement.factor),
         further=further_gain(question, best, noises, ends) if advise and ends and judgement.explained else None,
         noises=tuple(noises),
-        torque_noises=tuple(map(_torque_noise, question.records, best.torques)),
+        torque_noises=tuple(
+            None if data.torque is None or torque is None else residual(data.torque, torque)[1]
+            for data, torque in zip(question.records, best.torques, strict=True)
+        ),
         orbits=best.orbits,
         records=question.records,
         residuals=tuple(d.position - x for d, x in zip(question.records, best.positions, strict=True)),
         deviance=best.deviance,
         phases=tuple(float(best.z[question.own(i)][0]) * d.period for i, d in enumerate(question.records)),
     )
-
-
-def _torque_noise(data: Data, torque: Array | None) -> float | None:
-    return None if data.torque is None or torque is None else residual(data.torque, torque)[1]
 
 
 def _ends(question: Question, best: Point, noises: Sequence[Noise], factor: float) -> list[Interval] | None:
@@ -351,7 +352,11 @@ def _elsewhere(question: Question) -> tuple[Point, list[Noise]] | None:
         return None
     found = explained_from(question, other.z)
     if found is None:
-        raise _other_gain(question, other.factor)
+        data, factor = question.records[0], other.factor
+        raise InputError(
+            f"gain = {data.gain:g}: does not fit {data.name}: no friction explains it there, but one does at "
+            f"{factor:.2g} times that gain, {data.gain * factor:.2g} V/rad; are gain, motor gain and inertia right?"
+        )
     return found
 
 
@@ -361,14 +366,6 @@ def _does_not_fit(question: Question, how: str) -> Exception:
     return InputError(
         f"{data.name}: does not fit the {question.model} servo at gain {data.gain:g}, of amplitude "
         f"{data.amplitude:.4g} rad and period {data.period:.4g} s: {how}; {_what_else(data)}"
-    )
-
-
-def _other_gain(question: Question, factor: float) -> Exception:
-    data = question.records[0]
-    return InputError(
-        f"gain = {data.gain:g}: does not fit {data.name}: no friction explains it there, but one does at "
-        f"{factor:.2g} times that gain, {data.gain * factor:.2g} V/rad; are gain, motor gain and inertia right?"
     )
 
 
@@ -385,7 +382,7 @@ def _what_else(data: Data) -> str:
     encoder = of_few_steps(data.amplitude, data.quantum)
     if not encoder and data.swings > 2:
         return f"it {in_a_pattern(data.swings)}"
-    told = data.lags is not None or not data.quantum
+    told = data.drive is not None or not data.quantum
     else_ = "are gain, servo and units right?" if told else (
         "are gain, servo and units right? A drive that reads counts swings unevenly: state its sample time and encoder "
         "(drive, [drive] of a servo file)"

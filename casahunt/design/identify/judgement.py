@@ -99,8 +99,7 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     parts: list[float] = []
     stretches: list[float] = []
     left, size, differ = 0.0, 0.0, 0.0
-    late = [data.lags.left_out for data in question.records if data.lags is not None]
-    doubt, trusted = 0.0, max(LASTING_ERROR, question.options.tol, *late)
+    doubt, trusted = 0.0, max(LASTING_ERROR, question.options.tol, *(data.left_out for data in question.records))
     for (periods, part), noise, y, x, whole in _channels(question, point, noises):
         score = noise.slopes(y, x).score
         offset = float(y[0] % noise.quantum) if noise.quantum else 0.0

@@ -12,13 +12,15 @@ import numpy as np
 
 from ...checks import require
 from ...errors import InputError
+from ...servo.drive import Drive
+from ...servo.linear.sampled_loop import as_continuous, lags_of
 from ...servo.sampled.border import ENCODER_BORDER
+from ...servo.servo import Servo
 from ..record.file import Record
 from ..record.measure import Measurement, measured
 from ..record.waveform import counts_by
 from .clipped import of_clipped
 from .fit import Data
-from .lags import Lags
 from .swings import LEAST_PERIOD_ERROR, one_by_one
 
 MOST_FITTED = 20_000
@@ -27,6 +29,10 @@ MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
 MOVED_STEPS = 50.0
 """Range of a position that moves, in units of its usual step from sample to sample: noise reaches ten."""
+FRICTION = "friction."
+"""Of which parameters begin that lags leave as they are."""
+MOST_LEFT_OUT = 0.1
+"""Of what lags leave out, in amplitudes."""
 
 
 def suitable(record: Record) -> Measurement:
@@ -84,17 +90,41 @@ def gains_of(gains: float | Sequence[float], count: int) -> list[float]:
     return each
 
 
-def data_of(record: Record, m: Measurement, gain: float, lags: Lags | None = None) -> Data:
+def drive_taken(
+    records: Sequence[Record], servo: Servo, gains: Sequence[float], free: Sequence[str], drive: Drive | None
+) -> tuple[Drive | None, float]:
+    """The drive whose lags are taken into account, where friction alone is sought, from positions alone; and what they
+    leave out to the first order, relative to the amplitude.
+
+    How the motion changes with friction is known to that order; what counts do is not in it: swings.py takes each swing
+    by itself, readings.py says what all of them leave unknown, built.py computes the rest where a fit ends.
+    Raises InputError: they are too long for that.
+    """
+    of_friction = all(name.startswith(FRICTION) for name in free)
+    if drive is None or not of_friction or any(record.torque is not None for record in records):
+        return None, 0.0
+    gain, lag = max(gains), lags_of(drive, servo)[1]
+    as_continuous(servo, gain, drive)
+    left_out = servo.torque_gains(gain)[0] / servo.inertia * lag**2 / 2
+    if left_out > MOST_LEFT_OUT:
+        raise InputError(
+            f"drive: its lag of {lag:.3g} s is too long for a fit, which leaves out {left_out:.2g} of the amplitude "
+            f"then, more than {MOST_LEFT_OUT:g}: record with a shorter sample time, delay or filter, or at a lower gain"
+        )
+    return drive, left_out
+
+
+def data_of(record: Record, m: Measurement, gain: float, drive: Drive | None = None, left_out: float = 0.0) -> Data:
     """A measured record as it is fitted: its whole periods, behind the transient."""
-    beside = m.period / 4 if lags is not None else 0.0
+    beside = m.period / 4 if drive is not None else 0.0
     first, last = m.crossings[0] - beside, m.crossings[-1] + beside
     inside = np.flatnonzero((record.times >= first) & (record.times <= last))
     inside = inside[:: -(-inside.size // MOST_FITTED)]
-    quantum = lags.drive.count if lags is not None and counts_by(record.position, lags.drive.count) else m.quantum
+    quantum = drive.count if drive is not None and counts_by(record.position, drive.count) else m.quantum
     t, torque = record.times[inside], None if record.torque is None else record.torque[inside]
     data = Data(
         t - (t[0] + t[-1]) / 2, record.position[inside], gain, m.period,
         max(m.period_error / m.period, LEAST_PERIOD_ERROR), m.amplitude, quantum, m.noise, m.shape, record.name,
-        torque, lags,
+        torque, drive, left_out,
     )  # fmt: skip
-    return data if lags is None else one_by_one(data, m.mean_level)
+    return data if drive is None else one_by_one(data, m.mean_level)

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...orbits import StateSensitivity
-from ...servo.controller import torque_gains_of_gains, torque_gains_of_times
+from ...servo.controller import torque_gains_of
 from ...servo.problem import HuntingOrbit
-from ...servo.servo import Pid, Servo, flatten
+from ...servo.servo import Servo, flatten
 from .likelihood import Rows
 
 Array = np.ndarray
@@ -51,10 +51,7 @@ def _slopes(servo: Servo, gain: float, name: str) -> tuple[float, ...]:
     """Of (kp, kd, ki) by a parameter: zero for those that are none of the motor or the controller."""
     values: dict[str, complex] = {key: complex(value) for key, value in flatten(servo).items()}
     values[name] += 1j * COMPLEX_STEP
-    form = torque_gains_of_gains if isinstance(servo.controller, Pid) else torque_gains_of_times
-    own = {key.rpartition(".")[2]: values[key] for key in servo.controller_names}
-    order = ("kp", "ki", "kd") if isinstance(servo.controller, Pid) else ("lead_time", "integral_time")
-    gains = form(gain * values["servo.motor_gain"], *(own[key] for key in order))
+    gains = torque_gains_of(gain * values["servo.motor_gain"], *(values[key] for key in servo.controller_names))
     return tuple(each.imag / COMPLEX_STEP for each in gains)
 
 

@@ -95,11 +95,6 @@ def extended(t: Array, where: Array, values: Array) -> Array:
     return np.asarray(np.interp(t, where, values) + slope * beyond)
 
 
-def noise_of(values: Array) -> float:
-    """Standard deviation of noise that is independent from sample to sample, from second differences."""
-    return 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)
-
-
 def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None:
     """Divide a record into periods.
 
@@ -112,13 +107,16 @@ def mark(times: Array, values: Array, grid: Grid, period: float) -> Marks | None
     low, high = _range(r, grid.covered, width)
     if not high > low:
         return None
-    # Noise must not carry the position through the band: averages of as many samples as that takes.
-    samples = (QUIET * noise_of(values) / (BAND * (high - low))) ** 2
+    # Noise, by its second differences, must not carry the position through the band: averages of as many samples as
+    # that takes.
+    noise = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)
+    samples = (QUIET * noise / (BAND * (high - low))) ** 2
     smooth = min(samples * usual_distance(times), period / AVERAGED_PART)
     if smooth > 2 * grid.step:
         r = moving_mean(r, grid.covered, round(smooth / grid.step))
         low, high = _range(r, grid.covered, width)
-    gaps = _gaps(times, period)
+    i = np.flatnonzero(np.diff(times) > max(GAP * usual_distance(times), GAP_SHARE * period))
+    gaps = np.array([times[i], times[i + 1]])  # where each begins and ends
     chosen = _chosen(grid, r, (low, high), period, gaps)
     if chosen is None:
         return None
@@ -140,13 +138,6 @@ def means_between(times: Array, values: Array, edges: Array) -> Array:
     """Means over time of samples (m,) [rad] at times [s] between neighbouring edges (..., k + 1) [s]: (..., k)."""
     integral = np.concatenate([[0.0], np.cumsum(np.diff(times) * (values[:-1] + values[1:]) / 2)])
     return np.asarray(np.diff(np.interp(edges, times, integral)) / np.diff(edges))
-
-
-def _gaps(times: Array, period: float) -> Array:
-    """(2, gaps) where each begins and ends."""
-    d = np.diff(times)
-    i = np.flatnonzero(d > max(GAP * usual_distance(times), GAP_SHARE * period))
-    return np.array([times[i], times[i + 1]])
 
 
 def _whole(marks: Array, period: float, gaps: Array) -> tuple[Array, Array]:

@@ -128,7 +128,8 @@ def split_header(cell: str) -> tuple[list[str], str | None]:
     words = _words(text)
     for i, word in enumerate(words):
         alone = len(words) == 1 and (len(word) > 1 or word not in _OTHER)  # a column named a or m is no unit
-        if _is_unit(word) and (i > 0 or alone or word in _COUNTED):
+        unit = word in _COUNTED or word in _OTHER or quantity_of(word) is not None
+        if unit and (i > 0 or alone or word in _COUNTED):
             name = words[: i - 1] if i > 1 and words[i - 1] == "in" else words[:i]
             return name, " ".join(words[i:])
     return words, None
@@ -161,7 +162,3 @@ def quantity_of(stated: str | None) -> Quantity | None:
 
 def _words(text: str) -> list[str]:
     return [word for word in re.split(r"[\s_\-,;.]+", text.casefold()) if word]
-
-
-def _is_unit(word: str) -> bool:
-    return word in _COUNTED or word in _OTHER or quantity_of(word) is not None

@@ -4,7 +4,6 @@
 
 c are the numbers of the controller that are free: tau_d, tau_i, or two of kp, ki, kd (servo/controller.py).
 
-lag.py        what sampling and delay do to the linear loops of a search
 demands.py    what a tuning may be asked for: demands, bounds, costs
 loop_set.py   the linear loops of a box of servos: the worst one, the gains that keep the margins
 tasks.py      regulator tasks, simulated until they are decided

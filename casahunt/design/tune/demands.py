@@ -19,8 +19,8 @@ from ...errors import InputError
 from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.drive import Drive
 from ...servo.linear.linear_loop import linear_loop
+from ...servo.linear.sampled_loop import Lag
 from ...servo.servo import Servo, flatten
-from .lag import Lag
 
 Array = np.ndarray
 

@@ -3,11 +3,11 @@
 With kappa = K cm g, g a factor by which the gain may be off, and w = omega^2, |L| g = 1 at
 
     w^2 (J^2 w + sigma2^2) = kappa^2 (kp'^2 w + (kd' w - ki')^2),                                         [N m/rad]
-    phi = atan2(kd' w - ki', kp' omega) + pi/2 - atan2(J omega, sigma2) - omega D                              [rad]
+    phi = atan2(kp' omega, ki' - kd' w) - atan2(J omega, sigma2) - omega D                                     [rad]
 
-(lag.py, which for a sampled loop has the gains, the frequency and the loss of phase too), a cubic in w.  It
-may have three roots, one in each of the stretches between the zeros of its derivative, which are bisected; phi is the
-least of them.  A controller by times is one by gains (servo/controller.py).
+(`Lag`, which for a sampled loop has the gains, the frequency and the loss of phase too), a cubic in w.  It may have
+three roots, one in each of the stretches between the zeros of its derivative, which are bisected; phi is the least of
+them.  By times, which are gains too (servo/controller.py), there is one.
 
 What is asked of every servo of the box (demands.py):
 
@@ -37,9 +37,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...roots import Bracket
+from ...servo.controller import torque_gains_of
+from ...servo.linear.sampled_loop import Lag, squared_size
 from ...servo.servo import Servo, flatten
 from .demands import DEMANDS, Demands
-from .lag import Lag
 
 Array = np.ndarray
 
@@ -111,9 +112,9 @@ def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: Lag) 
 def crossovers(loops: Array, goal: Array) -> tuple[Array, Array]:
     """Where loops cross: which of them, and ln omega there, as many as there are.
 
-    loops, goal: (5, m) J, sigma2, kp', ki', kd', and (m,) ln kappa.
+    loops, goal: (5, m) J, sigma2, kp', kd', ki', and (m,) ln kappa.
     """
-    J, sigma2, kp, ki, kd = loops
+    J, sigma2, kp, kd, ki = loops
     k2 = np.exp(2 * goal)
     a, b, c = J**2, sigma2**2 - (k2 * kd) * kd, k2 * (2 * kd * ki - kp**2)  # of w^3, w^2, w
     square = b**2 - 3 * a * c
@@ -123,33 +124,21 @@ def crossovers(loops: Array, goal: Array) -> tuple[Array, Array]:
     low = np.full(goal.size, -LOG_OMEGA)
     ends = np.array([low, np.where(two, np.log(w1) / 2, low), np.where(two, np.log(w2) / 2, low), -low])
 
-    def below(y: Array, i: Array) -> Array:
-        w = np.exp(2 * y)
-        return np.asarray(w * w * (a[i] * w + sigma2[i] ** 2) < k2[i] * (kp[i] ** 2 * w + (kd[i] * w - ki[i]) ** 2))
-
-    sides = below(ends, np.arange(goal.size))
+    sides = squared_size(loops, np.exp(ends)) * k2 > 1
     stretch, i = np.nonzero(sides[:-1] != sides[1:])
     left, right, side = ends[stretch, i], ends[stretch + 1, i], sides[stretch, i]
+    loops, k2 = loops[:, i], k2[i]
     for _ in range(BISECTIONS):
         middle = (left + right) / 2
-        same = below(middle, i) == side
+        same = (squared_size(loops, np.exp(middle)) * k2 > 1) == side
         left, right = np.where(same, middle, left), np.where(same, right, middle)
     return i, (left + right) / 2
 
 
 def _loops_of(points: Array, lag: Lag) -> Array:
-    """(5, m) J, sigma2, kp', ki', kd' of (m, 4 or 5) points, whose controllers may be by times, as they are seen."""
-    if points.shape[1] == 5:
-        return np.array(lag.seen(*points.T))
-    J, sigma2, lead, integral = points.T
-    return np.array(lag.seen(J, sigma2, 1 + lead / integral, 1 / integral, lead))
-
-
-def _phase(loops: Array, omega: Array, lag: Lag) -> Array:
-    """phi [rad] of loops (5, m) at omega [rad/s]."""
-    J, sigma2, kp, ki, kd = loops
-    lead = np.arctan2(kd * omega - ki / omega, kp) + np.pi / 2
-    return np.asarray(lead - np.arctan2(J * omega, sigma2) - lag.lost(J, sigma2, omega))
+    """(5, m) J, sigma2, kp', kd', ki' of (m, 4 or 5) points, whose controllers may be by times, as they are seen."""
+    J, sigma2, *numbers = points.T
+    return np.array(lag.seen(J, sigma2, *torque_gains_of(1.0, *numbers)))
 
 
 def _least_phases(points: Array, lag: Lag) -> Array:
@@ -159,7 +148,7 @@ def _least_phases(points: Array, lag: Lag) -> Array:
     """
     loops, phi = _loops_of(points[:, :-1], lag), np.full(len(points), np.inf)
     i, y = crossovers(loops, points[:, -1])
-    np.minimum.at(phi, i, _phase(loops[:, i], np.exp(y), lag))
+    np.minimum.at(phi, i, lag.phase(loops[:, i], np.exp(y)))
     return phi
 
 
@@ -264,11 +253,10 @@ def _least_phase(box: LoopBox, x: Array) -> Array:
     loops = _loops_of(_grid(box.low[:-1], box.high[:-1], varied, TABLE_POINTS), box.lag)
     ends = [crossovers(loops, np.full(loops.shape[1], goal))[1] for goal in (x[0], x[-1])]
     y = np.arange(ends[0].min() - LOG_STEP, ends[1].max() + LOG_STEP, LOG_STEP / 2)
-    w, found = np.exp(2 * y), np.full(x.size, np.inf)
+    omega, found = np.exp(y), np.full(x.size, np.inf)
     for loop in loops.T:
-        J, sigma2, kp, ki, kd = loop
-        goal = y + np.log(w * (J**2 * w + sigma2**2) / (kp**2 * w + (kd * w - ki) ** 2)) / 2
-        phi, rises = _phase(loop, np.exp(y), box.lag), np.diff(goal) > 0
+        goal = -np.log(squared_size(loop, omega)) / 2
+        phi, rises = box.lag.phase(loop, omega), np.diff(goal) > 0
         turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
         for a, b in zip([0, *turns], [*turns, y.size - 1], strict=True):  # from turn to turn kappa rises, or falls
             way = slice(a, b + 1) if rises[a] else slice(b, a - 1 if a else None, -1)

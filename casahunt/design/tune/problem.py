@@ -8,7 +8,7 @@
                 bounds on K, tau_d, tau_i
 
 in (ln K, ln tau_d, ln tau_i), the logarithms of the crossovers, and u_b, lambda_b, nu_b of every fold:
-continuation/optimum.py, lag.py.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
+continuation/optimum.py, servo/linear.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
 coefficients of chi(s - rho)/J, the settling cost adds the Routh-Hurwitz conditions of the shifted polynomial, b_2 >= 0,
 b_1 >= 0, b_0 >= 0, b_2 b_1 >= b_0.
 
@@ -18,7 +18,6 @@ radian.  Below the price of breaking it no constraint is broken (exact penalty).
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,13 +28,14 @@ import numpy as np
 from ...collocation import minimise
 from ...compiled import alone
 from ...continuation import FoldConstraints
-from ...servo.controller import Pid, torque_gains_of_gains, torque_gains_of_times
+from ...servo.controller import torque_gains_of
 from ...servo.linear.linear_loop import linear_loop
-from ...servo.linear.margins import crossover, margins
+from ...servo.linear.margins import crossover, margins_of
+from ...servo.linear.open_loop import OpenLoop
+from ...servo.linear.sampled_loop import Lag, squared_size
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from .demands import DEMANDS, log_numbers, with_numbers
-from .lag import Lag, log_magnitude, phase
 
 Array = np.ndarray
 
@@ -145,33 +145,28 @@ def solve_round(r: Round) -> TuningPoint:
 def _loop(p: _Problem, cut: Cut, offset: Array, r: Round, k: ca.MX, times: ca.MX, slack: ca.MX) -> None:
     """Crossover and phase of one linear loop."""
     servo, y = cut.servo, ca.MX.sym("y")
-    kp, kd, ki = _torque_gains(1.0, 0.0, times + offset)
-    J, sigma2, *gains = r.lag.seen(servo.inertia, servo.friction.viscous, kp, ki, kd)
-    q = ca.log(ca.vertcat(*gains))
-    there = with_numbers(servo, r.q + offset).controller.pid()
-    *_, kp, ki, kd = r.lag.seen(J, sigma2, there.kp, there.ki, there.kd)
-    seen = dataclasses.replace(servo, inertia=J, controller=Pid(kp=kp, ki=ki, kd=kd))
-    late = margins(seen, math.exp(r.k), delay=r.lag.delay + 2 * r.lag.half)
+    plant, there = (servo.inertia, servo.friction.viscous), with_numbers(servo, r.q + offset)
+    J, sigma2, kp, kd, ki = r.lag.seen(*plant, *there.torque_gains(math.exp(r.k)))
+    opened = OpenLoop(np.array([kd, kp, ki]), np.array([J, sigma2, 0.0, 0.0]))
+    late = margins_of(opened, r.lag.delay + 2 * r.lag.half)
     start = math.log(late.frequency)  # with several crossovers the one of least phi is in the way
     p.add(y, [start], start - 20, start + 20)
-    p.row(log_magnitude(J, servo.motor_gain, sigma2, k, q, y), 0.0, 0.0)
-    phi = phase(J, sigma2, 0.0, q, y) - r.lag.lost(J, sigma2, ca.exp(y))
-    p.row(phi + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
+    loop = r.lag.seen(*plant, *_torque_gains(servo.motor_gain, k, times + offset))
+    p.row(ca.log(squared_size(loop, ca.exp(y))), 0.0, 0.0)
+    p.row(r.lag.phase(loop, ca.exp(y)) + slack[SLACKS.index(cut.demand)], cut.least, np.inf)
 
 
 def _torque_gains(motor_gain: float, k: ca.MX | float, times: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
     """kp, kd, ki of symbols."""
-    numbers = [ca.exp(times[i]) for i in range(times.numel())]
-    torque_gains = torque_gains_of_times if len(numbers) == 2 else torque_gains_of_gains
-    return torque_gains(ca.exp(k) * motor_gain, *numbers)
+    return torque_gains_of(ca.exp(k) * motor_gain, *ca.vertsplit(ca.exp(times)))
 
 
 def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) -> ca.MX:
     """-ln rho, with the conditions that no pole is slower than rho."""
-    rate = max(-float(np.max(linear_loop(servo, gain).poles.real)), 1e-3 * crossover(servo, gain))
+    unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
+    rate = max(-float(np.max(linear_loop(servo, gain).poles.real)), 1e-3 * unit)
     y = ca.MX.sym("ln_rho")
     p.add(y, [math.log(rate)], math.log(rate) - 20, math.log(rate) + 20)
-    unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
     J, rho = servo.inertia, ca.exp(y) / unit
     kp, kd, ki = _torque_gains(servo.motor_gain / J, k, times)
     a2 = (kd + servo.friction.viscous / J) / unit

@@ -18,14 +18,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
 from contextlib import suppress
 from typing import NoReturn
 
 import numpy as np
 
 from ...errors import NoOrbit, Status
-from ...servo.servo import Servo
 from ..uncertainty.worst_corner import WorstCase
 from .best_gain import Answer, Given, Outlook
 from .demands import cost_of, log_numbers
@@ -148,14 +146,15 @@ class TuningSearch:
         for _ in range(ROUNDS):
             self.rounds += 1
             self.given.tell(f"optimising the controller times: round {self.rounds}")
-            given = self.given
+            given, servo = self.given, self.given.at(q)
             needed = (1 + given.demands.margin) * (1 + given.guard)
-            gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), given.at(q))
+            gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), servo)
             point = solve_round(
                 Round(
                     given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),
                     np.maximum(q - step, self.low), np.minimum(q + step, self.high),
-                    gains, needed, folds, given.cuts, given.demands.lag, self._most(given.at(q)),
+                    gains, needed, folds, given.cuts, given.demands.lag,
+                    given.largest_gain(servo) * servo.torque_gains(1.0)[0],
                 )
             )  # fmt: skip
             moved = point.q - q
@@ -172,10 +171,6 @@ class TuningSearch:
                 continue
             q, gain, step = point.q, math.exp(point.k), min(STEP, 2 * step)
         return q, gain
-
-    def _most(self, servo: Servo) -> float:
-        """The largest kp of the nominal servo [N m/rad]; with it no servo of the set takes too large a torque."""
-        return self.given.largest_gain(servo) * servo.torque_gains(1.0)[0]
 
     def _outlook(self, q: Array) -> Outlook | None:
         """The outlook at times, computed once as long as no servo joins."""
@@ -206,16 +201,14 @@ class TuningSearch:
 
     def _starts(self) -> list[Outlook]:
         """Feasible times, cheapest first; the nearest to feasible where none was found, none where there are none."""
-        self._look_at(itertools.product(*self.axes))
+        for pair in itertools.product(*self.axes):
+            self._outlook(np.array(pair))
         if not self._good():
             self.excluded = self._exclude()
             if not self._good() and not self.excluded and self._known():
                 nearest = self._compass(min(self._known(), key=lambda o: o.missed))
                 return self._good() or [nearest]
         return sorted(self._good(), key=lambda o: o.cost)
-
-    def _look_at(self, times: Iterable[tuple[float, ...]]) -> list[Outlook | None]:
-        return [self._outlook(np.array(pair)) for pair in times]
 
     def _known(self) -> list[Outlook]:
         return [o for o in self.seen.values() if o is not None]
@@ -236,7 +229,7 @@ class TuningSearch:
             corners.append(tuple((a + b) / 2 for a, b in cell))
             if len(self.seen) + len(corners) > MOST_TIMES[self.given.model]:
                 return False
-            found = self._look_at(corners)
+            found = [self._outlook(np.array(corner)) for corner in corners]
             if any(o is None for o in found):
                 return False
             values = [o.missed for o in found if o is not None]

@@ -29,6 +29,7 @@ from ...errors import InputError, Status
 from ...orbits import Options
 from ...results import Result
 from ...servo.hunting import MODELS, Model
+from ...servo.linear.sampled_loop import Lag
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import fold_sensitivities
 from ..uncertainty.set import Uncertainty, check_box
@@ -36,7 +37,6 @@ from ..uncertainty.summary import linear_range
 from .best_gain import Answer, Given
 from .check import Verification, verified
 from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
-from .lag import Lag
 from .search import TuningSearch
 
 REPAIRS = 3

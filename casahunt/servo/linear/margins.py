@@ -13,7 +13,8 @@ that rises, at the gain factor 1/|L|; at pi/T, of a sampled loop, a single one.
 
 Of a rational loop, |L| = 1 and arg L = pi are roots of polynomials in w = omega^2; a delay leaves |L| as it is.
 Between two frequencies of the grid, which is denser where poles and zeros lie beside the axis, and as dense as the
-turns that a delay makes of the phase, a change of sign is halved to rounding.
+turns that a delay makes of the phase, a change of sign is halved to rounding.  Beyond the turns that are looked at
+arg -L is not followed; what crosses there is no limit where |L|, times the gain factor found, stays below 1.
 
 Source: Nyquist's criterion.
 """
@@ -26,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...checks import require
+from ...checks import require, shown
 from ...errors import InputError
 from ...results import Result
 from ..drive import Drive
@@ -123,7 +124,7 @@ def margins(
 
     Raises
     ------
-    InputError : a value out of range, or a loop that is not linear.
+    InputError : a value out of range, a loop that is not linear, or a delay of which too many turns count.
 
     Examples
     --------
@@ -142,7 +143,8 @@ def margins(
         wrong = "delay: must be the drive's, Drive(delay=...)" if delay else "drive: is one of a servo, Servo(...)"
         raise InputError(wrong)
     last = math.pi / drive.sample_time
-    omega = np.geomspace(LOWEST_SEEN * min(_last_crossover(loop), last), last, FREQUENCIES)
+    unit = gain_crossovers(loop.numerator, loop.denominator)[-1].frequency
+    omega = np.geomspace(LOWEST_SEEN * min(unit, last), last, FREQUENCIES)
 
     def turned(at: Array) -> Array:
         return -sampled_response(servo, gain, drive, at)
@@ -152,7 +154,7 @@ def margins(
 
 
 def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:
-    """The margins of a rational loop with a delay [s]."""
+    """The margins of a rational loop with a delay [s].  Raises InputError: too many of its turns would count."""
     crossed = np.array([c.frequency for c in gain_crossovers(loop.numerator, loop.denominator)])
     unit = crossed[-1] if crossed.size else float(np.abs(np.roots(loop.denominator)).max())
     roots = np.concatenate([np.roots(loop.numerator), np.roots(loop.denominator)])
@@ -168,7 +170,17 @@ def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:
         omega = np.unique(np.concatenate([omega, inside]))
     own = int((np.roots(loop.denominator).real > 0).sum())
     omega = omega[(omega >= LOWEST_SEEN * unit) & (omega <= last)]
-    return _told(lambda at: -loop.response(at, delay), omega, crossed, own)
+    found = _told(lambda at: -loop.response(at, delay), omega, crossed, own)
+    beyond = omega[omega * delay > 2 * math.pi * MOST_TURNS_BY_DELAY]
+    size = np.abs(loop.response(beyond))
+    if np.any(size * (found.highest_factor if found.stable else 1.0) > 1):
+        i = int(np.argmax(size))
+        raise InputError(
+            f"delay = {shown(delay)}: turns the phase {beyond[i] * delay / (2 * math.pi):.3g} times below "
+            f"{beyond[i]:.4g} rad/s, where |L| = {size[i]:.3g} decides about the margins, and only the first "
+            f"{MOST_TURNS_BY_DELAY} turns are looked at: shorten the delay, or leave out what is so fast in the loop"
+        )
+    return found
 
 
 def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
@@ -176,10 +188,7 @@ def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
 
     servo, gain: the loop; gain K > 0 [V/rad]; level: magnitude > 0. Raises InputError: gain not a finite number > 0.
     """
-    return _last_crossover(open_loop(servo, gain), level)
-
-
-def _last_crossover(loop: OpenLoop, level: float = 1.0) -> float:
+    loop = open_loop(servo, gain)
     return gain_crossovers(loop.numerator / level, loop.denominator)[-1].frequency
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..controller import torque_gains_of_gains
+from ..controller import torque_gains_of
 from .part import Part
 from .pid import pid_of
 
@@ -17,7 +17,7 @@ from .pid import pid_of
 def _gains(p: Any) -> tuple[Any, Any, Any]:
     kp = p.velocity_gain * (p.position_gain + 1 / p.reset_time)
     ki = p.velocity_gain * p.position_gain / p.reset_time
-    return torque_gains_of_gains(p.gain * p.motor_gain, kp, ki, p.velocity_gain)
+    return torque_gains_of(p.gain * p.motor_gain, kp, ki, p.velocity_gain)
 
 
 P_PI = Part(

@@ -11,16 +11,16 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from ..controller import torque_gains_of_gains, torque_gains_of_times
+from ..controller import torque_gains_of
 from .part import Function, Law, Part, PartMode
 
 
 def _by_times(p: Any) -> tuple[Any, Any, Any]:
-    return torque_gains_of_times(p.gain * p.motor_gain, p.lead_time, p.integral_time)
+    return torque_gains_of(p.gain * p.motor_gain, p.lead_time, p.integral_time)
 
 
 def _by_gains(p: Any) -> tuple[Any, Any, Any]:
-    return torque_gains_of_gains(p.gain * p.motor_gain, p.kp, p.ki, p.kd)
+    return torque_gains_of(p.gain * p.motor_gain, p.kp, p.ki, p.kd)
 
 
 def pid_of(gains: Callable[[Any], tuple[Any, Any, Any]]) -> dict[str, Function]:

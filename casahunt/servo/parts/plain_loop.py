@@ -5,7 +5,7 @@ The controller is given by its gains, which are those of any PID: kp, ki and kd 
 
 from __future__ import annotations
 
-from ..controller import torque_gains_of_times
+from ..controller import torque_gains_of
 from ..hunting import Model, called
 from ..servo import Servo, flatten
 from .inertia import INERTIA
@@ -56,6 +56,6 @@ def by_gains(loop: Loop) -> Loop:
         return loop
     parts = tuple(PID_BY_GAINS if part is PID_BY_TIMES else part for part in loop.parts)
     kept = {name: loop.value(name) for part in parts for name in part.parameters if part is not PID_BY_GAINS}
-    kp, kd, ki = torque_gains_of_times(1.0, loop.value("lead_time"), loop.value("integral_time"))
+    kp, kd, ki = torque_gains_of(1.0, loop.value("lead_time"), loop.value("integral_time"))
     own = {"kp": kp, "kd": kd, "ki": ki, "gain": loop.value("gain"), "motor_gain": loop.value("motor_gain")}
     return Loop(parts, kept | own, loop.name)

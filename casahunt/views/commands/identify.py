@@ -22,7 +22,7 @@ import numpy as np
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.judgement import NEGLIGIBLE
-from ...design.identify.lags import SHAKEN, lags_taken, shaken_by
+from ...design.identify.suitable import drive_taken
 from ...design.identify.suspect import suspicion
 from ...design.identify.transient import MORE_AT_FIRST, more_at_first
 from ...design.record.file import read_record
@@ -75,6 +75,8 @@ SHAKES = (
     "a servo loose, and what is found may be the friction of the shaken one"
 )
 """Said of records of a drive."""
+SHAKEN = 0.02
+"""Torque that a count makes by the derivative, as a part of static friction, above which it is told."""
 COUNTS_READ = 300.0
 """Of the amplitude, below which a controller that reads them hunts otherwise by more than intervals are wide."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
@@ -114,7 +116,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
 
-    lags = lags_taken(records, servo, gains, free, drive)
+    built, _ = drive_taken(records, servo, gains, free, drive)
 
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
@@ -122,15 +124,16 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
         try:
             return identify(records, servo, gains, model, free=free, drive=drive, options=how)
         except InputError as refusal:
-            if drive is None or lags is not None:
+            if drive is None or built is not None:
                 raise
             raise InputError(f"{refusal} {NOT_OF_THE_DRIVE}") from None
 
     taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
     taken += [f"  {record.reading.sentence}" for record in records if record.reading is not None]
     if drive is not None:
-        taken.append(f"  {AS_CONTINUOUS if lags is None else WITH_LAGS}")
-        shaken = max(shaken_by(servo, gain, drive) for gain in gains)
+        taken.append(f"  {AS_CONTINUOUS if built is None else WITH_LAGS}")
+        time = drive.sample_time + drive.filter_of(servo.controller)
+        shaken = servo.torque_gains(max(gains))[1] * drive.count / time / servo.friction.static
         taken += [f"  {SHAKES.format(shaken)}"] if shaken > SHAKEN else []
     return fit, taken
 
@@ -239,7 +242,7 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     else:
         yield "  from, to: of the nearest servo that the model has; the true values may lie outside"
     yield f"  beside noise it leaves {judgement.systematic:.2g} of the amplitude; {NEGLIGIBLE:g} is next to nothing"
-    counts = [each.amplitude / each.quantum for each in data if each.lags is None and each.quantum]
+    counts = [each.amplitude / each.quantum for each in data if each.drive is None and each.quantum]
     if counts and min(counts) < COUNTS_READ:
         yield f"  its positions come in counts, {min(counts):.3g} of amplitude: if the controller reads them"
         yield "  too, state its sample time and encoder in [drive]; without them friction may lie outside"

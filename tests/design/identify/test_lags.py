@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 
-from casahunt import Drive, InputError, Pid, Record, Servo, find_orbit, identify, simulate_sampled
-from casahunt.design.identify.lags import MOST_LEFT_OUT, as_continuous, lags_of, lags_taken, shaken_by
+from casahunt import Drive, InputError, Record, Servo, find_orbit, identify, simulate_sampled
+from casahunt.design.identify.suitable import drive_taken
+from casahunt.servo.linear.sampled_loop import as_continuous, lags_of
 from scripts.peers.hunting_record import measured
 
 GAIN = 0.1
@@ -42,7 +42,7 @@ def test_the_continuous_servo_moves_as_the_drive_does_to_second_order(name):
     for factor in (1.0, 2.0):
         drive = scaled(DRIVES[name], factor)
         seen = motion(drive).verdict.amplitude
-        effective = as_continuous(Servo(), GAIN, lags_of(drive, Servo(), GAIN))
+        effective = as_continuous(Servo(), GAIN, drive)
         off.append(abs(find_orbit(effective, "switch", GAIN).amplitude / seen - 1))
         plain.append(abs(find_orbit(Servo(), "switch", GAIN).amplitude / seen - 1))
     assert off[0] < 0.7 * plain[0] and 3.4 < off[1] / off[0] < 4.4
@@ -67,27 +67,18 @@ def test_the_friction_of_a_drive_is_found(name):
 
 def test_lags_are_taken_where_they_can_be():
     drive, record, free = DRIVES["difference"], Record(np.arange(9.0), np.arange(9.0)), list(TRUE)
-    assert lags_taken([record], Servo(), [GAIN], free, drive)[:3] == pytest.approx((7e-3, 8e-3, 6e-3))
-    assert lags_taken([record], Servo(), [GAIN], free, None) is None
-    assert lags_taken([record], Servo(), [GAIN], [*free, "servo.inertia"], drive) is None
+    assert lags_of(drive, Servo()) == pytest.approx((7e-3, 8e-3, 6e-3))
+    assert lags_of(DRIVES["filtered"], Servo()) == pytest.approx((4.5e-3, 7e-3, 4e-3))
+    kp, _, _ = Servo().torque_gains(GAIN)
+    assert drive_taken([record], Servo(), [GAIN], free, drive) == (drive, pytest.approx(kp / 0.026 * 8e-3**2 / 2))
     with_torque = dataclasses.replace(record, torque=np.arange(9.0))
-    assert lags_taken([with_torque], Servo(), [GAIN], free, drive) is None
+    more = [*free, "servo.inertia"]
+    for each, names, of in ((record, free, None), (record, more, drive), (with_torque, free, drive)):
+        assert drive_taken([each], Servo(), [GAIN], names, of) == (None, 0.0)
     late = Drive(sample_time=2e-3, delay=0.05)
-    assert lags_of(late, Servo(), GAIN).left_out > MOST_LEFT_OUT
-    assert as_continuous(Servo(), GAIN, lags_of(late, Servo(), GAIN)).inertia > 0
+    assert as_continuous(Servo(), GAIN, late).inertia > 0
     with pytest.raises(InputError, match="its lag of 0.052 s is too long for a fit.*shorter sample time"):
-        lags_taken([record], Servo(), [GAIN], free, late)
+        drive_taken([record], Servo(), [GAIN], free, late)
     slow = Drive(sample_time=0.5)
     with pytest.raises(InputError, match="its lag of 0.5 s is no small one in this loop.*shorter sample time"):
-        lags_taken([record], Servo(), [GAIN], free, slow)
-
-
-def test_the_torque_of_a_count():
-    """kd q/T, and of a filtered derivative less: kd q/(T + Tf)."""
-    servo = dataclasses.replace(Servo(), controller=Pid(kp=1.0, ki=4.0, kd=0.15))
-    kd, q = 0.15 * GAIN * servo.motor_gain, 2 * math.pi / 2000
-    assert shaken_by(servo, GAIN, Drive(sample_time=1e-3, encoder=2000)) == pytest.approx(kd * q / 1e-3 / 0.53)
-    filtered = Drive(sample_time=1e-3, encoder=2000, derivative="filtered", filter_time=4e-3)
-    assert shaken_by(servo, GAIN, filtered) == pytest.approx(kd * q / 5e-3 / 0.53)
-    assert shaken_by(servo, GAIN, Drive(sample_time=1e-3)) == 0
-    assert lags_of(filtered, servo, GAIN)[:3] == pytest.approx((5e-4, 5e-3, 0.0))
+        drive_taken([record], Servo(), [GAIN], free, slow)

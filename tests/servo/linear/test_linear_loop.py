@@ -10,8 +10,8 @@ import pytest
 from casahunt import InputError, Servo, cli
 from casahunt.servo.gains import lowest_stable_gain, routh_hurwitz_gain
 from casahunt.servo.linear.linear_loop import linear_loop
-from casahunt.servo.linear.margins import gain_crossovers, phase_crossovers
-from casahunt.servo.linear.open_loop import open_loop
+from casahunt.servo.linear.margins import gain_crossovers, margins_of, phase_crossovers
+from casahunt.servo.linear.open_loop import OpenLoop, open_loop
 
 SMOOTH = Servo().replace(**{"friction.viscous": 0.0})
 LIGHTLY_DAMPED = Servo().replace(**{"friction.viscous": 0.03, "controller.integral_time": 0.3})
@@ -128,6 +128,29 @@ def test_a_touching_crossover_is_one_and_no_crossover_is_none():
         gain_crossovers([1, -1], [1, 1])
     with pytest.raises(InputError, match="every frequency"):
         phase_crossovers([1], [2])
+
+
+def ringing(frequency: float, size: float) -> OpenLoop:
+    """0.5/(s + 1) + size 2 zeta w0 s/(s^2 + 2 zeta w0 s + w0^2), zeta = 0.1."""
+    ring = np.array([1, 0.2 * frequency, frequency**2])
+    slow, fast = 0.5 * ring, size * 0.2 * frequency * np.array([1.0, 1.0, 0.0])
+    return OpenLoop(np.polyadd(slow, fast), np.polymul([1, 1], ring))
+
+
+def test_no_turn_of_a_delay_that_counts_is_passed_over():
+    """Where it turns the phase 1600 times below the ringing, a limit is the largest 1/|L| of all negative real L; where
+    it does so 16,000 times it is refused, and answered where the ringing is too small to count."""
+    opened = ringing(1e4, 0.9)
+    omega = np.linspace(0.01, 2e4, 2_000_001)
+    L = opened.response(omega, 1.0)
+    across = np.flatnonzero((L.imag[1:] * L.imag[:-1] < 0) & (L.real[1:] < 0))
+    assert margins_of(opened, 1.0).highest_factor == pytest.approx(1 / np.abs(L[across]).max(), rel=1e-6)
+    with pytest.raises(InputError, match=r"delay = 1: turns the phase 1.59e\+04 times below 1e\+05 rad"):
+        margins_of(ringing(1e5, 0.9), 1.0)
+    with pytest.raises(InputError, match="only the first 2000 turns are looked at: shorten the delay"):
+        margins_of(ringing(1e5, 1.5), 1.0)
+    small, none = margins_of(ringing(1e5, 0.1), 1.0), margins_of(ringing(1e5, 0.0), 1.0)
+    assert small.stable and small.highest_factor == pytest.approx(none.highest_factor, rel=1e-4)
 
 
 def test_the_row_of_a_loop_has_its_phase_margin():
