@@ -117,8 +117,10 @@ def _event_rate(phase: Phase, n: int, parameters: int) -> Caller:
     x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
     gradient = ca.densify(ca.jacobian(phase.end.function(x, T, p), x))
     f = ca.densify(phase.mode.field(x, p, phase.mode.sign))
-    function = ca.Function("rate", [x, T, p], [gradient @ f, ca.fabs(gradient) @ ca.fabs(f)])
-    return caller(function, [n, 1, parameters], [1, 1])
+    rate = gradient @ f
+    moves = ca.fabs(ca.densify(ca.jacobian(rate, x))) @ ca.fabs(x)
+    function = ca.Function("rate", [x, T, p], [rate, ca.fabs(gradient) @ ca.fabs(f), moves])
+    return caller(function, [n, 1, parameters], [1, 1, 1])
 
 
 def event_rate(phase: Phase, x: Array, duration: float, p: Array) -> tuple[float, float]:
@@ -127,11 +129,22 @@ def event_rate(phase: Phase, x: Array, duration: float, p: Array) -> tuple[float
     x, duration, p: (n,) state at its end, its duration, the parameters.
     Returns (h_x . f, |h_x| . |f|): the rate, and the size of what it is the sum of.
     """
+    rate, size, _ = _rate_size_moves(phase, x, duration, p)
+    return rate, size
+
+
+def event_rate_moves(phase: Phase, x: Array, duration: float, p: Array) -> float:
+    """By how much the rate of an event changes with the states, each by its own size: |(h_x . f)_x| . |x|."""
+    return _rate_size_moves(phase, x, duration, p)[2]
+
+
+def _rate_size_moves(phase: Phase, x: Array, duration: float, p: Array) -> tuple[float, float, float]:
     buffers = _event_rate(phase, x.size, p.size).buffers
     for store, value in zip(buffers.inputs, (x, duration, p), strict=True):
         store[...] = value
     buffers.trigger()
-    return float(buffers.outputs[0][0]), float(buffers.outputs[1][0])
+    rate, size, moves = (float(out[0]) for out in buffers.outputs)
+    return rate, size, moves
 
 
 class JointMap:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..hybrid.system import Exit, Phase, VectorEvent, VectorMode
-from .joints import event_rate
+from .joints import event_rate, event_rate_moves
 from .transcription import Setting, Transcription
 
 Array = np.ndarray
@@ -27,6 +27,9 @@ DECIDED_BEYOND = 1e-6
 """How far from x `to` is asked, in units of the state scale."""
 LEFT_BEHIND = 1e-6
 """An event whose rate is this part of the size of what it is the sum of changes at speed."""
+RATE_OF_ROUNDING = 1e-12
+"""A rate that changes by as much where the states change by this part of their size is one of rounding, as in a
+balance of two that are equal."""
 AT_ONE_PLACE = 1e-9
 """Events, of order one, that are both so near zero are zero at once."""
 
@@ -34,7 +37,9 @@ AT_ONE_PLACE = 1e-9
 def at_speed(mode: VectorMode, event: VectorEvent, direction: int, x: Array, p: Array) -> bool:
     """Whether a mode passes an event at speed in a direction."""
     rate, size = event_rate(Phase(mode, event), x, 0.0, p)
-    return direction * rate > LEFT_BEHIND * size
+    if not direction * rate > LEFT_BEHIND * size:
+        return False
+    return direction * rate > RATE_OF_ROUNDING * event_rate_moves(Phase(mode, event), x, 0.0, p)
 
 
 def taken_over(mode: VectorMode, way_out: Exit, x: Array, p: Array) -> str:

@@ -7,6 +7,10 @@
 For who only asks what becomes of a motion: states at the ends of steps, and the exit, located by steps that end on its
 event; no stages.  A tenth of the price of power series (march_series.py), which know what lies within a step.
 
+A step can seem good because it goes past what its field does in between, such as a drop about the zero of a rate that
+is an event: the step that ends there has to be as good, and its substeps have to see the mode's feature come, or a
+shorter one is taken before.
+
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, section II.9.
 Symbols: n states, E exits, M steps of a call.
 """
@@ -19,8 +23,10 @@ import casadi as ca
 import numpy as np
 
 from .. import effort
+from ..collocation.admissibility import LARGEST_JUMP
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Exit, Field, VectorMode, VectorSystem
+from ..hybrid.system import Exit, Feature, Field, VectorMode, VectorSystem
+from ..hybrid.vector_form import Bound
 from ..roots import MOST_HALVINGS, Bracket
 from .march_exits import EVENT_TOLERANCE, behind
 from .march_watch import ON_EVENT
@@ -30,8 +36,9 @@ Array = np.ndarray
 
 EXTRAPOLATIONS = 5
 """K: steps of order 10."""
-STEPS_TOGETHER, MOST_CALLS = 16, 10
-"""Steps of a call, and calls of a phase: a slip takes 30 to 110 steps, and what takes more than 160 is stiff."""
+STEPS_TOGETHER, MOST_CALLS = 16, 40
+"""Steps of a call, and calls of a phase: a slip takes 30 to 110 steps, what rings beside it hundreds; beyond 640 a
+mode is taken for stiff, and left to intervals, which are four times as dear."""
 OF_THE_TOLERANCE = 1e-2
 """Error of a step, as a part of the tolerance of an interval, whose end is as much better than its inside."""
 PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
@@ -41,6 +48,8 @@ FIRST_MOVES = 1e-3
 LEAST_PART, ROUNDS_OF_A_CUBIC = 0.1, 3
 """Of a bracket its next place cuts off so much at least; steps to the zero of a cubic, from where others begin."""
 ROUNDING_OF_ONE = float(np.finfo(float).eps)
+TAKEN_FIRST = 0.8
+"""Part of a step to an event that is taken first, where the whole one is not good enough."""
 SEEN_BEHIND = 1e-3
 """Part of the first step after which it is seen to which side an event is left."""
 
@@ -54,11 +63,24 @@ class Followed(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A length of a step, and an event and its rate at the end."""
+    """A length of a step, an event and its rate at the end, and the error of the step in units of what it may be."""
 
     s: float
     event: float
     rate: float
+    error: float = 0.0
+
+
+class Landing(NamedTuple):
+    """Where the first exit of some steps is: the step's number; time, state, and the exit.
+
+    way_out: None where a step to it is not good enough; time: of the end of a shorter one.
+    """
+
+    number: int
+    time: float
+    state: Array
+    way_out: Exit | None
 
 
 class Lost(Exception):
@@ -93,22 +115,29 @@ def by_steps(
     return Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped), successor
 
 
-def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The end of a step, and by how much the last two of its approximations differ."""
+def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """The end of a step, by how much the last two of its approximations differ, and its shortest substeps."""
     counts, rows = [2 * j for j in range(1, EXTRAPOLATIONS + 1)], list[list[ca.SX]]()
     for j, m in enumerate(counts):
-        d, before, y = h / m, x, x + h / m * rate
+        d, passed = h / m, [x, x + h / m * rate]
         for _ in range(m - 1):
-            before, y = y, before + 2 * d * f(y)
-        row = [y]
+            passed.append(passed[-2] + 2 * d * f(passed[-1]))
+        row = [passed[-1]]
         for k in range(1, j + 1):
             row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((m / counts[j - k]) ** 2 - 1))
         rows.append(row)
-    return rows[-1][-1], rows[-1][-1] - rows[-1][-2]
+    return rows[-1][-1], rows[-1][-1] - rows[-1][-2], passed
+
+
+def _error(off: ca.SX, x: ca.SX, tol: ca.SX) -> ca.SX:
+    """That of a step, in units of what it may be."""
+    return ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(x))) / tol
 
 
 @kept(maxsize=64)
-def _compiled(field: Field, exits: tuple[Exit, ...], n: int, parameters: int) -> tuple[Caller, Caller]:
+def _compiled(
+    field: Field, feature: Feature | None, exits: tuple[Exit, ...], n: int, parameters: int
+) -> tuple[Caller, Caller]:
     """`STEPS_TOGETHER` steps in a row; and one of a given length."""
     x, sign, p, scale = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
     t, h, left, tol = (ca.SX.sym(name) for name in ("t", "h", "left", "tol"))
@@ -127,8 +156,8 @@ def _compiled(field: Field, exits: tuple[Exit, ...], n: int, parameters: int) ->
     rate = f(x)
     first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(rate)), 1e-300)
     tried = ca.fmin(ca.if_else(h > 0, h, first), left)
-    end, off = _midpoint(f, x, rate, tried)
-    error = ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(x))) / tol
+    end, off, _ = _midpoint(f, x, rate, tried)
+    error = _error(off, x, tol)
     good = ca.logic_and(error <= 1, ca.sum1(end * 0) == 0)
     factor = PART_OF_A_STEP * ca.fmax(error, 1e-30) ** (-1 / (2 * EXTRAPOLATIONS - 1))
     factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
@@ -143,25 +172,29 @@ def _compiled(field: Field, exits: tuple[Exit, ...], n: int, parameters: int) ->
         *state, taken_, e, r = step(*state, given[3], G, P, S)
         found.append([state[0], state[1], state[2], taken_, e, r])
     many = ca.Function("steps", [X, given, G, P, S], [ca.horzcat(*columns) for columns in zip(*found, strict=True)])
-    exact, _ = _midpoint(f, x, rate, h)
-    one = ca.Function("one", [x, ca.vertcat(t, h), sign, p, scale], [exact, *watched(exact, t + h)])
+    exact, off, passed = _midpoint(f, x, rate, h)
+    jumps = ca.SX(0)
+    if isinstance(feature, Bound):
+        jumps = ca.mmax(ca.fabs(ca.diff(ca.vertcat(*[feature(scale * y, p) for y in passed])))) / LARGEST_JUMP
+    one = ca.Function("one", [x, ca.vertcat(t, h, tol), sign, p, scale],
+                      [exact, *watched(exact, t + h), ca.fmax(_error(off, x, tol), jumps)])  # fmt: skip
     M, E = STEPS_TOGETHER, len(exits)
     return (caller(many, [n, 4, 1, parameters, n], [(M, n), M, M, M, (M, E), (M, E)]),
-            caller(one, [n, 2, 1, parameters, n], [n, E, E]))  # fmt: skip
+            caller(one, [n, 3, 1, parameters, n], [n, E, E, 1]))  # fmt: skip
 
 
 class _Steps:
     """The steps of one mode."""
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
-        many, one = _compiled(mode.field, exits, scale.size, p.size)
+        many, one = _compiled(mode.field, mode.feature, exits, scale.size, p.size)
         self._many, self._one, self._exits, self._tol = many.buffers, one.buffers, exits, tol
         self._fixed = mode.sign, p, scale
 
     def run(self, x: Array, max_time: float) -> Followed:
         """From a scaled state (n,) to the first exit, or to the end of the time.  Raises Lost, effort.GivenUp."""
         times, states, t, h = [np.zeros(1)], [x[None]], 0.0, 0.0
-        e_last, r_last = self._at(x, t, 0.0)[1:]
+        e_last, r_last = self._at(x, t, 0.0)[1:3]
         on = np.abs(e_last) <= ON_EVENT
         for _ in range(MOST_CALLS):
             effort.interval()
@@ -172,19 +205,20 @@ class _Steps:
                 ends, after, taken, e, r = ends[good], after[good], taken[good], e[good], r[good]
             if on.any():  # to which side an event is left on which the phase begins; it is not looked at before
                 just = SEEN_BEHIND * float(taken[0])
-                found = self._at(x, t, just)
+                found = self._at(x, t, just)[:3]
                 ends, e, r = (np.vstack(both) for both in zip(found, (ends, e, r), strict=True))
                 after, e_last, on = np.append(t + just, after), np.where(on, np.nan, e_last), on & False
             ends, after = np.concatenate([x[None], ends]), np.concatenate([[t], after])
             e, r = np.concatenate([e_last[None], e]), np.concatenate([r_last[None], r])
             crossing = self._first(ends, after, e, r)
-            many = len(after) if crossing is None else crossing[0] + 1
-            times.append(after[1:many])
-            states.append(ends[1:many])
-            if crossing is not None:
+            last = len(after) - 1 if crossing is None else crossing.number
+            times.append(after[1 : last + 1])
+            states.append(ends[1 : last + 1])
+            if crossing is not None and crossing.way_out is not None:
                 _, place, end, way_out = crossing
                 return Followed(np.append(np.concatenate(times), place), np.vstack([*states, end]), way_out)
-            x, t, h, e_last, r_last = ends[-1], float(after[-1]), float(lengths[-1]), e[-1], r[-1]
+            x, t, e_last, r_last = ends[last], float(after[last]), e[last], r[last]
+            h = float(lengths[-1]) if crossing is None else crossing.time - t
             if not np.isfinite(x).all():
                 raise Lost
             if t >= max_time * (1 - 4 * ROUNDING_OF_ONE):
@@ -199,21 +233,21 @@ class _Steps:
         return [out.copy() for out in self._many.outputs]
 
     def _at(self, x: Array, t: float, h: float) -> list[Array]:
-        """State, events and their rates after one step."""
-        for store, value in zip(self._one.inputs, (x, (t, h), *self._fixed), strict=True):
+        """State, events and their rates after one step, and its error in units of what it may be."""
+        for store, value in zip(self._one.inputs, (x, (t, h, self._tol), *self._fixed), strict=True):
             store[:] = value
         self._one.trigger()
         return [out.copy() for out in self._one.outputs]
 
-    def _first(self, states: Array, times: Array, e: Array, r: Array) -> tuple[int, float, Array, Exit] | None:
-        """The first exit: number of the step, time, state and exit; None where there is none.  Raises Lost.
+    def _first(self, states: Array, times: Array, e: Array, r: Array) -> Landing | None:
+        """The first exit; None where there is none.  Raises Lost.
 
         An event that rises towards zero at the start of a step and falls at its end has its top in between.
         """
         below = e[:-1] < 0
         crossed = below & (e[1:] >= 0)
         tops = below & (e[1:] < 0) & (r[:-1] > 0) & (r[1:] < 0)
-        best: tuple[float, Array, Exit] | None = None
+        best: Landing | None = None
         for k in np.flatnonzero((crossed | tops).any(axis=1)).tolist():
             start, h = (states[k], float(times[k])), float(times[k + 1] - times[k])
             for i in np.flatnonzero(crossed[k] | tops[k]).tolist():
@@ -222,11 +256,13 @@ class _Steps:
                 above = high if crossed[k, i] else self._above(start, i, low, high)
                 if above is None:
                     continue
-                s, end = self._zero(start, i, low, above)
-                if best is None or s < best[0]:
-                    best = s, end, self._exits[i]
+                s, end, good = self._zero(start, i, low, above)
+                if not good:
+                    return Landing(k, start[1] + TAKEN_FIRST * s, end, None)
+                if best is None or start[1] + s < best.time:
+                    best = Landing(k, start[1] + s, end, self._exits[i])
             if best is not None:
-                return k, start[1] + best[0], best[1], best[2]
+                return best
         return None
 
     def _above(self, start: tuple[Array, float], i: int, low: Place, high: Place) -> Place | None:
@@ -248,24 +284,25 @@ class _Steps:
 
     def _seen(self, start: tuple[Array, float], i: int, s: float) -> tuple[Place, Array]:
         """An event, and the state, after a step of a length.  Raises Lost."""
-        end, events, rates = self._at(*start, s)
+        end, events, rates, error = self._at(*start, s)
         if not np.isfinite(events[i]):
             raise Lost
-        return Place(s, float(events[i]), float(rates[i])), end
+        return Place(s, float(events[i]), float(rates[i]), float(error[0])), end
 
-    def _zero(self, start: tuple[Array, float], i: int, low: Place, high: Place) -> tuple[float, Array]:
-        """Length of the step at whose end an event vanishes to rounding, from below to above; and the state there."""
+    def _zero(self, start: tuple[Array, float], i: int, low: Place, high: Place) -> tuple[float, Array, bool]:
+        """Length of the step at whose end an event vanishes to rounding, from below to above; the state there; and
+        whether that is as good as the end of another step."""
         if high.event == 0:
-            return high.s, self._seen(start, i, high.s)[1]
+            return high.s, self._seen(start, i, high.s)[1], True
         bracket, small = Bracket(low.s, low.event, high.s, high.event), EVENT_TOLERANCE * max(-low.event, high.event)
         s, before = _cubic_zero(low, high), high.s
         for _ in range(MOST_HALVINGS):
             at, end = self._seen(start, i, s)
             if abs(at.event) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
-                break
+                return s, end, at.error <= 1
             bracket, before = bracket.told(s, at.event), s
             s = bracket.newton(s, at.event, at.rate)
-        return s, end
+        return s, end, False
 
 
 def _cubic_zero(low: Place, high: Place) -> float:

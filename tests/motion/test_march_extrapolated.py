@@ -131,3 +131,18 @@ def test_on_one_event_another_one_is_met_at_once():
                      Mode("rests", lambda x, p: {"x": 0.0, "v": 0.0})))  # fmt: skip
     (phase,) = followed(system, "goes", [0.0, -7e-7], 1, meshed=False, strict=False)
     assert phase.event == "v" and phase.duration == pytest.approx(7e-7 / 300, rel=1e-9)
+
+
+@pytest.mark.parametrize("drop, width, start", [(1, 3e-3, 1.0), (3, 3e-3, 0.5), (0.3, 1e-3, 1.0), (10, 1e-3, 0.5)])
+def test_a_drop_of_friction_next_to_its_stop_is_not_stepped_over(drop, width, start):
+    """v' = -1 - b exp(-(v/w)^2) from v0 to 0: the integral of 1/(1 + b exp(-(v/w)^2)), far from 0 that of 1."""
+    near = lambda x, p: ca.exp(-((x.v / p.w) ** 2))  # noqa: E731
+    ends = (Event("stops", lambda x, p: x.v, -1, to="rests"),)
+    slips = Mode("slips", lambda x, p: {"v": -1 - p.b * near(x, p), "y": -x.y}, ends=ends, feature=near)
+    rests = Mode("rests", lambda x, p: {"v": 0.0, "y": 0.0})
+    system = System("drop", ("v", "y"), {"b": float(drop), "w": width}, (slips, rests))
+    (slip,) = followed(system, "slips", [start, 1.0], 1, meshed=False, tol=1e-7)
+    u, weights = np.polynomial.legendre.leggauss(200)
+    u = 4 * (u + 1)  # v = w u, up to 8 w
+    duration = start - 8 * width + width * 4 * np.sum(weights / (1 + drop * np.exp(-(u**2))))
+    assert slip.duration == pytest.approx(duration, rel=1e-7)

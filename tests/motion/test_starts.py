@@ -165,3 +165,17 @@ def test_modes_on_both_sides_of_an_event_may_give_it_one_name(names):
     modes = moves("up", names[0], 1.0, "down"), moves("down", names[1], -1.0, "up")
     system = System("dry", ("x", "v"), {}, modes, forcing_period=lambda p: 2 * np.pi / 0.35)
     refused(system, "starts on its own event", mode="up", x=0.0, v=0.5, duration=40.0)
+
+
+def test_a_balance_of_forces_that_is_off_by_rounding_ends_no_slip():
+    """v' = u - c, u' = 1 - 2 t, from v = 0 and u = c but for its last digit: v = t^2/2 - t^3/3, up to t = 3/2."""
+    c = 0.3
+    stops = Event("stops", lambda x, p: x.v, -1, to="stands")
+    breaks_away = Event("breaks away", lambda x, p: x.u - p.c, +1, to="slips")
+    rates = lambda v: lambda x, p: {"v": v(x, p), "u": 1 - 2 * x.t, "t": 1.0}  # noqa: E731
+    system = System("balance", ("v", "u", "t"), {"c": c},
+                    (Mode("slips", rates(lambda x, p: x.u - p.c), ends=(stops,)),
+                     Mode("stands", rates(lambda x, p: 0.0), ends=(breaks_away,))))  # fmt: skip
+    motion = simulate(system, "slips", start={"v": 0.0, "u": float(np.nextafter(c, 0)), "t": 0.0}, duration=2.0)
+    assert [crossing.event for crossing in motion.events] == ["stops"]
+    assert motion.events[0].time == pytest.approx(1.5, rel=1e-7)

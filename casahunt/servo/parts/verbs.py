@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ...checks import choice_of
 from ...continuation import FOLD, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...motion import Motion, simulate
-from ...orbits import Options, SystemOrbit, find_cycle
+from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
 from .ahead import LAST_TURNS, measured
 from .fate import Fate, fate
@@ -32,7 +32,9 @@ FIRST_OFF, STARTS_HALVED = 1.0, 12
 """Off the set point by so much a motion starts first [rad], and by so many times half as much: to 0.2 mrad."""
 SMALLER_GAINS = (0.5, 0.25, 0.125, 0.0625)
 """Parts of the gain at which a cycle is looked for where no motion settles on one."""
-MOST_UNSETTLED = 3
+TOLERANCE_ON_THE_WAY = 1e-6
+"""Of cycles between that of a smaller gain and that which is asked for: at 1e-9 the way takes three times as long."""
+MOST_UNSETTLED = 2
 """Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
 WORK_OF_A_START = 3e6
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring."""
@@ -88,17 +90,37 @@ def loop_cycle(
     found = _from_rest(loop, vary, options)
     if isinstance(found, SystemOrbit):
         return found
+    irregular = next((each for each in found if isinstance(each, HuntsIrregularly)), None)
+    if irregular is not None:
+        raise irregular
+    return _of_a_smaller_gain(loop, vary, options, found)
+
+
+def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOrbit]) -> SystemOrbit:
+    """The cycle to which those of smaller gains lead.
+
+    found: why no motion settles at the loop's.  Raises NoOrbit: what is known then.
+    """
+    smaller = ""
     if "gain" in loop.parameters and any(isinstance(each, ComesToRest) for each in found):
         for part in SMALLER_GAINS:
             lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options, unsettled=1)
             if isinstance(lower, SystemOrbit):
-                return _followed_up(lower, loop.value("gain"), options)
-    lively = next((each for each in found if not isinstance(each, ComesToRest)), None)
+                try:
+                    return _followed_up(lower, loop.value("gain"), options)
+                except NoOrbit as ended:
+                    smaller = f"; {ended}"
+                break
+    resting = [each for each in found if isinstance(each, ComesToRest)]
+    lively = next((each for each in found if each not in resting and not isinstance(each, _Grows)), None)
     if lively is not None:
         raise lively
-    nearest = FIRST_OFF / 2**STARTS_HALVED
-    starts = f"from each of {len(found)} starts, {FIRST_OFF:g} to {nearest:.2g} rad beside the set point"
-    raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest {starts}", Status.NOT_FOUND)
+    starts = f"{len(found)} starts, {FIRST_OFF:g} to {FIRST_OFF / 2**STARTS_HALVED:.2g} rad beside the set point"
+    grows = next((each for each in found if isinstance(each, _Grows)), None)
+    if grows is not None:
+        raise NoOrbit(f"{grows}; from {len(resting)} of {starts}, it comes to rest{smaller}", Status.NOT_FOUND)
+    rests = f"the motion comes to rest from each of {starts}{smaller}"
+    raise ComesToRest(f"no cycle of {loop.name} was found: {rests}", Status.NOT_FOUND)
 
 
 def check_present(loop: Loop, name: str) -> None:
@@ -128,15 +150,19 @@ def _from_rest(
             return _settled(loop, vary, _led_on(loop, loop.at_rest(-FIRST_OFF / 2**k)), options)
         except NoOrbit as refusal:
             refusals.append(refusal)
-            if sum(not isinstance(each, ComesToRest) for each in refusals) == unsettled:
+            if sum(not isinstance(each, (ComesToRest, _Grows)) for each in refusals) == unsettled:
                 break
     return refusals
+
+
+class _Grows(NoOrbit):
+    """A motion that grows: one from nearer to the set point may settle."""
 
 
 def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
     """A state of the hunting to which a motion leads; its start where that is not known.
 
-    Raises ComesToRest, HuntsIrregularly.
+    Raises ComesToRest, HuntsIrregularly, NoOrbit: it grows, or is not decided.
     """
     if any(mode.stiff or not mode.ends for mode in loop.system.modes):
         return start
@@ -145,6 +171,10 @@ def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
         lasted = f"followed for {seen.motion.duration:.6g}"
         raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest", Status.NOT_FOUND,
                           evidence=lasted)  # fmt: skip
+    if seen.kind == "growing":
+        far = abs(seen.turns[-2:]).max()
+        why = f"the motion grows, from {abs(start['x1']):.3g} to {far:.3g} rad beside the set point and on"
+        raise _Grows(f"no cycle of {loop.name} was found: {why}", Status.NOT_FOUND)
     if seen.swing is not None and not seen.pattern:
         raise _irregular(loop, seen)
     if seen.kind == "undecided" and seen.turns.size > LAST_TURNS:
@@ -166,12 +196,19 @@ def _irregular(loop: Loop, seen: Fate) -> HuntsIrregularly:
 
 
 def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrbit:
-    """The cycle at a gain, from one at a smaller gain.  Raises NoOrbit: its branch does not lead there."""
-    branch = follow(lower, "gain", to=gain, options=options, monitors=(FOLD,))
-    if branch.end.kind == "range" and branch.values[-1] == gain:
-        return branch.orbits[-1]
+    """The cycle at a gain, from one at a smaller gain.
+
+    Raises NoOrbit: its branch does not lead there, or to one that is unstable: no motion hunts there.
+    """
+    on_the_way = replace(options, tol=max(options.tol, TOLERANCE_ON_THE_WAY))
+    branch = follow(lower, "gain", to=gain, options=on_the_way, monitors=(FOLD,))
     end = branch.special[0].meaning if branch.special else branch.ended
-    sentence = f"no motion settles on a cycle, and that of gain {branch.values[0]:.6g} does not lead there"
+    if branch.end.kind == "range" and branch.values[-1] == gain:
+        cycle = refined(branch.orbits[-1], options)
+        if cycle.stable is not False:
+            return cycle
+        end = f"it has become unstable, and motions leave it (period {cycle.period:.6g})"
+    sentence = f"no motion settles on a cycle, and that of gain {branch.values[0]:.6g} does not lead to one"
     raise NoOrbit(f"gain {gain:.6g}: {sentence}: {end}", Status.NOT_FOUND)
 
 

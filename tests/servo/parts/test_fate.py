@@ -7,7 +7,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt.errors import ComesToRest, HuntsIrregularly
-from casahunt.servo.parts import INTEGRATOR, PID_BY_GAINS, SWITCH, TWO_MASSES, Loop, loop_cycle
+from casahunt.servo.parts import (
+    BY_DIRECTION,
+    INERTIA,
+    INTEGRATOR,
+    PID_BY_GAINS,
+    SWITCH,
+    TORQUE_LIMIT,
+    TWO_MASSES,
+    Loop,
+    loop_cycle,
+)
 
 RESTS = {"inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 14.2, "shaft_damping": 0.003, "motor_gain": 1.0,
          "kp": 6.0, "ki": 60.0, "kd": 0.12, "gain": 1.0, "static": 0.25, "coulomb": 0.18, "stribeck_velocity": 0.2,
@@ -77,3 +87,33 @@ def test_irregular_hunting_is_told_by_how_far_and_how_long_it_swings():
     assert np.abs(turning).max() == pytest.approx(seen.amplitude[1], abs=0.1 * width)
     assert np.diff(times).min() == pytest.approx(seen.between[0], rel=2e-3)
     assert np.diff(times).max() == pytest.approx(seen.between[1], rel=2e-3)
+
+
+def test_a_motion_that_grows_hides_no_cycle_nearer_to_the_set_point():
+    """A torque at its limit without anti-windup: from 1 rad it winds up for ever, from 0.01 rad it hunts.
+
+    scipy's DOP853 at 1e-12 (scripts/peers/part_motion.py): 3.10900038 s, 0.0004121312694 rad.
+    """
+    numbers = {"inertia": 1.3e-4, "motor_gain": 1.0, "gain": 1.0, "kp": 0.095, "kd": 0.0072, "ki": 1.16,
+               "static": 3.8e-4, "coulomb": 3e-4, "stribeck_velocity": 2.1e-4, "viscous": 3.4e-4,
+               "torque_limit": 8.4e-4}  # fmt: skip
+    cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR, TORQUE_LIMIT), numbers))
+    assert cycle.period == pytest.approx(3.10900038, rel=1e-8)
+    assert cycle.amplitude == pytest.approx(0.0004121312694, rel=1e-8)
+
+
+def test_beyond_the_fold_every_start_comes_to_rest_and_the_fold_is_named():
+    """Table 1: K = 0.64733908 (the event map)."""
+    with pytest.raises(ComesToRest, match=r"from each of 13 starts, 1 to .* fold at gain = 0\.6473390"):
+        loop_cycle(Loop((INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR), {"gain": 0.7}))
+
+
+@pytest.mark.slow
+def test_a_cycle_that_has_become_unstable_is_no_hunting():
+    """At half the gain it is stable; at it motions rest from each of 13 starts (scripts/peers/axis.c)."""
+    numbers = {"motor_gain": 1.0, "gain": 1.0, "load_inertia": 0.0009392, "shaft_stiffness": 99.32,
+               "shaft_damping": 0.02115, "static_back": 0.04586, "coulomb_back": 0.02622, "viscous_back": 0.0007273,
+               "inertia": 0.001113, "stribeck_velocity": 0.07043, "static": 0.05218, "coulomb": 0.03987,
+               "viscous": 0.000574, "kp": 1.025, "kd": 0.0512, "ki": 2.349}  # fmt: skip
+    with pytest.raises(ComesToRest, match="each of 13 starts.* unstable, and motions leave it"):
+        loop_cycle(Loop((TWO_MASSES, BY_DIRECTION, PID_BY_GAINS, INTEGRATOR), numbers))

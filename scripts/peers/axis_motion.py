@@ -1,0 +1,112 @@
+"""Motions of an axis with Switch friction, by a C program of its own (axis.c; needs cc): nothing of the program.
+
+    turns   places at which x1 turns back, at stops;   a motion repeats where its last turns do, n by n
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+NAMES = ("J", "JL", "k", "d", "seen", "kp", "kd", "ki", "Tf", "kind", "w", "z", "depth", "M", "way", "Tu",
+         "Fs", "Fs_back", "Fc", "Fc_back", "b", "b_back", "vs", "longest_step")  # fmt: skip
+STATES = 8
+TOL, REPEATS, GONE, GROWN = 1e-11, 1e-7, 1e-3, 1e3
+"""Error of a step, difference of turns that repeat, in sizes; what is gone, in Fs/kp, and has grown, in starts."""
+LEAST, SHRANK, LATE = 8, 0.9, 300
+"""Turns at the end of the time: so few, or shrinking so, and it rests; growing so, it grows; so many, and it hunts
+irregularly."""
+PATTERN, FIRST_LOOK, MOST_STOPS, MOST_PHASES = 200, 64, 900, 100_000
+"""Turns of a pattern at most; stops of a first look, each next one being twice as long; stops and phases at most."""
+
+
+@cache
+def compiled() -> Any:
+    """axis.c as a library."""
+    if shutil.which("cc") is None:
+        raise FileNotFoundError("cc is not installed (Debian package gcc)")
+    library = Path(tempfile.mkdtemp()) / "axis.so"
+    source = Path(__file__).with_name("axis.c")
+    subprocess.run(["cc", "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+    return ctypes.CDLL(str(library)).motion
+
+
+@dataclass
+class Fate:
+    """What became of a motion: "hunts", "irregular", "rests", "grows" or "unclear"; from its late turns (k,) at times.
+
+    period, amplitude and n, the turns of the pattern, where it hunts; motion: where it can be followed from.
+    """
+
+    verdict: str
+    turns: Array
+    times: Array
+    amplitude: float = math.nan
+    period: float = math.nan
+    n: int = 0
+
+
+class AxisMotion:
+    """One motion of the axis of these numbers, by the names of `NAMES`."""
+
+    def __init__(self, numbers: Mapping[str, float], state: Array, scale: float) -> None:
+        self.numbers = (ctypes.c_double * len(NAMES))(*(numbers[name] for name in NAMES))
+        self.y, self.size = np.array(state, float), np.abs(state) + 1e-12 * np.abs(state).max()
+        self.sign, self.at, self.time = ctypes.c_int(2), ctypes.c_int(0), ctypes.c_double(0.0)
+        self.start, self.gone = float(np.abs(self.y[[0, 3]]).max()), GONE * scale
+
+    def on(self, stops: int, until: float, tol: float = TOL) -> Array:
+        """Time and state (m, 9) of the next stops."""
+        out, phases = np.zeros((stops, STATES + 1)), ctypes.c_long(MOST_PHASES)
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (self.y, self.size, out)]
+        many = compiled()(
+            self.numbers, pointers[0], ctypes.byref(self.sign), ctypes.byref(self.at), ctypes.byref(self.time),
+            ctypes.c_double(until), ctypes.c_double(tol), pointers[1], ctypes.c_double(self.gone), stops,
+            ctypes.byref(phases), pointers[2],
+        )  # fmt: skip
+        return out[: max(many, 0)]
+
+    def fate(self, longest: float, most: int = MOST_STOPS) -> Fate:
+        """What becomes of it within a time and so many stops."""
+        turns = times = np.zeros(0)
+        seen, look = 0, FIRST_LOOK
+        while seen < most:
+            stops = self.on(look, longest)
+            seen += len(stops)
+            x, t = np.append(turns, stops[:, 1]), np.append(times, stops[:, 0])
+            turned = np.append(np.flatnonzero(np.diff(x)[1:] * np.diff(x)[:-1] < 0) + 1, x.size - 1) if x.size else []
+            turns, times = x[turned][-4 * PATTERN :], t[turned][-4 * PATTERN :]
+            if len(stops) < look:
+                far = np.abs(turns)
+                shrank = far.size < LEAST or far[-2:].max() < SHRANK * far[-8:-6].max()
+                if far.size >= LEAST and SHRANK * far[-2:].max() > far[-8:-6].max():
+                    return Fate("grows", turns, times)
+                rests = abs(self.y[0]) <= self.gone or not self.sign.value and shrank
+                return Fate("rests" if rests else "irregular" if far.size > LATE else "unclear", turns, times)
+            if turns.size and np.abs(turns[-1]) > GROWN * self.start:
+                return Fate("grows", turns, times)
+            if n := pattern(turns):
+                period = float(times[-1] - times[-1 - n])
+                return Fate("hunts", turns, times, float(np.abs(turns[-n:]).max()), period, n)
+            look *= 2
+        return Fate("irregular", turns, times)
+
+
+def pattern(turns: Array) -> int:
+    """After how many turns a motion repeats, three times; 0 for none."""
+    for n in range(2, min(PATTERN, turns.size // 4) + 1, 2):
+        late = turns[-4 * n :].reshape(4, n)
+        if np.ptp(late, axis=0).max() <= REPEATS * np.ptp(late):
+            return n
+    return 0
