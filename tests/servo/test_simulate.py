@@ -237,6 +237,7 @@ def test_the_regulator_task_ends_in_the_limit_cycle(orbit, model):
         (COULOMB, "switch", 0.04, "decaying", {}),  # no cycle without a drop (Bisoffi et al.)
         (COULOMB, "lugre", 0.04, "decaying", {}),
         (TABLE_1, "switch", 0.8, "at rest", {}),
+        (TABLE_1, "lugre", 0.8, "at rest", {}),  # its integrator wound up, its bristles bent
         (TABLE_1, "switch", 0.04, "at rest", {"position": 1.0}),
         (TABLE_1, "lugre", 0.04, "at rest", {"position": 1.0}),
         (TABLE_1, "switch", 0.04, "hunting", {"time": 3.0}),

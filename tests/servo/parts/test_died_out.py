@@ -80,3 +80,4 @@ def test_far_away_is_not_growing(start, time):
     loop = with_remedies(ROTARY, "switch", 1.0, {"leak": 1.4})
     far, seen = becomes(loop, time, loop.state(**start))
     assert far > 1e3 and seen.kind in ("at rest", "decaying")
+    assert becomes(loop, 1e-6, loop.state(**start))[1].kind in ("at rest", "decaying")
