@@ -46,8 +46,9 @@ from casahunt import (  # noqa: E402
     simulate_sampled,
 )  # fmt: skip
 from casahunt.servo.drive import BANDS, with_remedy  # noqa: E402
+from casahunt.servo.outcome import BY_SEVERITY  # noqa: E402
 from casahunt.servo.sampled.cause import told_apart  # noqa: E402
-from casahunt.servo.sampled.check import BY_BADNESS, _motions  # noqa: E402
+from casahunt.servo.sampled.check import _motions  # noqa: E402
 from casahunt.servo.sampled.turning_points import turning_points  # noqa: E402
 from casahunt.servo.stable_range import stable_range  # noqa: E402
 from casahunt.views.commands.remedies import OWN  # noqa: E402
@@ -224,7 +225,7 @@ def cured_as_built(row: Any, servo: Servo, gain: float, drive: Drive) -> tuple[s
         drive = with_remedy(drive, DRIVE_PARTS[row.name], size)
     seen = [motion.verdict for motion in _motions(servo, gain, drive)]
     hunts = [one.amplitude for one in seen if one.kind == "hunting"]
-    return max((one.kind for one in seen), key=BY_BADNESS.index), max(hunts, default=0.0)
+    return max((one.kind for one in seen), key=BY_SEVERITY.index), max(hunts, default=0.0)
 
 
 def cured(count: int, seed: int) -> Iterator[tuple[str, str, int, bool, str, float]]:
@@ -293,7 +294,7 @@ def print_cured(count: int, seed: int) -> int:
         cells = []
         for at, band in ((n, b) for n in ENCODERS for b in (False, True)):
             own = [row[4] for row in rows if row[1:4] == (name, at, band)]
-            holds, open_ = (sum(kind in kinds for kind in own) for kinds in (BY_BADNESS[:2], ("undecided",)))
+            holds, open_ = (sum(kind in kinds for kind in own) for kinds in (BY_SEVERITY[:2], ("undecided",)))
             cells.append(f"{holds}+{open_}/{len(own)}" if own else "")
         print(f"{name:18s}" + " ".join(f"{cell:>8s}" for cell in cells))
     return 0
