@@ -207,7 +207,7 @@ def test_verdicts_with_complex_zeros(gain, kinds):
     verdict = simulate(COMPLEX, "switch", gain, time=100.0).verdict
     assert verdict.kind in kinds
     if verdict.kind == "hunting":
-        assert verdict.limit == pytest.approx(switch_cycle(COMPLEX, gain, 0.0036669)[0], rel=1e-4)
+        assert verdict.amplitude == pytest.approx(switch_cycle(COMPLEX, gain, 0.0036669)[0], rel=1e-4)
 
 
 def test_elasticities_with_complex_zeros():

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ...checks import choice_of, quoted, sensible, shortened, typed
 from ...errors import InputError
 from ...orbits import Options
+from ...servo.controller import Pid
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table
 from ...servo.hunting import MODELS, Model
 from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_overrides
@@ -384,8 +385,7 @@ def stated_gain(options: argparse.Namespace) -> float:
     loop = loop_of(options)
     if loop is not None:
         return loop.value("gain")
-    tables = {} if options.servo is None else _tables(options)
-    if not {"kp", "ki", "kd"}.isdisjoint(tables.get("controller", {})):  # final: no gain multiplies it
+    if isinstance(servo_of(options).controller, Pid):  # final: no gain multiplies it
         return 1.0
     said = f"--gain {options.example_of_gain}; 1 takes kp, ki and kd of a servo file as they stand"
     raise InputError(f"gain: must be given, for example {said} (see casahunt {options.command} --help)")
