@@ -214,4 +214,4 @@ def test_a_misspelt_key_is_named_before_what_is_missed(capsys, how):
     code, out, err = run(capsys, "orbit", *how)
     assert (code, out) == (2, "") and "did you mean 'friction.static'" in err
     assert "gain: must be given" in run(capsys, "orbit", "--set", "friction.static=1")[2]
-    assert "gain: must be given" in run(capsys, "orbit", "loop.toml", "--set", "weight.mass=1")[2]
+    assert "no such file" in run(capsys, "orbit", "loop.toml", "--set", "weight.mass=1")[2]
