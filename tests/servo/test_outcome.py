@@ -157,7 +157,7 @@ def test_lugre_started_on_a_cycle(orbit, branch):
 @pytest.mark.slow
 def test_a_stuck_servo_springs_on_its_bristles_and_that_is_no_turn():
     """Between two swings of this LuGre servo lie a hundred turns of 1e-5 of one: it hunts, and not irregularly."""
-    case = next(c for c in verdicts.cases(np.random.default_rng([77, 0]), "lugre", 5) if abs(c.gain - 0.0102182) < 1e-6)
+    case = verdicts.cases(np.random.default_rng([77, 1]), "lugre", 5)[1]
     seen = case.motion().verdict
     assert seen.kind == "hunting" and seen.pattern == 2
     assert seen.amplitude == pytest.approx(find_orbit(case.servo, "lugre", case.gain).amplitude, rel=1e-3)

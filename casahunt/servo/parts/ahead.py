@@ -2,7 +2,8 @@
 
     unit      static friction by the loop's torque per rad of error [rad]: the size in which small and large are told
     doubt     the end is known to an error only: it is followed on from the end, and from as far beyond it as it may lie
-              where two such motions come to different ends, nobody knows
+              where two such motions come to different ends, nobody knows; nor where it has been on a cycle from the start,
+              which it leaves when it is pushed off
     at rest   where x1 moves no more by than `REST` units, or by what it is known to: not even on the way ahead
 """
 
@@ -19,7 +20,17 @@ import numpy as np
 from ... import effort
 from ...motion import MarchFailure, Segment, march
 from ..outcome import SETTLES, Outcome
-from .fate import LEFT_OF_A_SWING, ROUNDING_OF_A_STATE, TOLERANCE_OF_A_FATE, WORK_OF_A_FATE, Fate, Swing, fate
+from .fate import (
+    FARTHER_BY,
+    GROWN_BY,
+    LEFT_OF_A_SWING,
+    ROUNDING_OF_A_STATE,
+    TOLERANCE_OF_A_FATE,
+    WORK_OF_A_FATE,
+    Fate,
+    Swing,
+    fate,
+)
 from .loop import Loop
 
 Array = np.ndarray
@@ -34,6 +45,8 @@ LAST_SWINGS, LAST_TURNS = 8, 120
 """Swings of the motion ahead that are told; of irregular hunting, turns of which its range is told."""
 ERRORS_LOOKED_AT = (1.0, 1e-3, 1e-6)
 """Errors at which the torque per rad is looked at: of a limit and a dead band the one between counts [rad]."""
+PUSHED_OFF = 1e-3
+"""Part of a state by which a motion is pushed off a cycle that it has been on from its start, by no more than that."""
 OTHERWISE_BY = 2 * LEFT_OF_A_SWING
 """Relative difference of the amplitudes at which two motions hunt in different cycles: of the second one nothing more
 than this is asked."""
@@ -84,7 +97,28 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
         if other.kind != "undecided" and not _alike(found, other):
             either = f"as far as the motion is known it {_said(found)}, or {_said(other)}"
             return Outcome("undecided", f"{either}; ask for a smaller tolerance")
+    if found.kind == "undecided" and _grew(np.abs(moved.states[place]), max(unit, limited)):
+        far = f"followed to {end[place]:+.3g} rad beside the set point"
+        return Outcome("growing", f"it grows without bound, and was {far} at {moved.times[-1]:.4g} s")
+    if found.pattern and found.swing is not None and _all_along(np.abs(np.diff(found.turns[:-1])), found.pattern):
+        off = {name: (1 + PUSHED_OFF) * x for name, x in found.swing.state.items()}
+        pushed = fate(loop, off, before, rest=LEFT_OF_A_SWING, work=WORK_AHEAD)
+        if not _alike(found, pushed):
+            leaves = f"it follows a cycle that is not stable: pushed off by {PUSHED_OFF:g} of it, it {_said(pushed)}"
+            return Outcome("undecided", leaves)
     return _outcome(found)
+
+
+def _grew(x: Array, unit: float) -> bool:
+    """Whether a motion x (m,) led far from where it began, and in its second half much farther than before."""
+    before, late = np.split(x, [x.size // 2])
+    return bool(late.max() > max(GROWN_BY * max(unit, x[0]), FARTHER_BY * before.max(initial=0.0)))
+
+
+def _all_along(swings: Array, pattern: int) -> bool:
+    """Whether swings (m,) have been those of their last pattern from the first on: it need not draw a motion."""
+    last = np.resize(swings[-pattern:], swings.size + pattern - swings.size % pattern)[-swings.size :]
+    return bool(np.abs(swings - last).max() <= PUSHED_OFF * swings.max())
 
 
 def measured(loop: Loop, start: Mapping[str, float], amplitude: float, work: float = WORK_OF_A_FATE) -> Swing:
