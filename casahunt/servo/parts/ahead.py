@@ -2,8 +2,8 @@
 
     unit      static friction by the loop's torque per rad of error [rad]: the size in which small and large are told
     doubt     the end is known to an error only: it is followed on from the end, and from as far beyond it as it may lie
-              where two such motions come to different ends, nobody knows; nor where it has been on a cycle from the start,
-              which it leaves when it is pushed off
+              where two such motions come to different ends, nobody knows; nor where it has been on a cycle from the
+              start, which it leaves when it is pushed off
     at rest   where x1 moves no more by than `REST` units, or by what it is known to: not even on the way ahead
 """
 
