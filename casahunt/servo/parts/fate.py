@@ -30,6 +30,7 @@ from ...motion import MarchFailure, Motion, Segment, march
 from ...orbits import Orbit
 from ..outcome import Kind
 from .loop import Loop
+from .lugre import LUGRE
 
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
@@ -63,9 +64,9 @@ GROWN_BY, FARTHER_BY = 50.0, 2.0
 times as far as its first: what was thrown far away comes back."""
 NO_TURN = 1e-10
 """What turns back by less, in sizes of the state, does so by rounding."""
-SPRING, MOST_SPRINGS = 1e-2, 400
-"""A stuck servo springs on its bristles: what moves back by so small a part of the last swings is no turn, but for one
-that does so many times in a row, and no more than that."""
+SPRINGS_BY, MOST_SPRINGS = 3.0, 400
+"""A stuck LuGre servo springs on its bristles, which static friction bends by Fs/sigma0: what moves back by no more
+than so many times that is no turn, but for one that does so many times in a row, and no more than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +148,8 @@ class _Watched:
         self.farthest = 0.0, self.start
         self.kind: Points = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
         self.tol = TO_BE_SAMPLED if self.meshed else TOLERANCE_OF_A_FATE
+        bristles = LUGRE in self.loop.present
+        self.spring = SPRINGS_BY * self.loop.value("static") / self.loop.value("stiffness") if bristles else 0.0
         self.meshed |= not all(mode.ends for mode in self.system.modes)  # turns are no events there
 
     def motion(self, phases: list[Segment]) -> Motion:
@@ -201,9 +204,8 @@ class _Watched:
         if abs(moved) <= NO_TURN * self.scale[self.place]:
             return
         if moved * self.way < 0:
-            recent = self.turns[-3:]
             self.springs += 1
-            if self.springs < MOST_SPRINGS and abs(moved) <= SPRING * (max(recent) - min(recent) if recent else 0.0):
+            if self.springs < MOST_SPRINGS and abs(moved) <= self.spring:
                 return
             self.springs = 0
             self.at.append(self.farthest[0])
