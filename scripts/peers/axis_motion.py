@@ -87,6 +87,10 @@ class AxisMotion:
             x, t = np.append(turns, stops[:, 1]), np.append(times, stops[:, 0])
             turned = np.append(np.flatnonzero(np.diff(x)[1:] * np.diff(x)[:-1] < 0) + 1, x.size - 1) if x.size else []
             turns, times = x[turned][-4 * PATTERN :], t[turned][-4 * PATTERN :]
+            for known, at in ((turns, times), (turns[:-1], times[:-1])):  # at the end it need not have turned
+                if n := pattern(known):
+                    period = float(at[-1] - at[-1 - n])
+                    return Fate("hunts", known, at, float(np.abs(known[-n:]).max()), period, n)
             if len(stops) < look:
                 far = np.abs(turns)
                 shrank = far.size < LEAST or far[-2:].max() < SHRANK * far[-8:-6].max()
@@ -96,9 +100,6 @@ class AxisMotion:
                 return Fate("rests" if rests else "irregular" if far.size > LATE else "unclear", turns, times)
             if turns.size and np.abs(turns[-1]) > GROWN * self.start:
                 return Fate("grows", turns, times)
-            if n := pattern(turns):
-                period = float(times[-1] - times[-1 - n])
-                return Fate("hunts", turns, times, float(np.abs(turns[-n:]).max()), period, n)
             look *= 2
         return Fate("irregular", turns, times)
 
