@@ -201,7 +201,7 @@ def said_by(axis: Axis) -> tuple[str, Any, float]:
 
 def judged(axis: Axis, verdict: str, said: Any) -> tuple[str, str]:
     """(outcome, what was seen)."""
-    same = [axis.motion(axis.loop.at_rest(-size)) for size in STARTS[:: 3 if verdict == "irregular" else 1]]
+    same = [axis.motion(axis.loop.at_rest(-size)) for size in STARTS]
     others = [axis.motion(axis.loop.at_rest(size * axis.scale)) for size in BETWEEN]
     seen = f"same starts {dict(Counter(f.verdict for f in same))}, others {dict(Counter(f.verdict for f in others))}"
     hunting = [f for f in (*same, *others) if f.verdict in ("hunts", "irregular")]
