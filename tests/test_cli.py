@@ -16,8 +16,9 @@ from pathlib import Path
 
 import pytest
 from command_line import PROGRESS, ROOT, contents, one_json, process, rows_of, run
+from servo_files import ROTARY, dump
 
-from casahunt import Branch, cli, load
+from casahunt import Branch, cli
 from casahunt.servo.saved import load_branch
 from casahunt.views.commands.output import MEANINGS
 from problems import taylor
@@ -258,27 +259,11 @@ def test_what_must_be_given_is_asked_for(capsys, words, said):
     assert code == 2 and out == "" and said in err
 
 
-FINAL = """
-[servo]
-inertia = 0.0035
-motor_gain = 1.0
-[controller]
-kp = 4
-ki = 30
-kd = 0.12
-[friction]
-static = 0.8
-coulomb = 0.55
-stribeck_velocity = 0.08
-viscous = 0.02
-"""
-
-
 def test_a_file_with_kp_ki_kd_needs_no_gain(capsys, tmp_path):
     """They are final: the amplitude is that of gain 1, by the Taylor engine; another gain multiplies them as ever."""
     path = tmp_path / "pid.toml"
-    path.write_text(FINAL)
-    amplitude, _ = taylor.switch_cycle(load(path), 1.0, 0.04)
+    path.write_text(dump(ROTARY))
+    amplitude, _ = taylor.switch_cycle(ROTARY, 1.0, 0.04)
     for words in ([], ["--gain", "1"]):
         code, out, _ = run(capsys, "orbit", str(path), "--json", "--quiet", *words)
         assert code == 0 and json.loads(out)["amplitude"] == pytest.approx(amplitude, rel=1e-7)

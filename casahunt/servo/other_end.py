@@ -3,9 +3,9 @@
     theta(0) = theta_d - a,   theta'(0) = 0,   x3(0) = max(0, (kp a - 0.9 Fs)/ki)      stuck, not yet broken away
 
 a is the stick position of the cycle (basin.py), in as few digits as lead there; where none does, the motion starts on
-the cycle, where it turns round.  Stuck at |x1| = a, one number decides the whole future;
-that a start ends in the cycle is shown by a motion from it, whose verdict is asked for.  A servo stuck nearer than the
-unstable cycle, or flung far past the stable one, may rest: both ends are true of one servo, the start tells which.
+the cycle, where it turns round.  Stuck at |x1| = a, one number decides the whole future; that a start ends in the cycle
+is shown by a motion from it, whose verdict is asked for.  A servo stuck nearer than the unstable cycle, or flung far
+past the stable one, may rest: both ends are true of one servo, the start tells which.
 """
 
 from __future__ import annotations

@@ -165,6 +165,14 @@ def test_a_stuck_servo_springs_on_its_bristles_and_that_is_no_turn(servo, number
     assert seen.amplitude == pytest.approx(find_orbit(case.servo, "lugre", case.gain).amplitude, rel=1e-3)
 
 
+@pytest.mark.parametrize("step", [1.0, 1e4])
+def test_the_amplitude_is_that_of_the_cycle_behind_any_step(step):
+    """The error of a large step is no error of the hunting behind it."""
+    found = simulate(TABLE_1, "switch", 0.04, set_point=step, time=100.0).verdict
+    amplitude, period = taylor.switch_cycle(TABLE_1, 0.04, 0.05)
+    assert (found.amplitude, found.period) == pytest.approx((amplitude, period), rel=1e-6)
+
+
 def test_command_prints_the_swings(capsys):
     assert cli.main(["simulate", "--gain", "0.04"]) == 0
     assert "swings ahead" not in capsys.readouterr().out

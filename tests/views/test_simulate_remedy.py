@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from command_line import one_json, run
+from servo_files import ROTARY, dump
 
 from casahunt.motion import MarchFailure, simulation
 
@@ -16,27 +17,11 @@ def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
     assert "with a remedy it may hunt from nearer" in " ".join(out.split())
 
 
-ROTARY = """
-[servo]
-inertia = 0.0035
-motor_gain = 1.0
-[controller]
-kp = 4
-ki = 30
-kd = 0.12
-[friction]
-static = 0.8
-coulomb = 0.55
-stribeck_velocity = 0.08
-viscous = 0.02
-"""
-
-
 @pytest.mark.slow
 def test_motions_that_could_not_be_followed_are_known(capsys, tmp_path):
     """One grows until it is too large, one creeps to the edge of Fs/(kp + ki/leak), where only rounding goes on."""
     path = tmp_path / "rotary.toml"
-    path.write_text(ROTARY)
+    path.write_text(dump(ROTARY))
     code, out, _ = run(capsys, "simulate", path, "--gain", 1, "--error-filter-time", 0.0792, "--json", "--quiet")
     grown = one_json(out)
     assert code == 0 and grown["verdict"] == "growing" and grown["time"] < 100 and abs(grown["end"]["x1"]) > 1e3

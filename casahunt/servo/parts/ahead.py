@@ -45,6 +45,8 @@ LAST_SWINGS, LAST_TURNS = 8, 120
 """Swings of the motion ahead that are told; of irregular hunting, turns of which its range is told."""
 ERRORS_LOOKED_AT = (1.0, 1e-3, 1e-6)
 """Errors at which the torque per rad is looked at: of a limit and a dead band the one between counts [rad]."""
+STILL_ALIVE = 1e-3
+"""Part of its largest value that is the least size of a state."""
 PUSHED_OFF = 1e-3
 """Part of a state by which a motion is pushed off a cycle that it has been on from its start, by no more than that."""
 OTHERWISE_BY = 2 * LEFT_OF_A_SWING
@@ -73,16 +75,19 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
     largest = np.abs(moved.states).max(axis=1)
     end = np.where(np.abs(moved.states[:, -1]) > ROUNDING_OF_A_STATE * largest, moved.states[:, -1], 0.0)
     static, limited = _errors_of(loop)
-    unit = static or float(largest[place])
-    if not unit or not largest.any():
+    if not largest.any():
         return Outcome("at rest", "it stands at the set point, held by static friction", rests_since=0.0)
+    unit = static or float(largest[place]) or 1.0
     known = dict(zip(names, end.tolist(), strict=True))
     first = measured(loop, known, max(unit, limited), WORK_THAT_MEASURES)
-    sizes = {name: max(first.sizes[name], float(size)) for name, size in zip(names, largest, strict=True)}
+    # beside a step of 1e4 rad the hunting that it ends in is as small as its error; at rest nothing has a size
+    late = np.abs(moved.states[:, moved.times >= moved.times[-1] / 2]).max(axis=1)
+    alive = np.maximum(late, STILL_ALIVE * largest)
+    sizes = {name: max(first.sizes[name], float(size)) for name, size in zip(names, alive, strict=True)}
     # a look that is shorter than what the servo does would take the verge of a slip for rest
     before = replace(first, period=max(first.period, PERIOD * float(moved.times[-1])), sizes=sizes)
     found = fate(loop, known, before, work=WORK_AHEAD, mode=moved.mode)
-    floor = max(REST * unit, error, TOLERANCE_OF_A_FATE * float(largest[place]))
+    floor = max(REST * unit, error, TOLERANCE_OF_A_FATE * sizes["x1"])
     moves = np.flatnonzero(np.abs(moved.states[place] - end[place]) > floor)
     way = np.concatenate([end[[place]], *(phase.nodes[:, place] for phase in found.motion.phases)])
     if found.kind in SETTLES and min(np.abs(way - end[place]).max(), np.abs(way).max()) <= floor:
@@ -97,7 +102,7 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
         if other.kind != "undecided" and not _alike(found, other):
             either = f"as far as the motion is known it {_said(found)}, or {_said(other)}"
             return Outcome("undecided", f"{either}; ask for a smaller tolerance")
-    if found.kind == "undecided" and _grew(np.abs(moved.states[place]), max(unit, limited)):
+    if found.kind == "undecided" and _grew(np.abs(moved.states), place, max(unit, limited)):
         far = f"followed to {end[place]:+.3g} rad beside the set point"
         return Outcome("growing", f"it grows without bound, and was {far} at {moved.times[-1]:.4g} s")
     if found.pattern and found.swing is not None and _all_along(np.abs(np.diff(found.turns[:-1])), found.pattern):
@@ -109,10 +114,11 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
     return _outcome(found)
 
 
-def _grew(x: Array, unit: float) -> bool:
-    """Whether a motion x (m,) led far from where it began, and in its second half much farther than before."""
-    before, late = np.split(x, [x.size // 2])
-    return bool(late.max() > max(GROWN_BY * max(unit, x[0]), FARTHER_BY * before.max(initial=0.0)))
+def _grew(sizes: Array, place: int, unit: float) -> bool:
+    """Whether states (n, m) led far from where, and from how, they began, and in the second half much farther than
+    before: one that is thrown away comes back."""
+    before, late = np.split(sizes[place], [sizes.shape[1] // 2])
+    return bool(late.max() > max(GROWN_BY * max(unit, sizes[:, 0].max()), FARTHER_BY * before.max(initial=0.0)))
 
 
 def _all_along(swings: Array, pattern: int) -> bool:
@@ -177,10 +183,17 @@ def _said(found: Fate) -> str:
     if found.swing is None:
         return f"neither rests nor repeats in {turns.size} turns, {lasted}"
     if not found.pattern:
-        far = np.abs(turns[-LAST_TURNS:])
-        return f"hunts irregularly, turning {far.min():.4g} to {far.max():.4g} rad from the set point, {lasted}"
+        return f"hunts irregularly, {ranges(found)[0]}, {lasted}"
     how = "" if found.pattern <= 2 else f", after a pattern of {found.pattern} swings"
     return f"hunts: its swings repeat{how}, by {found.swing.amplitude:.4g} rad to either side, {lasted}"
+
+
+def ranges(found: Fate) -> tuple[str, tuple[float, float], tuple[float, float]]:
+    """Of irregular hunting, in words and numbers: how far from the set point it turns [rad], how long between [s]."""
+    values = np.abs(found.turns[-LAST_TURNS:]), np.diff(found.at[-LAST_TURNS:])
+    far, between = ((float(x.min()), float(x.max())) for x in values)
+    far_said, between_said = f"{far[0]:.4g} to {far[1]:.4g} rad", f"{between[0]:.3g} to {between[1]:.3g} s"
+    return f"turning {far_said} from the set point, every {between_said}", far, between
 
 
 def _outcome(found: Fate) -> Outcome:

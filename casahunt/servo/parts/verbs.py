@@ -22,7 +22,7 @@ from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...motion import Motion, simulate
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
-from .ahead import LAST_TURNS, measured
+from .ahead import LAST_TURNS, measured, ranges
 from .fate import Fate, fate
 from .loop import Loop
 
@@ -185,12 +185,10 @@ def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
 
 def _irregular(loop: Loop, seen: Fate) -> HuntsIrregularly:
     """What is said of a motion that goes on for ever and repeats in no pattern."""
-    far, between = np.abs(seen.turns[-LAST_TURNS:]), np.diff(seen.at[-LAST_TURNS:])
-    amplitude, times = ((float(x.min()), float(x.max())) for x in (far, between))
+    said, amplitude, times = ranges(seen)
     sentence = (
-        f"{loop.name} hunts irregularly: it turns {amplitude[0]:.4g} to {amplitude[1]:.4g} rad from the set point, "
-        f"every {times[0]:.3g} to {times[1]:.3g} s, and no pattern of it repeats within {seen.turns.size} turns; no "
-        "cycle was computed that could be followed"
+        f"{loop.name} hunts irregularly, {said}, and no pattern of it repeats within {seen.turns.size} turns; no cycle "
+        "was computed that could be followed"
     )
     return HuntsIrregularly(sentence, Status.NOT_FOUND, amplitude=amplitude, between=times)
 

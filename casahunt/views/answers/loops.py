@@ -47,7 +47,6 @@ def loop_motion_answer(
 
 def _details(found: LoopMotion, record: Mapping[str, Any]) -> Iterator[str]:
     motion = found.motion
-    yield item("because", record["reason"])
     end = (
         f"{state} {to_absolute_error(value, motion.error * motion.sizes[state], most=10)}"
         for state, value in motion.end.items()

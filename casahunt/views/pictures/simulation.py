@@ -71,7 +71,7 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
               if mode == "stick"]  # fmt: skip
     verdict = trajectory.verdict
     name = f"{NAMES[trajectory.model]}, K = {trajectory.gain:.4g}"
-    name += f": {verdict.kind}"
+    name += f": {verdict.kind}{', irregularly' if verdict.irregular else ''}"
     if verdict.kind == "hunting":
         name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
     curves = trajectory.set_point + x[0], x[1], trajectory.torque(x)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from servo_files import ROTARY
 
 from casahunt import Friction, Pid, Servo
 from casahunt.servo.outcome import Outcome
@@ -11,10 +12,6 @@ from casahunt.servo.parts import loop_motion
 from casahunt.servo.parts.ahead import Moved, ahead
 from casahunt.views.commands.loops.remedied import with_remedies
 
-ROTARY = Servo(
-    inertia=0.0035, motor_gain=1.0, controller=Pid(kp=4, ki=30, kd=0.12),
-    friction=Friction(static=0.8, coulomb=0.55, stribeck_velocity=0.08, viscous=0.02),
-)  # fmt: skip
 STIFF = Servo(
     inertia=4.5e-4, motor_gain=1.0, controller=Pid(kp=90, ki=4000, kd=0.28),
     friction=Friction(static=0.32, coulomb=0.21, stribeck_velocity=0.4, viscous=0.003),

@@ -77,7 +77,7 @@ def test_what_comes_to_rest_from_every_start_is_said_to():
 @pytest.mark.slow
 def test_irregular_hunting_is_told_by_how_far_and_how_long_it_swings():
     """DOP853 from another start: its turns lie where these do, to a part in a hundred of the range."""
-    with pytest.raises(HuntsIrregularly, match="hunts irregularly: it turns 0.051") as refusal:
+    with pytest.raises(HuntsIrregularly, match="hunts irregularly, turning 0.051") as refusal:
         loop_cycle(loop(HUNTS))
     seen = refusal.value
     times, places = np.array(stops(HUNTS, -0.2, 160)[100:]).T
