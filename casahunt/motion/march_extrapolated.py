@@ -36,9 +36,9 @@ Array = np.ndarray
 
 EXTRAPOLATIONS = 5
 """K: steps of order 10."""
-STEPS_TOGETHER, MOST_CALLS = 16, 40
-"""Steps of a call, and calls of a phase: a slip takes 30 to 110 steps, what rings beside it hundreds; beyond 640 a
-mode is taken for stiff, and left to intervals, which are four times as dear."""
+STEPS_TOGETHER, CALLS_OF_A_SLIP, MOST_CALLS = 16, 10, 40
+"""Steps of a call, and calls of a phase: a slip takes 30 to 110 steps, what rings beside it hundreds.  What does not
+ring any more, by more than the tolerance, and goes on, is stiff, and left to intervals, four times as dear a step."""
 OF_THE_TOLERANCE = 1e-2
 """Error of a step, as a part of the tolerance of an interval, whose end is as much better than its inside."""
 PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
@@ -196,7 +196,9 @@ class _Steps:
         times, states, t, h = [np.zeros(1)], [x[None]], 0.0, 0.0
         e_last, r_last = self._at(x, t, 0.0)[1:3]
         on = np.abs(e_last) <= ON_EVENT
-        for _ in range(MOST_CALLS):
+        for call in range(MOST_CALLS):
+            if call >= CALLS_OF_A_SLIP and not _rings(states[-1], self._tol / OF_THE_TOLERANCE):
+                break
             effort.interval()
             ends, after, lengths, taken, e, r = self._steps(x, t, h, max_time - t)
             if not (good := taken > 0).all():
@@ -303,6 +305,13 @@ class _Steps:
             bracket, before = bracket.told(s, at.event), s
             s = bracket.newton(s, at.event, at.rate)
         return s, end, False
+
+
+def _rings(states: Array, tol: float) -> bool:
+    """Whether one of the states (m, n) goes to and fro, by more than a tolerance."""
+    moved = np.diff(states, axis=0)
+    back = (moved[1:] * moved[:-1] < 0) & (np.minimum(np.abs(moved[1:]), np.abs(moved[:-1])) > tol)
+    return bool(back.any())
 
 
 def _cubic_zero(low: Place, high: Place) -> float:

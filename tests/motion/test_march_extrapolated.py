@@ -81,6 +81,17 @@ def test_what_takes_too_many_steps_is_left_to_intervals():
     assert phase.duration == pytest.approx(np.pi / 3 + 1e-5, abs=1e-9)
 
 
+def test_what_rings_for_long_is_no_stiff_mode():
+    """x = sin t beside t, up to t = 150: more steps than a slip has, and each of them needed."""
+    ends = (Event("half", lambda x, p: x.t - 150, +1, to="rests"),)
+    system = System("ring", ("x", "v", "t"), {},
+                    (Mode("rings", lambda x, p: {"x": x.v, "v": -x.x, "t": 1.0}, ends=ends),
+                     Mode("rests", lambda x, p: {"x": 0.0, "v": 0.0, "t": 1.0})))  # fmt: skip
+    (phase,) = followed(system, "rings", [0.0, 1.0, 0.0], 1, meshed=False)
+    assert phase.w.shape[1] == 3 and len(phase.w) > 160  # no stages
+    assert phase.end == pytest.approx([np.sin(150), np.cos(150), 150], abs=1e-7)
+
+
 def test_an_event_that_leads_back_into_its_mode_ends_no_phase():
     half = Event("half", lambda x, p: x.x - 0.5, +1, to=lambda x, p: "goes" if p.k > 0 else "rests")
     ends = half, Event("whole", lambda x, p: x.x - 1, +1, to="rests")
