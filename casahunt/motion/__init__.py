@@ -25,15 +25,17 @@ from ..lazy import lazily
 
 if TYPE_CHECKING:
     from .phases import march
+    from .recursion import taylor_coefficients
     from .segment import MarchFailure, Segment
     from .sensitivity import forward_sensitivity
     from .simulation import Motion, simulate
 
-__all__ = ["MarchFailure", "Motion", "Segment", "forward_sensitivity", "march", "simulate"]
+__all__ = ["MarchFailure", "Motion", "Segment", "forward_sensitivity", "march", "simulate", "taylor_coefficients"]
 __getattr__ = lazily(
     __name__,
     {
         "phases": ("march",),
+        "recursion": ("taylor_coefficients",),
         "segment": ("MarchFailure", "Segment"),
         "sensitivity": ("forward_sensitivity",),
         "simulation": ("Motion", "simulate"),

@@ -276,7 +276,7 @@ def _series_of(f: ca.Function, x: ca.SX, others: list[ca.SX], order: int, unit: 
 
 
 @kept(maxsize=64)
-def coefficients(field: Field, n: int, parameters: int, order: int) -> ca.Function | None:
+def taylor_coefficients(field: Field, n: int, parameters: int, order: int) -> ca.Function | None:
     """The series of the motion along a field.
 
     field: f(x, p, sign) of the mode. Returns function (x, sign, p, scale D, unit tau) of a scaled state to the
@@ -284,7 +284,7 @@ def coefficients(field: Field, n: int, parameters: int, order: int) -> ca.Functi
     """
     x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
     p, scale, unit = ca.SX.sym("p", parameters), ca.SX.sym("scale", n), ca.SX.sym("unit")
-    slope = ca.densify(ca.SX(field(scale * x, p, sign)) / scale)
+    slope = ca.cse(ca.densify(ca.SX(field(scale * x, p, sign)) / scale))  # what stands twice has one series
     f = ca.Function("slope", [x, sign, p, scale], [slope])
     try:
         series = _series_of(f, x, [sign, p, scale], order, unit)

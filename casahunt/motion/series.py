@@ -30,7 +30,7 @@ from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.system import Field
 from ..roots import LOOKED_AT, MOST_HALVINGS
-from .recursion import coefficients
+from .recursion import taylor_coefficients
 
 Array = np.ndarray
 
@@ -111,7 +111,7 @@ class Series:
 
 def _one_step(field: Field, n: int, parameters: int) -> ca.Function | None:
     """(x, unit, longest, left, theta, sign, p, scale) -> (h, C, end) of one step; None without a series."""
-    function = coefficients(field, n, parameters, SERIES_ORDER)
+    function = taylor_coefficients(field, n, parameters, SERIES_ORDER)
     if function is None:
         return None
     x, unit, longest, left, theta = (ca.SX.sym(name, rows) for name, rows in zip(

@@ -15,7 +15,7 @@ from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid import system as engine
 from casahunt.motion import march_series, series
 from casahunt.motion.phases import Segment, march
-from casahunt.motion.recursion import coefficients
+from casahunt.motion.recursion import taylor_coefficients
 from casahunt.motion.simulation import simulate
 
 # Coefficients ---------------------------------------------------------------------------------------------------------
@@ -40,7 +40,7 @@ def test_coefficients_are_derivatives(name: str) -> None:
         return ca.vertcat(*FIELDS[name](x, p, sign))
 
     start, p0, scale, unit = np.array([0.3, 0.4, 0.0 if name == "at zero" else -0.5]), [0.7], [2.0, 0.5, 1.0], 0.25
-    function = coefficients(field, 3, 1, 9)
+    function = taylor_coefficients(field, 3, 1, 9)
     assert function is not None
     found = np.array(function(start / scale, 1.5, p0, scale, unit))
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 1)
@@ -56,7 +56,7 @@ def test_coefficients_are_derivatives(name: str) -> None:
     "kink", [ca.fabs, ca.sign, ca.floor, lambda x: ca.if_else(x > 0, x, 2 * x), lambda x: ca.fmax(x, 0), ca.asin]
 )
 def test_what_has_no_rule_has_no_series(kink: Any) -> None:
-    assert coefficients(lambda x, p, sign: ca.vertcat(kink(x[0])), 1, 0, 6) is None
+    assert taylor_coefficients(lambda x, p, sign: ca.vertcat(kink(x[0])), 1, 0, 6) is None
 
 
 # Motions --------------------------------------------------------------------------------------------------------------

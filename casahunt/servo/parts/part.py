@@ -33,6 +33,8 @@ class Law:
     stiff : the field has fast decaying directions.
     smooth : the field has no kink.
     slack : how far `holds` may fall below zero without that it is another motion.
+    sampled : state: its next value where a drive runs the part by a rule of its own; (x, s, p) with x as it was at the
+        last sample, s as it is at this one; any other follows its rate by the backward rule (sampled/controller.py).
 
     Examples
     --------
@@ -49,6 +51,7 @@ class Law:
     stiff: bool = False
     smooth: bool = True
     slack: float = 0.0
+    sampled: Mapping[str, Function] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

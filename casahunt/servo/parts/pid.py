@@ -3,6 +3,8 @@
     m = -(kp e + kd derivative + ki x3)     [N m], of a controller by times or by gains (controller.py)
 
     the integrator   x3' = integrates * integrand - leak_rate x3 + unwinding
+    run by a drive   x3 -> (1 - T leak_rate) x3 + T (z + (z_last - z) share + unwinding),  z = integrates * integrand,
+                     share = 1/2 by the trapezoid rule, else 0
 """
 
 from __future__ import annotations
@@ -44,11 +46,18 @@ PID_BY_GAINS = Part(
     gives=pid_of(_by_gains),
 )  # fmt: skip
 
+
+
+def _summed(x: Any, s: Any, p: Any) -> Any:
+    z, T = s.integrates * s.integrand, p.sample_time
+    return (1 - T * s.leak_rate) * x.x3 + T * (z + (p.last_integrand - z) * p.trapezoid / 2 + s.unwinding)
+
+
 INTEGRATOR = Part(
     "integrator", ("x3",),
     gives={"integral": lambda x, s, p: x.x3},
     modes=(PartMode("", Law({
         "x3": lambda x, s, p: s.integrates * s.integrand - s.leak_rate * x.x3 + s.unwinding,
-    })),),
+    }, sampled={"x3": _summed})),),
 )  # fmt: skip
 """x3 [rad s]."""

@@ -8,6 +8,7 @@ nothing filters or limits it, and what is integrated is the error.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -80,9 +81,12 @@ class Signals:
 
 
 class Wiring:
-    """The parts of a loop with their laws, in one mode of each.  One object for one combination: see `wired`."""
+    """The parts of a loop with their laws, in one mode of each.  One object for one combination: see `wired`.
 
-    def __init__(self, active: Active) -> None:
+    others: signals that come from elsewhere, whatever the parts give.
+    """
+
+    def __init__(self, active: Active, others: Mapping[str, Function] | None = None) -> None:
         self.active = active
         self._givers: dict[str, tuple[Function, float | None]] = {n: (f, None) for n, f in UNGIVEN.items()}
         taken: dict[str, str] = {}
@@ -92,6 +96,7 @@ class Wiring:
                     raise InputError(f"{taken[name]} and {part.name} do not go together: both give the {name}")
                 taken[name] = part.name
                 self._givers[name] = function, sign
+        self._givers.update({name: (function, None) for name, function in (others or {}).items()})
 
     def __reduce__(self) -> Any:
         return _wired_again, (packed(self.active, self.parts),)

@@ -1,115 +1,325 @@
-"""The sampled controller: its difference equations, and whole sticks of them at once.
+"""What a drive runs: the parts of a loop that form its torque, as difference equations.
 
-At t_k = k T it reads theta in counts of q = 2 pi/encoder and forms, theta_d being the set point,
+At t_k = k T a drive reads the angle in counts of q = 2 pi/encoder and knows nothing else, theta_d being the set point:
 
-    a_k = q floor(theta/q + 1/2) - theta_d         (without an encoder theta - theta_d)
-    e_k = a_k                                      what remedied.py makes of it
-    z_k = e_k where |e_k| > dead_band, else 0
-    w_k = (1 - leak T) w_{k-1} + T z_k             rectangle
-    w_k = (1 - leak T) w_{k-1} + T (z_{k-1} + z_k)/2     trapezoid
-    r_k = (e_k - e_{k-1})/T
-    d_k = r_k                                      difference
-    d_k = d_{k-1} + T/(T + Tf) (r_k - d_{k-1})     filtered, Tf d' + d = r by the backward rule
-    u_k = -(kp e_k + ki w_k + kd d_k)              to the nearest multiple of quantise_torque
+    a_k = q floor(theta/q + 1/2) - theta_d        angle (without an encoder theta - theta_d)
+    (a_k - a_{k-1})/T                             rate; it moves where that is not 0, into the direction of its sign
+    (e_k - e_{k-1})/T                             error_rate, of whatever error the parts make of the angle
 
-with e_{-1} = e_0, z_{-1} = z_0, d_{-1} = 0.
+From these the parts have their signals, and each state c of theirs its next value by the backward rule,
 
-While the servo is stuck a_k does not change: w_k and d_k are sums and powers, and all samples up to a breakaway are one
-array.  The torque stays within limits for ever where d_k -> 0 and w_k (to z/leak, or with z = 0 constant) go to their
-limits, each in one direction, and the torques of the four corners of their ranges are within them.
+    c_k = c_{k-1} + T c'(c_k, signals at t_k)     for all of them at once; it is linear
 
-Symbols: T sample time, q count, Tf filter time [s]; a, e, z, w, d, u as above; kp, ki, kd the torque gains.
+or by a rule of its own (`Law.sampled`, the integrator).  A part changes its mode where an event of the mode is beyond
+zero at a sample, is behind the events "stop", "breakaway+", "breakaway-" where its reading says so, and where the
+angle has changed its sign behind "centre"; an event that is crossed either way is met where it has changed its sign.
+States jump from what they were at the last sample.  The torque goes out to the nearest multiple of `quantise_torque`.
+
+While the reading stays, nothing but c moves, and as long as no mode ends, by one linear map: whole sticks are one array.
+The torque stays between limits for ever where the map's steady torque and all of what dies out of it are.
+
+Symbols: T sample time, q count, Y = (c, e, z) with z what is integrated.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
+from ...compiled import Caller, caller, kept
+from ...errors import InputError
 from ..drive import Drive
-from ..servo import Servo
+from ..parts.loop import Loop
+from ..parts.part import Edge, Function, Part, PartMode
+from ..parts.wiring import Numbers, Signals, Wiring
 
 Array = np.ndarray
+Modes = tuple[PartMode, ...]
+
+SEEN: dict[str, Function] = {
+    "angle": lambda x, s, p: p.reading,
+    "motor_angle": lambda x, s, p: p.reading,
+    "rate": lambda x, s, p: (p.reading - p.last_reading) / p.sample_time,
+    "motor_rate": lambda x, s, p: s.rate,
+    "moving": lambda x, s, p: p.moved,
+    "direction": lambda x, s, p: p.way,
+    "error_rate": lambda x, s, p: (s.error - p.last_error) / p.sample_time,
+}
+"""The signals that a drive has from its readings, in the place of those of the plant."""
+READ = ("reading", "last_reading", "moved", "way")
+REMEMBERED = ("last_error", "last_integrand")
+RUN = ("sample_time", "trapezoid")
+"""What these depend on, and the rules of the states, beside the parameters of the loop."""
+AHEAD = 64, 4096
+"""Samples of a stick that are looked at at once: at first, and then."""
+MOST_CHANGES = 8
+"""Modes that end at one sample."""
+THE_SAME = 1e-9
+"""Events, of order one, that differ by less are where they will be for ever."""
+_CENTRE = Edge("centre", lambda x, s, p: s.error, 0, "")
+"""Met where the error has changed its sign."""
+ONCE_MORE, CONDITION = 1e-12, 1e10
+"""A factor of the linear map that differs from 1 by less keeps what it multiplies; how far its directions may be from
+being dependent."""
+
+
+def _error(x: Any, s: Any, p: Any) -> Any:
+    return s.error
+
+
+def _integrand(x: Any, s: Any, p: Any) -> Any:
+    return s.integrates * s.integrand
+
+
+class Sample(NamedTuple):
+    """One sample in some modes, compiled: (Y, readings, p) -> Y', torque, events; many in a row; the map's matrices."""
+
+    step: ca.Function
+    one: Caller
+    many: tuple[Caller, ...]
+    linear: Caller | None
+    edges: tuple[tuple[int, Edge], ...]
+
+
+@kept(maxsize=256)
+def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> Sample:
+    """The sample of parts in these modes; numbers: names of the parameters of the loop."""
+    wiring = Wiring(tuple((part, mode.law, mode.sign) for part, mode in zip(parts, modes, strict=True)), SEEN)
+    states = tuple(state for part in parts for state in part.states)
+    edges = tuple((i, edge) for i, mode in enumerate(modes) for edge in mode.ends)
+    n = len(states)
+    Y, read, p = ca.SX.sym("Y", n + 2), ca.SX.sym("read", len(READ)), ca.SX.sym("p", len(numbers) + len(RUN))
+    c = ca.SX.sym("c", n)
+    seen = Numbers(**dict(zip((*REMEMBERED, *READ, *numbers, *RUN),
+                              ca.vertsplit(ca.vertcat(Y[n:], read, p)), strict=True)))  # fmt: skip
+    before, now = (SimpleNamespace(**dict(zip(states, each.nz, strict=True))) for each in (Y[:n], c))
+
+    signals = Signals(wiring, now, seen)
+
+    def at(function: Function, x: Any = now) -> Any:
+        return ca.SX(function(x, signals, seen))
+
+    left = list[Any]()
+    for part, mode in zip(parts, modes, strict=True):
+        for state in part.states:
+            own, last = getattr(now, state), getattr(before, state)
+            if state in mode.law.sampled:
+                left.append(own - at(mode.law.sampled[state], before))
+            else:
+                left.append(own - last - seen.sample_time * at(mode.law.rates.get(state, lambda x, s, p: 0.0)))
+    equations = ca.densify(ca.vertcat(*left, ca.SX(0, 1)))
+    J = ca.jacobian(equations, c)
+    if n and ca.depends_on(ca.vertcat(*J.nonzeros()), c):
+        named = ", ".join(part.name for part in parts if part.states)
+        raise InputError(f"{named}: what one of them does is not linear, and no drive is known that runs it")
+    following = Y[:n] - ca.solve(J, ca.substitute(equations, c, Y[:n])) if n else ca.SX(0, 1)
+    asked = ca.vertcat(signals.torque + signals.compensation, _error(None, signals, None), _integrand(None, signals, None),
+                       *(at(edge.function) for _, edge in edges))  # fmt: skip
+    asked = ca.substitute(asked, c, following)
+    out = [ca.densify(each) for each in (ca.vertcat(following, asked[1:3]), asked[0], asked[3:])]
+    after = out[0]
+    step = ca.Function("sample", [Y, read, p], out)
+    sizes, shapes = [n + 2, len(READ), p.numel()], [n + 2, 1, len(edges)]
+    many = []
+    for count in AHEAD:
+        inputs = [ca.MX.sym("Y", n + 2), ca.MX.sym("read", len(READ)), ca.MX.sym("p", p.numel())]
+        row = step.mapaccum("samples", count)(inputs[0], *(ca.repmat(each, 1, count) for each in inputs[1:]))
+        many.append(caller(ca.Function("samples", inputs, row), sizes, [(count, size) for size in shapes]))
+    matrix, torque = ca.jacobian(after, Y), ca.jacobian(out[1], Y)
+    linear = None
+    if not ca.depends_on(ca.vertcat(*matrix.nonzeros(), *torque.nonzeros(), 0 * p[0]), Y):
+        function = ca.Function("linear", [Y, read, p], [ca.densify(matrix.T), ca.densify(torque)])
+        linear = caller(function, sizes, [(n + 2, n + 2), n + 2])
+    return Sample(step, caller(step, sizes, shapes), tuple(many), linear, edges)
 
 
 class Controller:
-    """A controller and its memory; x: theta - theta_d [rad] at the sample.
+    """The controller of a drive, with its memory.
 
-    servo, gain, drive: its numbers; set_point: theta_d [rad]; x, w: at the start.
+    loop: whose parts it runs; set_point: theta_d [rad]; x: theta - theta_d at the start [rad]; start: states by name.
     """
 
-    def __init__(self, servo: Servo, gain: float, drive: Drive, set_point: float, x: float, w: float) -> None:
-        self.kp, self.kd, self.ki = servo.torque_gains(gain)
-        T = self.T = drive.sample_time
-        self.share = T / (T + drive.filter_of(servo.controller))
-        self.half, self.kept, self.leak = drive.integration == "trapezoid", 1 - drive.leak * T, drive.leak
-        self.q, self.theta_d, self.band, self.step = drive.count, set_point, drive.dead_band, drive.quantise_torque
-        self.w, self.d = w, 0.0
-        self.begin(x)
-
-    def begin(self, x: float) -> None:
-        """What is remembered at the start besides w and d."""
-        self.e, self.z = self.seen(x)
+    def __init__(
+        self, loop: Loop, parts: tuple[Part, ...], drive: Drive, set_point: float, x: float, start: dict[str, float]
+    ) -> None:
+        self.parts, self.names = parts, tuple(state for part in parts for state in part.states)
+        self.T, self.q, self.theta_d, self.step = drive.sample_time, drive.count, set_point, drive.quantise_torque
+        own = loop.parameters | {"sample_time": self.T, "trapezoid": float(drive.integration == "trapezoid")}
+        self._numbers, self.p = tuple(loop.parameters), np.array([own[name] for name in (*loop.parameters, *RUN)])
+        self._own = own
+        self.a, self.moved = self.reading(x), False
+        self._sides = dict[Edge | str, float]()
+        self._waited = {name for part in parts for name in (*part.upon, *part.follows)}
+        self.waits = bool(self._waited)
+        self.Y = np.array([start.get(name, 0.0) for name in self.names] + [0.0, 0.0])
+        self._begin(start)
+        self._prepare()
 
     def reading(self, x: float) -> float:
         """a."""
         return self.q * math.floor((self.theta_d + x) / self.q + 0.5) - self.theta_d if self.q else x
 
-    def seen(self, x: float) -> tuple[float, float]:
-        """(e, z) of a sample, where `steady`."""
-        e = self.reading(x)
-        return e, e if abs(e) > self.band else 0.0
+    def _begin(self, given: Collection[str]) -> None:
+        """The modes at the start; filters of the error are where they stay at this reading."""
+        self.modes = tuple(part.modes[0] for part in self.parts)
+        for _ in (*self.parts, None):
+            for part in self.parts:
+                at = self.a if "error" in part.gives else self._asked(_error) if "derivative" in part.gives else None
+                for state in part.states if at is not None else ():
+                    self.Y[self.names.index(state)] = at if state not in given else self.Y[self.names.index(state)]
+            self.Y[-2:] = self._asked(_error), self._asked(_integrand)
+            before, chosen = self.modes, list(self.modes)
+            for i, part in enumerate(self.parts):
+                chosen[i] = next(mode for mode in part.modes if mode.where is None or self._asked(mode.where))
+                self.modes = tuple(chosen)
+            if self.modes == before:
+                break
+
+    def _asked(self, function: Function) -> Any:
+        """A function of a part at the last states and the last reading, in these modes."""
+        wiring = Wiring(tuple((part, mode.law, mode.sign) for part, mode in zip(self.parts, self.modes, strict=True)),
+                        SEEN)  # fmt: skip
+        x = SimpleNamespace(**dict(zip(self.names, self.Y.tolist(), strict=False)))
+        read = dict(zip((*READ, *REMEMBERED), (self.a, self.a, 0.0, 0.0, *self.Y[-2:].tolist()), strict=True))
+        return wiring.value(function, None, x, Numbers(**self._own, **read))
+
+    def _prepare(self) -> None:
+        """Be ready for samples in these modes."""
+        self._compiled = _sample(self.parts, self.modes, self._numbers)
+        buffers = self._compiled.one.buffers
+        (self._from, self._read, p), self._out, self._run = buffers.inputs, buffers.outputs, buffers.trigger
+        p[:] = self.p
 
     def sample(self, x: float) -> float:
-        """u of a sample."""
-        return self.torque(*self.seen(x))
-
-    def torque(self, e: float, z: float, more: float = 0.0) -> float:
-        """u of a sample; more: torque that is added."""
-        self.w = self.kept * self.w + (self.T * (z + self.z) / 2 if self.half else self.T * z)
-        self.d += self.share * ((e - self.e) / self.T - self.d)
-        self.e, self.z = e, z
-        u = more - (self.kp * e + self.ki * self.w + self.kd * self.d)
+        """u of a sample at theta - theta_d = x."""
+        a = self.reading(x)
+        moved = a != self.a
+        way = math.copysign(1.0, a - self.a) if moved else 0.0
+        if self._waited and moved != self.moved:
+            self._behind("stop" if self.moved else "breakaway+" if way > 0 else "breakaway-")
+        for _ in range(MOST_CHANGES):
+            self._from[:], self._read[:] = self.Y, (a, self.a, moved, way)
+            self._run()
+            if not (self._compiled.edges or self._waited) or not self._changes():
+                break
+        self.Y[:] = self._out[0]
+        self.a, self.moved = a, moved
+        u = float(self._out[1][0])
         return self._to_step(u) if self.step else u
 
-    def steady(self, x: float) -> bool:
-        """Whether from the next sample on e and z stay what `seen` says, as long as the servo does not move."""
-        return True
+    def _changes(self) -> bool:
+        """Whether a mode ends at this sample, or a state jumps: then it is to be computed again."""
+        centre = [(None, _CENTRE)] if _CENTRE.name in self._waited else []
+        values = [*self._out[2].tolist(), *(float(self._out[0][-2]) for _ in centre)]
+        for (i, edge), value in zip((*self._compiled.edges, *centre), values, strict=True):
+            if edge.direction:
+                if edge.direction * value <= 0:
+                    continue
+            else:
+                side, before = math.copysign(1.0, value) if value else 0.0, self._sides.get(edge.name, 0.0)
+                self._sides[edge.name] = side or before
+                if side * before >= 0:
+                    continue
+            if i is not None:
+                self._jump(edge.reset)
+                to = edge.to if isinstance(edge.to, str) else self._asked(edge.to)
+                self._follow(i, to)
+            self._behind(edge.name)
+            return True
+        return False
 
-    def stays_within(self, x: float, limit: float) -> bool:
-        """Whether |u| <= limit for ever if the servo does not move."""
-        if not self.steady(x):
+    def _behind(self, event: str) -> None:
+        """Let the parts do what they do upon an event."""
+        for i, part in enumerate(self.parts):
+            self._jump(part.upon.get(event, {}))
+            if event in part.follows:
+                self._follow(i, part.follows[event])
+
+    def _jump(self, reset: Mapping[str, Function]) -> None:
+        values = {state: self._asked(function) for state, function in reset.items()}
+        for state, value in values.items():
+            self.Y[self.names.index(state)] = value
+
+    def _follow(self, i: int, name: str) -> None:
+        """A part's next mode."""
+        mode = next(mode for mode in self.parts[i].modes if mode.name == name)
+        if mode is not self.modes[i]:
+            self.modes = (*self.modes[:i], mode, *self.modes[i + 1 :])
+            self._prepare()
+
+    @property
+    def compiled(self) -> Sample:
+        """Its sample in the present modes."""
+        return self._compiled
+
+    def stays(self, x: float) -> bool:
+        """Whether the next sample reads what the last one did, and the one before."""
+        return not self.moved and self.reading(x) == self.a
+
+    def ahead(self, few: bool) -> tuple[Array, Array]:
+        """(count, n + 2) Y and (count,) u of the next samples if the reading stays, as long as no mode ends."""
+        buffers = self._compiled.many[0 if few else 1].buffers
+        for store, value in zip(buffers.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
+            store[:] = value
+        buffers.trigger()
+        Y, u, events = buffers.outputs
+        count = len(u)
+        for (_, edge), values in zip(self._compiled.edges, events.T, strict=True):
+            side = edge.direction or -self._sides.get(edge.name, 0.0)
+            ends = np.flatnonzero(side * values > 0)
+            count = min(count, int(ends[0])) if ends.size else count
+        if _CENTRE.name in self._waited:
+            ends = np.flatnonzero(self._sides.get(_CENTRE.name, 0.0) * Y[:, -2] < 0)
+            count = min(count, int(ends[0])) if ends.size else count
+        u = u[:count, 0]
+        return Y[:count].copy(), self.step * np.floor(u / self.step + 0.5) if self.step else u.copy()
+
+    def stays_within(self, low: float, high: float) -> bool:
+        """Whether u stays between two limits for ever if the reading stays."""
+        compiled = self._compiled
+        if compiled.linear is None:
             return False
-        e, z, w, d = self._next(x)
-        if z != 0 and not self.leak:
+        buffers = compiled.linear.buffers
+        for each in (buffers, compiled.one.buffers):
+            for store, value in zip(each.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
+                store[:] = value
+            each.trigger()
+        (following, u, events), (matrix, row) = compiled.one.buffers.outputs, buffers.outputs
+        factors, directions = np.linalg.eig(matrix)
+        if np.linalg.cond(directions) > CONDITION:
             return False
-        last = z / self.leak if self.leak else w
-        corners = [-(self.kp * e + self.ki * a + self.kd * b) for a in (w, last) for b in (d, 0.0)]
-        return max(map(abs, map(self._to_step, corners) if self.step else corners)) <= limit
+        there = np.linalg.solve(directions, np.column_stack([self.Y, following - matrix @ self.Y]))
+        once_more = np.abs(factors - 1) <= ONCE_MORE
+        driven = np.abs(there[:, 1]) > ONCE_MORE * np.abs(there).max()
+        if np.any(once_more & driven):
+            return False
+        last = np.where(once_more, there[:, 0], there[:, 1] / np.where(once_more, 1, 1 - factors))
+        dies = (row @ directions) * (there[:, 0] - last)
+        lasting = (np.abs(factors) >= 1) & ~once_more & (np.abs(dies) > 0)
+        if lasting.any() or not self._same_modes(np.real(directions @ last), events):
+            return False
+        one_way = (np.imag(factors) == 0) & (np.real(factors) >= 0)
+        parts, steady = np.real(dies), float(u[0]) - float(np.real(dies.sum()))
+        up = float(np.where(one_way, np.maximum(parts, 0), np.abs(dies)).sum())
+        down = float(np.where(one_way, np.minimum(parts, 0), -np.abs(dies)).sum())
+        ends = steady + down, steady + up
+        least, most = map(self._to_step, ends) if self.step else ends
+        return low <= least and most <= high
 
-    def ahead(self, x: float, count: int) -> tuple[Array, Array, Array]:
-        """(w, d, u) of the next samples if the servo does not move, (count,) each; where `steady`."""
-        e, z, first, rate = self._next(x)
-        n = np.arange(count)
-        if self.leak:
-            w = z / self.leak + (first - z / self.leak) * self.kept**n
-        else:
-            w = np.cumsum(np.concatenate([[first], np.full(count - 1, self.T * z)]))
-        d = rate * (1 - self.share) ** n  # 0^0 is 1
-        u = -(self.kp * e + self.ki * w + self.kd * d)
-        return w, d, self.step * np.floor(u / self.step + 0.5) if self.step else u
-
-    def go_on(self, x: float, n: int, w: float, d: float) -> None:
-        """Be behind n samples of `ahead`, the last of them with w and d."""
-        self.e, self.z = self.seen(x)
-        self.w, self.d = w, d
-
-    def _next(self, x: float) -> tuple[float, float, float, float]:
-        """(e, z, w, d) of the next sample, where `steady`."""
-        e, z = self.seen(x)
-        w = self.kept * self.w + (self.T * (z + self.z) / 2 if self.half else self.T * z)
-        return e, z, w, self.d + self.share * ((e - self.e) / self.T - self.d)
+    def _same_modes(self, last: Array, events: Array) -> bool:
+        """Whether no event is met on the way to the last Y: it is there already, as far as events see it."""
+        if not events.size:
+            return True
+        before = events.copy()
+        self._from[:] = last
+        self._run()
+        at = self._out[2]
+        return bool(np.all(np.abs(at - before) <= THE_SAME * np.maximum(np.abs(before), 1)))
 
     def _to_step(self, u: float) -> float:
         return self.step * math.floor(u / self.step + 0.5)

@@ -1,38 +1,32 @@
-"""The loop as built: a sampled controller, and between its torques the exact motion of the servo.
+"""The loop as built: a controller that is run by its samples, and between its torques the exact motion of the plant.
 
-At t_k = k T a controller reads theta and forms a torque u_k (controller.py, with remedies remedied.py), and
+At t_k = k T the controller reads an angle and forms a torque u_k (controller.py), and the plant (plant.py) has the torque
 
     m = u_k for t_k + delay <= t < t_{k+1} + delay, and 0 before the first of them
 
-Under a constant m the Switch servo slips (slip.py) or is stuck; it breaks away only where m changes to |m| > Fs, and
-the only event between two changes is a stop.  The LuGre servo (bristle.py) is never stuck and never proven to rest: it
-is followed sample by sample.
+Where nothing of the plant moves, the reading stays, and all samples up to a breakaway or a new mode of the controller
+are one array.  The loop rests for ever, and that is a proof, where so it is and the torques on their way and all that
+the controller can still ask for leave it there.  LuGre friction never sticks: it is followed sample by sample.
 
-While the servo is stuck its reading does not change, and all samples up to the breakaway are one array.  It rests for
-ever, and that is a proof, where it is stuck and the torques on their way and all that the controller can still ask for
-are within Fs.
-
-Symbols: T sample time [s], w the controller's sum [rad s], d its derivative [rad/s], u, m torques [N m].
+Symbols: T sample time [s], u, m torques [N m].
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ... import effort
+from ...errors import InputError
 from ..drive import Drive
-from ..servo import Servo
-from .bristle import Bristles
+from ..parts.loop import Loop
 from .controller import Controller
-from .remedied import Remedied
-from .slip import Slips
+from .in_a_row import IN_A_ROW, in_a_row
+from .plant import HELD, Plant, plant_of
 
 Array = np.ndarray
-
-FEWEST_AHEAD, MOST_AHEAD = 64, 65536
-"""Samples of a stick that are looked at at once: at first, and at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +35,14 @@ class Sampled:
 
     Attributes
     ----------
-    states : (3, n + 1) theta - theta_d [rad], theta' [rad/s], w [rad s]: its sum before the sample.
-    torque : (n,) u [N m].
+    names : of the n states: those of the plant, and those of the controller as they are before the sample.
+    states : (n, m + 1) angles from the set point [rad], rates [rad/s], and what the controller has.
+    torque : (m,) u [N m].
     stops : times of the stops [s].
     rests_from : sample from which it is known to rest for ever; -1 where it is not.
     """
 
+    names: tuple[str, ...]
     states: Array
     torque: Array
     stops: Array
@@ -54,100 +50,138 @@ class Sampled:
 
 
 class SampledLoop:
-    """One servo with its drive, at one gain and set point.
+    """A loop with its drive.
 
-    servo, gain, drive: the loop; set_point: theta_d [rad]; start: theta - theta_d, theta', w at the start; bristle: of
-    LuGre friction at the start [rad]; None: Switch.
+    loop, drive: what it is; set_point: theta_d [rad]; start: states by name, of which the angles are from the set point.
     """
 
-    def __init__(
-        self, servo: Servo, gain: float, drive: Drive, set_point: float, start: tuple[float, float, float],
-        bristle: float | None = None,
-    ) -> None:  # fmt: skip
-        friction = servo.friction
-        kind = Remedied if drive.remedied else Controller
-        self.controller = kind(servo, gain, drive, set_point, start[0], start[2])
-        self.sticks = bristle is None
-        self.slips: Slips | Bristles = Slips(servo.inertia, friction)
-        if bristle is not None:
-            self.slips = Bristles(servo.inertia, friction, bristle)
-        T = self.T = drive.sample_time
-        late, self.part = divmod(drive.delay, T)
+    def __init__(self, loop: Loop, drive: Drive, set_point: float, start: Mapping[str, float]) -> None:
+        plant, run_by_the_drive = plant_of(loop)
+        given = {name: value for name, value in start.items() if value or name in plant.system.states}
+        self.plant = Plant(plant, given)
+        self._many = len(self.plant.names) - len(HELD.states)
+        self._seen = _angle(loop, self.plant.names)
+        self.controller = Controller(loop, run_by_the_drive, drive, set_point, self.x, given)
+        self.names = (*self.plant.names[: self._many], *self.controller.names)
+        self.T = drive.sample_time
+        late, self._part = divmod(drive.delay, self.T)
         self.waiting = [0.0] * (int(late) + 1)
         """Torques on their way, the one that acts at the sample first."""
-        self.x, self.v = start[:2]
+
+    @property
+    def x(self) -> float:
+        """The angle that is read, from the set point [rad]."""
+        return float(self.plant.x[self._seen])
 
     def run(self, samples: int, farthest: float) -> Sampled:
-        """The motion; it ends early where |theta - theta_d| exceeds `farthest` [rad]."""
-        self.states, self.torque = np.empty((3, samples + 1)), np.empty(samples)
+        """The motion; it ends early where the angle is more than `farthest` [rad] from the set point."""
+        self.states, self.torque = np.empty((samples + 1, len(self.names))), np.empty(samples)
         stops: list[float] = []
         k, rests_from = 0, -1
         effort.motion_begins()
         effort.at(lambda: f"followed to sample {k} of {samples}")
+        few = True
         while k < samples and abs(self.x) <= farthest:
-            if self.sticks and self.v == 0:
-                if self.rests():
-                    rests_from = k
-                    self._sit(k, samples - k)
-                    k = samples
-                    break
-                k = self._stuck(k, samples)
-                if k == samples:
-                    break
+            if self.plant.still:
+                if self.controller.stays(self.x):
+                    if self.rests():
+                        rests_from, k = k, self._stuck(k, samples, for_ever=True)
+                        break
+                    k = self._stuck(k, samples)
+                    if k == samples:
+                        break
+            elif (taken := self._row(k, samples, few)) > 0:
+                k, few = k + taken, taken < IN_A_ROW[not few]
+                continue
             self._sample(k, stops)
-            k += 1
-        self.states[:, k] = self.x, self.v, self.controller.w
-        return Sampled(self.states[:, : k + 1], self.torque[:k], np.array(stops), rests_from)
+            k, few = k + 1, True
+        self._keep(k)
+        return Sampled(self.names, self.states[: k + 1].T, self.torque[:k], np.array(stops), rests_from)
+
+    def _keep(self, k: int) -> None:
+        self.states[k, : self._many] = self.plant.x[: self._many]
+        self.states[k, self._many :] = self.controller.Y[:-2]
 
     def _sample(self, k: int, stops: list[float]) -> None:
         """One sample, whatever it does."""
-        self.states[:, k] = self.x, self.v, self.controller.w
+        self._keep(k)
         u = self.controller.sample(self.x)
         self.torque[k] = u
         self.waiting.append(u)
         now = k * self.T
         before = self.waiting.pop(0)
-        for m, at, lasts in ((before, now, self.part), (self.waiting[0], now + self.part, self.T - self.part)):
-            self.x, self.v, found = self.slips(self.x, self.v, m, lasts)
-            stops += [at + t for t in found]
+        for m, at, lasts in ((before, now, self._part), (self.waiting[0], now + self._part, self.T - self._part)):
+            if lasts > 0:
+                stops += [at + t for t in self.plant(m, lasts)]
+
+    def _row(self, k: int, samples: int, few: bool) -> int:
+        """Go on by some samples in which no mode of the plant or the controller ends; how many these are."""
+        if not self.plant.mode.has_series:
+            return 0
+        compiled = in_a_row(self.plant, self.controller, self._seen, len(self.waiting), self._part > 0)
+        buffers = compiled[not few].buffers
+        n, plant, controller = self._many, self.plant, self.controller
+        given = (
+            (*plant.x, *controller.Y, *self.waiting, controller.a, controller.moved),
+            (controller.q, controller.theta_d, controller.step, self._part, plant.mode.mode.sign), plant.p, controller.p,
+        )  # fmt: skip
+        for store, value in zip(buffers.inputs, given, strict=True):
+            store[:] = value
+        buffers.trigger()
+        Z, u, good = buffers.outputs
+        bad = np.flatnonzero(good != 1)  # a number that is none is not good either
+        count = min(int(bad[0]) if bad.size else len(good), samples - k)
+        if count == 0:
+            return 0
+        many, end, own = plant.x.size, plant.x.size + controller.Y.size - 2, slice(None, n)
+        self._keep(k)
+        self.states[k + 1 : k + count, own] = Z[: count - 1, own]
+        self.states[k + 1 : k + count, n:] = Z[: count - 1, many:end]
+        self.torque[k : k + count] = u[:count, 0]
+        last = Z[count - 1]
+        plant.x[:], controller.Y[:] = last[:many], last[many : end + 2]
+        *self.waiting, controller.a, moved = last[end + 2 :].tolist()
+        controller.moved = moved > 0
+        return count
 
     def rests(self) -> bool:
-        """Whether a servo that is stuck rests for ever."""
-        return max(map(abs, self.waiting)) <= self.slips.static and self.controller.stays_within(
-            self.x, self.slips.static
-        )
+        """Whether a loop of which nothing moves rests for ever."""
+        low, high = self.plant.lasts_between()
+        return low <= min(self.waiting) <= max(self.waiting) <= high and self.controller.stays_within(low, high)
 
-    def _stuck(self, k: int, samples: int) -> int:
-        """Go on to the sample in which it breaks away, from which the controller is steady, or the last one; returns
-        which."""
-        count, steady = FEWEST_AHEAD, self.controller.steady(self.x)
+    def _stuck(self, k: int, samples: int, for_ever: bool = False) -> int:
+        """Go on to the sample in which something moves or the controller changes, or to the last one; returns which."""
+        low, high = self.plant.lasts_between()
+        few, kept = True, len(self.waiting)
         while k < samples:
-            w, d, u = self.controller.ahead(self.x, min(count, samples - k))
+            Y, u = self.controller.ahead(few)
+            asked = len(u)
+            Y, u = Y[: samples - k], u[: samples - k]
             # torques[j] acts up to the part of sample k + j, torques[j + 1] behind it
             torques = np.concatenate([self.waiting, u])
-            beyond = np.flatnonzero(np.abs(torques) > self.slips.static)
-            n = min(max(int(beyond[0]) - 1, 0), u.size) if beyond.size else u.size
-            self._sit_through(k, n, w, d, u)
-            k += n
-            if n < u.size or not steady and self.controller.steady(self.x):
+            beyond = np.flatnonzero((torques < low) | (torques > high)) if not for_ever else ()
+            n = min(max(int(beyond[0]) - 1, 0), u.size) if len(beyond) else u.size
+            if n == 0:
                 return k
-            count = min(2 * count, MOST_AHEAD)
+            self.states[k : k + n, : self._many] = self.plant.x[: self._many]
+            self.states[k, self._many :] = self.controller.Y[:-2]
+            self.states[k + 1 : k + n, self._many :] = Y[: n - 1, :-2]
+            self.torque[k : k + n] = u[:n]
+            self.waiting = [*self.waiting, *u[:n].tolist()][-kept:]
+            self.controller.Y[:] = Y[n - 1]
+            k += n
+            if n < asked or n < u.size:
+                return k
+            few = False
             effort.pieces(1)
         return k
 
-    def _sit_through(self, k: int, n: int, w: Array, d: Array, u: Array) -> None:
-        """Take over the first n samples of what is ahead."""
-        if n == 0:
-            return
-        self.states[0, k : k + n], self.states[1, k : k + n] = self.x, 0.0
-        self.states[2, k], self.states[2, k + 1 : k + n] = self.controller.w, w[: n - 1]
-        self.torque[k : k + n] = u[:n]
-        self.waiting = [*self.waiting, *u[:n].tolist()][-len(self.waiting) :]
-        self.controller.go_on(self.x, n, float(w[n - 1]), float(d[n - 1]))
 
-    def _sit(self, k: int, n: int) -> None:
-        """Rest to the end."""
-        while n:
-            taken = min(n, MOST_AHEAD)
-            self._sit_through(k, taken, *self.controller.ahead(self.x, taken))
-            k, n = k + taken, n - taken
+def _angle(loop: Loop, names: tuple[str, ...]) -> int:
+    """Which state of the plant the encoder reads."""
+    nowhere = np.eye(len(loop.system.states))
+    read = loop.signal("angle", loop.system.modes[0].name, nowhere)
+    found = [name for name, value in zip(loop.system.states, read, strict=True) if value == 1]
+    if len(found) != 1 or found[0] not in names or np.count_nonzero(read) != 1:
+        raise InputError(f"{loop.name}: its angle is no state that an encoder could read")
+    return names.index(found[0])
