@@ -30,8 +30,8 @@ from ...roots import boundary
 from ...servo.linear.open_loop import linear_stable
 from ...servo.parts.fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing
 from ...servo.parts.loop import Loop
-from ...servo.parts.part import Part
 from ...servo.parts.remedy import Remedy
+from ...servo.parts.table import with_remedy
 from ...servo.parts.verbs import loop_cycle
 from .scan import scan
 
@@ -114,16 +114,6 @@ class Scales:
             return loop.value(remedy.size)
         by_name = {"amplitude": self.amplitude, "rate": 1 / self.period, "period": self.period, "one": 1.0}
         return by_name[remedy.scale] if remedy.scale in by_name else loop.value(remedy.scale)
-
-
-def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
-    """The loop with a remedy of a size, which it may have already, of another size or none."""
-    if remedy.part is None or remedy.part in loop.parts:
-        return loop.replace(**{remedy.size: size})
-    if not remedy.instead:
-        return loop.with_parts(remedy.part, **{remedy.size: size})
-    parts: tuple[Part, ...] = tuple(remedy.part if part.name == remedy.instead else part for part in loop.parts)
-    return Loop(parts, {**loop.values, remedy.size: size}, loop.name)
 
 
 def more_of(remedy: Remedy, size: float, factor: float) -> float:

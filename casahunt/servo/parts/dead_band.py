@@ -67,13 +67,13 @@ SHIFTED_DEAD_BAND = _three(
     Law(gives={"integrand": lambda x, s, p: s.error + p.shifted_dead_band}),
 )  # fmt: skip
 ERROR_DEAD_BAND = _three(
-    "error dead band", "error_dead_band", "angle",
-    Law(gives={"error": lambda x, s, p: s.angle - (1 - p.remaining_gain) * p.error_dead_band,
-               "error_rate": lambda x, s, p: s.rate}),
-    Law(gives={"error": lambda x, s, p: p.remaining_gain * s.angle,
-               "error_rate": lambda x, s, p: p.remaining_gain * s.rate}),
-    Law(gives={"error": lambda x, s, p: s.angle + (1 - p.remaining_gain) * p.error_dead_band,
-               "error_rate": lambda x, s, p: s.rate}),
+    "error dead band", "error_dead_band", "seen",
+    Law(gives={"error": lambda x, s, p: s.seen - (1 - p.remaining_gain) * p.error_dead_band,
+               "error_rate": lambda x, s, p: s.seen_rate}),
+    Law(gives={"error": lambda x, s, p: p.remaining_gain * s.seen,
+               "error_rate": lambda x, s, p: p.remaining_gain * s.seen_rate}),
+    Law(gives={"error": lambda x, s, p: s.seen + (1 - p.remaining_gain) * p.error_dead_band,
+               "error_rate": lambda x, s, p: s.seen_rate}),
     remaining_gain=0.0,
 )  # fmt: skip
 

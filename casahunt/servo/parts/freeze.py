@@ -15,6 +15,8 @@ from ...checks import SMALLEST
 from .part import Edge, Law, Part, PartMode
 from .remedy import Corners, Remedy
 
+OVER_AT_LAST = 1 + 1e-9
+"""So that a dwell of n samples is over at the n-th, whatever their sum is rounded to."""
 _AWAY = ("breakaway+", "breakaway-")
 
 FREEZE = Part(
@@ -23,7 +25,8 @@ FREEZE = Part(
     upon={name: {"clock": lambda x, s, p: 0.0} for name in _AWAY},
     follows=dict.fromkeys(_AWAY, ""),
     modes=(
-        PartMode("", Law({"clock": lambda x, s, p: 1 - s.moving}, {"integrates": lambda x, s, p: 1.0}),
+        PartMode("", Law({"clock": lambda x, s, p: 1 - s.moving}, {"integrates": lambda x, s, p: 1.0},
+                         sampled={"clock": lambda x, s, p: x.clock + (1 - s.moving) * p.sample_time * OVER_AT_LAST}),
                  (Edge("dwells", lambda x, s, p: x.clock / p.dwell - 1, +1, "frozen"),)),
         PartMode("frozen", Law(gives={"integrates": lambda x, s, p: 0.0})),
     ),

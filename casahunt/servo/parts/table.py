@@ -6,6 +6,8 @@ from ...checks import choice_of
 from ...errors import InputError
 from ..units import PARAMETER_UNITS
 from . import dead_band, dither, error_filter, feedforward, freeze, leak, plain, reset
+from .loop import Loop
+from .part import Part
 from .remedy import Remedy
 
 REMEDIES: tuple[Remedy, ...] = (
@@ -40,6 +42,16 @@ def remedy_of(name: str, model: str) -> Remedy:
     """A remedy, by its name, as it goes with a friction model; where it does not, as it goes with another one."""
     known = [remedy for remedy in REMEDIES if remedy.name == name]
     return next((remedy for remedy in known if model in remedy.needs), known[0])
+
+
+def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
+    """The loop with a remedy of a size, which it may have already, of another size or none."""
+    if remedy.part is None or remedy.part in loop.parts:
+        return loop.replace(**{remedy.size: size})
+    if not remedy.instead:
+        return loop.with_parts(remedy.part, **{remedy.size: size})
+    parts: tuple[Part, ...] = tuple(remedy.part if part.name == remedy.instead else part for part in loop.parts)
+    return Loop(parts, {**loop.values, remedy.size: size}, loop.name)
 
 
 def remedy_name(name: str) -> str:

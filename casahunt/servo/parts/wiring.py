@@ -3,7 +3,7 @@
     signal  s.name = h(x, s; p) of the part that gives it, evaluated when first asked for
 
 Signals that no part need give have a value of their own (`UNGIVEN`): the controller's torque is that of the motor where
-nothing filters or limits it, and what is integrated is the error.
+nothing filters or limits it, the error is what is seen of the angle, and what is integrated is the error.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ from .part import Function, Law, Part
 UNGIVEN: dict[str, Function] = {
     "angle": lambda x, s, p: s.motor_angle,
     "rate": lambda x, s, p: s.motor_rate,
-    "error": lambda x, s, p: s.angle,
-    "error_rate": lambda x, s, p: s.rate,
+    "seen": lambda x, s, p: s.angle,
+    "seen_rate": lambda x, s, p: s.rate,
+    "error": lambda x, s, p: s.seen,
+    "error_rate": lambda x, s, p: s.seen_rate,
     "derivative": lambda x, s, p: s.error_rate,
     "integrand": lambda x, s, p: s.error,
     "integrates": lambda x, s, p: 1.0,

@@ -23,7 +23,7 @@ import numpy as np
 from ...results import Result
 from ..drive import Drive, with_remedy
 from ..outcome import SETTLES, Outcome
-from .motion import SampledMotion, simulate_sampled
+from .motion import SampledMotion, again
 
 Array = np.ndarray
 
@@ -89,7 +89,7 @@ def cause_of(motion: SampledMotion) -> Cause | None:
     seen, drive = motion.verdict, motion.drive
     if seen.kind != "hunting" or not drive.quantises:
         return None
-    without = _again(motion, drive.exact()).verdict
+    without = again(motion, drive.exact()).verdict
     kind, sentence = told_apart(seen, without)
     counts = seen.amplitude / drive.count if drive.encoder else math.nan
     return Cause(kind, sentence, without, counts, smallest_dead_band(motion))
@@ -110,23 +110,13 @@ def told_apart(seen: Outcome, without: Outcome) -> tuple[Kind, str]:
     return ("quantisation" if off > OTHERWISE else "stiction"), hunts
 
 
-def _again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> SampledMotion:
-    """The motion with another drive, from its own start or from its end."""
-    x, v, w = motion.states[:, -1 if from_end else 0]
-    bristle = motion.bristle if from_end else 0.0
-    return simulate_sampled(
-        motion.servo, motion.gain, drive, model=motion.model, set_point=motion.set_point, time=motion.duration,
-        position=motion.set_point + x, velocity=v, integral=w, bristle=bristle,
-    )  # fmt: skip
-
-
 def smallest_dead_band(motion: SampledMotion) -> float:
     """The smallest dead band of the integrator that ends the hunting of a motion [rad]; nan where none was found."""
     sizes = _sizes(motion)
 
     def ends(i: int) -> bool:
         drive = with_remedy(motion.drive, "dead_band", float(sizes[i]))
-        return all(_again(motion, drive, from_end=late).verdict.kind == "at rest" for late in (True, False))
+        return all(again(motion, drive, from_end=late).verdict.kind == "at rest" for late in (True, False))
 
     low = -1  # sizes up to here do not end it
     while low < sizes.size - 1:

@@ -16,12 +16,15 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
+from ...checks import COMPUTED, sensible
 from ...results import Result
 from ..drive import Drive, with_remedy
 from ..outcome import BY_SEVERITY, SETTLES
+from ..parts.loop import Loop
+from ..parts.plain_loop import loop_of
 from ..servo import Servo
 from .cause import cause_of, smallest_dead_band
-from .motion import SampledMotion, simulate_sampled
+from .motion import SampledMotion, followed, static_of, torque_gain
 
 OFFSETS = (0.0, 0.25, 0.5)
 """Of the set point from a count, in counts."""
@@ -83,13 +86,13 @@ class AsBuilt(Result):
         return self.kind in ("hunting", "growing")
 
 
-def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
+def as_built(servo: Servo | Loop, gain: float | None, drive: Drive) -> AsBuilt:
     """Whether a servo comes to rest in the loop as built, from a few starts and at a few set points.
 
     Parameters
     ----------
     servo, gain, drive
-        the loop; gain > 0.
+        the servo with Switch friction, its gain > 0, and its drive; or a loop of parts, with None for the gain.
 
     Returns
     -------
@@ -102,7 +105,8 @@ def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     >>> found.kind, round(found.dead_band, 5)  # rad: it hunts by counts
     ('hunting', 0.00173)
     """
-    motions = _motions(servo, gain, drive)
+    loop = servo if isinstance(servo, Loop) else loop_of(servo, "switch", sensible("gain", gain, power=COMPUTED))
+    motions = motions_of(loop, drive)
     worst = max(motions, key=lambda motion: BY_SEVERITY.index(motion.verdict.kind))
     kind, count = worst.verdict.kind, len(motions)
     if kind in SETTLES:
@@ -118,30 +122,28 @@ def as_built(servo: Servo, gain: float, drive: Drive) -> AsBuilt:
     plain = "it hunts" if cause is None else f"it hunts, {BY_CAUSE[cause.kind]}"
     said = f"; {cause.kind}: {cause.sentence}" if cause is not None else ""
     first = cause.dead_band if cause is not None else smallest_dead_band(worst)
-    return AsBuilt(kind, plain, f"{text}{said}", _ending(servo, gain, drive, first), worst)
+    return AsBuilt(kind, plain, f"{text}{said}", _ending(loop, drive, first), worst)
 
 
-def _motions(servo: Servo, gain: float, drive: Drive) -> list[SampledMotion]:
-    kp, _, ki = servo.torque_gains(gain)
-    static, q = servo.friction.static, drive.count
-    error = max(static - servo.friction.coulomb, LEAST_DROP * static) / kp
+def motions_of(loop: Loop, drive: Drive) -> list[SampledMotion]:
+    """The motions of the check."""
+    (static, coulomb), q = static_of(loop), drive.count
+    kp, ki = (torque_gain(loop, name) for name in ("kp", "ki"))
+    error = max(static - coulomb, LEAST_DROP * static) / kp
     error = min(error, q / 2) if q else error
     length = max(WOUND_UP * 2 * static / (ki * error), drive.sample_time)
     length = min(length, MOST_CHECKED * drive.sample_time)
-    found = []
-    for offset, beside in product(OFFSETS if q else (0.0,), (SET_POINT_STEP, static / kp)):
-        at = offset * q
-        found.append(simulate_sampled(servo, gain, drive, set_point=at, position=at - beside, time=length))
-    return found
+    starts = product(OFFSETS if q else (0.0,), (SET_POINT_STEP, static / kp))
+    return [followed(loop, drive, offset * q, length, loop.at_rest(-beside)) for offset, beside in starts]
 
 
-def _ending(servo: Servo, gain: float, drive: Drive, first: float) -> float:
+def _ending(loop: Loop, drive: Drive, first: float) -> float:
     """The dead band that ends it at all set points, from that of one of them; nan where none does."""
     band = WIDER_BAND * first
     for _ in range(len(OFFSETS) * 2):
         if math.isnan(band):
             return band
-        motions = _motions(servo, gain, with_remedy(drive, "dead_band", band))
+        motions = motions_of(loop, with_remedy(drive, "dead_band", band))
         left = [motion for motion in motions if motion.verdict.kind not in SETTLES]
         if not left:
             return band

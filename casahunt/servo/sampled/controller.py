@@ -55,8 +55,8 @@ READ = ("reading", "last_reading", "moved", "way")
 REMEMBERED = ("last_error", "last_integrand")
 RUN = ("sample_time", "trapezoid")
 """What these depend on, and the rules of the states, beside the parameters of the loop."""
-AHEAD = 64, 4096
-"""Samples of a stick that are looked at at once: at first, and then."""
+AHEAD = 32, 128, 512
+"""Samples of a stick that are looked at at once: at first, then, and from then on."""
 MOST_CHANGES = 8
 """Modes that end at one sample."""
 THE_SAME = 1e-9
@@ -169,7 +169,7 @@ class Controller:
         self.modes = tuple(part.modes[0] for part in self.parts)
         for _ in (*self.parts, None):
             for part in self.parts:
-                at = self.a if "error" in part.gives else self._asked(_error) if "derivative" in part.gives else None
+                at = self.a if "seen" in part.gives else self._asked(_error) if "derivative" in part.gives else None
                 for state in part.states if at is not None else ():
                     self.Y[self.names.index(state)] = at if state not in given else self.Y[self.names.index(state)]
             self.Y[-2:] = self._asked(_error), self._asked(_integrand)
@@ -261,9 +261,12 @@ class Controller:
         """Whether the next sample reads what the last one did, and the one before."""
         return not self.moved and self.reading(x) == self.a
 
-    def ahead(self, few: bool) -> tuple[Array, Array]:
-        """(count, n + 2) Y and (count,) u of the next samples if the reading stays, as long as no mode ends."""
-        buffers = self._compiled.many[0 if few else 1].buffers
+    def ahead(self, before: int) -> tuple[Array, Array]:
+        """(count, n + 2) Y and (count,) u of the next samples if the reading stays, as long as no mode ends.
+
+        before: how often it was asked in a row.
+        """
+        buffers = self._compiled.many[min(before, len(AHEAD) - 1)].buffers
         for store, value in zip(buffers.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
             store[:] = value
         buffers.trigger()

@@ -21,14 +21,14 @@ def in_a_row(plant: Plant, controller: Controller, seen: int, waiting: int, part
     mode = plant.mode
     kinds = controller.q > 0, controller.step > 0, parted, controller.waits
     found: tuple[Caller, ...] = _compiled(
-        mode.stepped, tuple(mode.directions), plant.held, controller.compiled, seen, waiting, kinds
+        mode.stepped, plant.held, controller.compiled, seen, waiting, kinds
     )
     return found
 
 
 @kept(maxsize=256)
 def _compiled(
-    stepped: tuple, directions: tuple[int, ...], held: int, sample: Sample, seen: int, waiting: int,
+    stepped: tuple, held: int, sample: Sample, seen: int, waiting: int,
     kinds: tuple[bool, bool, bool, bool],
 ) -> tuple[Caller, ...]:  # fmt: skip
     """The same of a mode of the plant and modes of the controller; kinds: see above."""
@@ -50,9 +50,9 @@ def _compiled(
     state = x
     for torque, lasts in ((torques[0], part), (torques[1], T - part))[not parted :]:
         begins = ca.vertcat(state[:held], torque, state[held + 1 :])
-        _, state, tail, E, spread, hides = step(begins, lasts, sign, p)
-        good += [tail <= LAST_COEFFICIENTS, ca.logic_or(hides[0] >= HIDDEN, hides[1] <= SHOWN)]
-        good += [direction * E[0, i] + spread[i] < 0 for i, direction in enumerate(directions)]
+        _, state, _, seen = step(begins, lasts, sign, p)
+        tail, before, behind, most = ca.vertsplit(seen)
+        good += [tail <= LAST_COEFFICIENTS, ca.logic_or(before >= HIDDEN, behind <= SHOWN), most < 0]
     well = ca.SX(1)
     for each in good:
         well = ca.logic_and(well, each)

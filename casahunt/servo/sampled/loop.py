@@ -22,11 +22,14 @@ from ... import effort
 from ...errors import InputError
 from ..drive import Drive
 from ..parts.loop import Loop
-from .controller import Controller
+from .controller import AHEAD, Controller
 from .in_a_row import IN_A_ROW, in_a_row
 from .plant import HELD, Plant, plant_of
 
 Array = np.ndarray
+
+MOST_SINGLE = 15
+"""Samples that are taken one by one at most where rows are tried in vain, before the next one is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,7 @@ class SampledLoop:
         k, rests_from = 0, -1
         effort.motion_begins()
         effort.at(lambda: f"followed to sample {k} of {samples}")
-        few = True
+        few, single, wait = True, 0, 0
         while k < samples and abs(self.x) <= farthest:
             if self.plant.still:
                 if self.controller.stays(self.x):
@@ -90,9 +93,13 @@ class SampledLoop:
                     k = self._stuck(k, samples)
                     if k == samples:
                         break
+            elif wait > 0:
+                wait -= 1
             elif (taken := self._row(k, samples, few)) > 0:
-                k, few = k + taken, taken < IN_A_ROW[not few]
+                k, few, single = k + taken, taken < IN_A_ROW[not few], 0
                 continue
+            else:
+                single = wait = min(2 * single + 1, MOST_SINGLE)
             self._sample(k, stops)
             k, few = k + 1, True
         self._keep(k)
@@ -152,10 +159,10 @@ class SampledLoop:
     def _stuck(self, k: int, samples: int, for_ever: bool = False) -> int:
         """Go on to the sample in which something moves or the controller changes, or to the last one; returns which."""
         low, high = self.plant.lasts_between()
-        few, kept = True, len(self.waiting)
+        asked, kept = 0, len(self.waiting)
         while k < samples:
-            Y, u = self.controller.ahead(few)
-            asked = len(u)
+            Y, u = self.controller.ahead(asked)
+            there, asked = len(u), asked + 1
             Y, u = Y[: samples - k], u[: samples - k]
             # torques[j] acts up to the part of sample k + j, torques[j + 1] behind it
             torques = np.concatenate([self.waiting, u])
@@ -170,9 +177,8 @@ class SampledLoop:
             self.waiting = [*self.waiting, *u[:n].tolist()][-kept:]
             self.controller.Y[:] = Y[n - 1]
             k += n
-            if n < asked or n < u.size:
+            if n < there or there not in AHEAD:
                 return k
-            few = False
             effort.pieces(1)
         return k
 

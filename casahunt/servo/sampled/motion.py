@@ -8,6 +8,7 @@ the position lies within rounding of the edge between two.
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -21,7 +22,11 @@ from ...results import Result
 from ..drive import Drive
 from ..hunting import MODELS, Model
 from ..outcome import Outcome
+from ..parts.loop import Loop
+from ..parts.lugre import LUGRE
+from ..parts.plain_loop import loop_of
 from ..servo import Servo, a_servo
+from .as_run import as_run
 from .loop import SampledLoop
 from .turning_points import Ending, judge
 
@@ -33,6 +38,8 @@ AT_A_STOP = ("dwell", "reset_at_stop")
 """Remedies that wait for a reading to stay."""
 FAR_AWAY = 1e3
 """A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
+FIRST_STATES = ("x1", "x2", "x3")
+"""Position and velocity of the motor, and the integral: the states that come first."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,11 +48,12 @@ class SampledMotion(Result):
 
     Attributes
     ----------
-    model, servo, gain, drive, set_point : the loop; set point theta_d [rad].
-    bristle : its deflection at the end [rad] (LuGre), else 0.
-    times : (n,) of the samples [s].
-    states : (3, n) theta - theta_d [rad], theta' [rad/s], and the controller's sum [rad s] before the sample.
-    torque : (n - 1,) what each sample asks for [N m].
+    loop, drive, set_point : the loop, without what its drive adds; set point theta_d [rad].
+    names : of the n states: x1 = theta - theta_d [rad], x2 = theta' [rad/s], x3, the controller's sum [rad s], where
+        they are, then all others.
+    times : (m,) of the samples [s].
+    states : (n, m), those of the controller as they are before the sample.
+    torque : (m - 1,) what each sample asks for [N m].
     stops : times at which it stops [s].
     rests_since : from when on it is known to rest for ever [s]; nan where it is not.
     far : whether it was given up far away from the set point.
@@ -62,17 +70,15 @@ class SampledMotion(Result):
 
     _quantities = ("model", "gain [V/rad]", "set_point [rad]", "duration [s]", "verdict = verdict.kind", "wall_s [s]")
     _details = (
-        "servo", "reason = verdict.sentence", "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]",
+        "parts", "reason = verdict.sentence", "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]",
         "pattern = verdict.pattern", "swings = verdict.swings", "rests_since [s]", "peak_torque [N m]",
         "number_of_stops = stops.size", "readings",
     )  # fmt: skip
 
-    model: Model
-    servo: Servo
-    gain: float
+    loop: Loop
     drive: Drive
     set_point: float
-    bristle: float
+    names: tuple[str, ...]
     times: Array
     states: Array
     torque: Array
@@ -80,6 +86,21 @@ class SampledMotion(Result):
     rests_since: float
     far: bool
     wall_s: float
+
+    @property
+    def model(self) -> Model:
+        """The friction model."""
+        return "lugre" if LUGRE in self.loop.present else "switch"
+
+    @property
+    def gain(self) -> float:
+        """K [V/rad]."""
+        return self.loop.value("gain")
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names of the loop's parts."""
+        return tuple(part.name for part in self.loop.present)
 
     @property
     def duration(self) -> float:
@@ -97,13 +118,22 @@ class SampledMotion(Result):
         q, theta = self.drive.count, self.set_point + self.states[0, self.times.size // 2 :]
         return (int(np.floor(theta.min() / q + 0.5)), int(np.floor(theta.max() / q + 0.5))) if q else (0, 0)
 
+    def state(self, at: int) -> dict[str, float]:
+        """The states at a sample, by name."""
+        return dict(zip(self.names, self.states[:, at].tolist(), strict=True))
+
+    @cached_property
+    def static(self) -> float:
+        """Static friction [N m]: of the load, where the motor has none."""
+        return static_of(self.loop)[0]
+
     @cached_property
     def verdict(self) -> Outcome:
         """What the end of the motion shows."""
-        friction = self.servo.friction
-        kp = self.servo.torque_gains(self.gain)[0]
-        unit, step = (friction.static - friction.coulomb) / kp, self.drive.quantise_torque / kp
-        bends = friction.static / friction.stiffness if self._bristles_hold(kp) else 0.0
+        static, coulomb = static_of(self.loop)
+        kp = torque_gain(self.loop, "kp")
+        unit, step = (static - coulomb) / kp, self.drive.quantise_torque / kp
+        bends = static / self.loop.value("stiffness") if self._bristles_hold(kp) else 0.0
         end = Ending(self.rests_since, self.far, self._waits(), self.drive.count, unit, bends, step)
         return judge(self.times, self.states[0], end)
 
@@ -112,30 +142,44 @@ class SampledMotion(Result):
         point, by an exact torque, before that torque is static friction."""
         if self.model != "lugre":
             return False
-        w = self.states[2, -(self.times.size // 2) - 1 :]
+        w = self.states[self.names.index("x3"), -(self.times.size // 2) - 1 :] if "x3" in self.names else np.zeros(1)
         middle = w[w.size // 2]
         if abs(w[-1] - middle) <= abs(middle - w[0]) / 2:
             return True
-        friction = self.servo.friction
-        bent = abs(float(self.torque[-1])) + (friction.stiffness + kp) * abs(float(self.states[0, -1]))
-        return not self.drive.quantises and bent < friction.static
+        bent = abs(float(self.torque[-1])) + (self.loop.value("stiffness") + kp) * abs(float(self.states[0, -1]))
+        return not self.drive.quantises and bent < self.static
 
     def _waits(self) -> str:
         """What is said of a servo that ends stuck."""
-        x, v, _ = self.states[:, -1]
+        x, v = self.states[:2, -1]
         return f"; it ends stuck {x:+.4g} rad beside the set point" if v == 0 else ""
 
     def _columns(self) -> Columns:
-        x, v, w = self.states[:, :-1]
-        return {
-            "time_s": self.times[:-1], "position_rad": self.set_point + x, "velocity_rad_per_s": v, "sum_rad_s": w,
-            "torque_Nm": self.torque,
-        }  # fmt: skip
+        states = dict(zip(self.names, self.states[:, :-1], strict=True))
+        named = {"time_s": self.times[:-1], "position_rad": self.set_point + states.pop("x1"),
+                 "velocity_rad_per_s": states.pop("x2")}  # fmt: skip
+        named |= {"sum_rad_s": states.pop("x3")} if "x3" in states else {}
+        return named | states | {"torque_Nm": self.torque}
 
     def _more(self) -> dict[str, Any]:
-        x, v, w = self.states[:, -1]
-        return {"drive": vars(self.drive), "position": self.set_point + x, "velocity": v, "integral": w,
-                "bristle": self.bristle if self.model == "lugre" else None}  # fmt: skip
+        end = self.state(-1)
+        return {"parameters": self.loop.parameters, "drive": vars(self.drive), "position": self.set_point + end["x1"],
+                "velocity": end["x2"], "integral": end.get("x3"), "bristle": end.get("x4")}  # fmt: skip
+
+
+def static_of(loop: Loop) -> tuple[float, float]:
+    """Static and Coulomb friction [N m]: of the load, where the motor has none."""
+    at = "" if "static" in loop.parameters else "load_"
+    if at + "static" not in loop.parameters:
+        raise InputError(f"{loop.name}: has no dry friction, which is what a motion is judged by")
+    static = loop.value(at + "static")
+    return static, loop.value(at + "coulomb") if at + "coulomb" in loop.parameters else static
+
+
+def torque_gain(loop: Loop, name: str) -> float:
+    """The torque gain "kp" or "ki" of the controller.  Raises InputError: it has no such gain."""
+    nowhere, (mode, *_) = np.zeros((len(loop.system.states), 1)), loop.system.modes
+    return float(loop.signal(name, mode.name, nowhere)[0])
 
 
 def _check_stops(model: str, drive: Drive) -> None:
@@ -146,27 +190,30 @@ def _check_stops(model: str, drive: Drive) -> None:
 
 
 def simulate_sampled(
-    servo: Servo, gain: float, drive: Drive, *, model: Model = "switch", set_point: float = 1.0, time: float = 100.0,
-    position: float = 0.0, velocity: float = 0.0, integral: float = 0.0, bristle: float = 0.0,
+    servo: Servo | Loop, gain: float | None = None, drive: Drive | None = None, *, model: Model = "switch",
+    set_point: float = 1.0, time: float = 100.0, position: float = 0.0, velocity: float = 0.0, integral: float = 0.0,
+    bristle: float = 0.0, start: Mapping[str, float] | None = None,
 ) -> SampledMotion:  # fmt: skip
     """The motion of the loop as built from an initial state.
 
     Parameters
     ----------
     servo, gain, drive
-        the loop; gain > 0.
+        the servo, its gain > 0, and its drive; or a loop of parts, which says its gain itself.
     model
-        "switch" or "lugre", whose sticks are followed sample by sample.
+        of a servo: "switch" or "lugre", whose sticks are followed sample by sample.
     set_point
         theta_d [rad]; where it lies between two counts of the encoder the error that is read is never 0.
     time
         length of the motion [s], > 0; whole samples.
     position, velocity
-        theta [rad] and theta' [rad/s] at the start.
+        theta [rad], which all angles of the loop are, and theta' [rad/s] at the start.
     integral
         the controller's sum at the start [rad s].
     bristle
         z at the start [rad] (LuGre only).
+    start
+        of a loop: any other of its states at the start, by name, angles from the set point.
 
     Returns
     -------
@@ -174,7 +221,8 @@ def simulate_sampled(
 
     Raises
     ------
-    InputError : a value out of range, or more than `LONGEST_MOTION` samples.
+    InputError : a value out of range, more than `LONGEST_MOTION` samples, or parts that no drive runs.
+    NotFollowed : the motion cannot be followed further.
 
     Examples
     --------
@@ -182,32 +230,49 @@ def simulate_sampled(
     >>> simulate_sampled(Servo(), 0.04, Drive(sample_time=1e-3, encoder=2000), time=150.0).verdict.kind
     'hunting'
     """
-    began = clock.perf_counter()
-    a_servo(servo)
-    of_kind("drive", drive, Drive, "such as Drive(sample_time=1e-3, encoder=2000)")
-    sensible("gain", gain, power=COMPUTED)
+    drive = of_kind("drive", drive, Drive, "such as Drive(sample_time=1e-3, encoder=2000)")
     sensible("time", time, power=COMPUTED)
-    _check_stops(choice_of("model", model, MODELS), drive)
-    if bristle != 0 and model != "lugre":
-        raise InputError(f"bristle = {bristle!r}: must be 0 with the model {model!r}, which has no bristle")
+    if isinstance(servo, Loop):
+        loop = servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
+    else:
+        a_servo(servo)
+        loop = loop_of(servo, choice_of("model", model, MODELS), sensible("gain", gain, power=COMPUTED))
+    states, known = loop.system.states, "lugre" if LUGRE in loop.present else "switch"
+    _check_stops(known, drive)
+    if bristle != 0 and known != "lugre":
+        raise InputError(f"bristle = {bristle!r}: must be 0 with the model 'switch', which has no bristle")
     given = {"set_point": set_point, "position": position, "velocity": velocity, "integral": integral,
              "bristle": bristle}  # fmt: skip
     numbers = {key: moderate(key, value) for key, value in given.items()}
+    named = {"x2": numbers["velocity"], "x3": numbers["integral"], "x4": numbers["bristle"]}
+    there = loop.at_rest(numbers["position"] - numbers["set_point"]) | {
+        name: value for name, value in named.items() if name in states
+    }
+    others = {choice_of("state", name, states): moderate(name, value) for name, value in (start or {}).items()}
+    return followed(loop, drive, numbers["set_point"], time, there | others)
+
+
+def followed(loop: Loop, drive: Drive, set_point: float, time: float, start: Mapping[str, float]) -> SampledMotion:
+    """The motion of a loop with its drive; start: states by name, of which those that there are count."""
+    began = clock.perf_counter()
     T = drive.sample_time
     samples = round(time / T)
     if not 1 <= samples <= LONGEST_MOTION:
         raise InputError(f"time = {time:g}: must be between 1 and {LONGEST_MOTION} samples of {T:g} s")
-    x = numbers["position"] - numbers["set_point"]
-    start = x, numbers["velocity"], numbers["integral"]
-    z = numbers["bristle"] if model == "lugre" else None
-    loop = SampledLoop(servo, gain, drive, numbers["set_point"], start, z)
-    farthest = FAR_AWAY * max(abs(x), servo.friction.static / loop.controller.kp)
-    found = loop.run(samples, farthest)
-    n = found.states.shape[1]
+    motion = SampledLoop(as_run(loop, drive), drive, set_point, start)
+    farthest = FAR_AWAY * max(abs(start.get("x1", 0.0)), static_of(loop)[0] / torque_gain(loop, "kp"))
+    found = motion.run(samples, farthest)
+    first = [name for name in FIRST_STATES if name in found.names]
+    names = (*first, *(name for name in found.names if name not in first))
+    states, n = found.states[[found.names.index(name) for name in names]], found.states.shape[1]
     return SampledMotion(
-        model=model, servo=servo, gain=gain, drive=drive, set_point=numbers["set_point"],
-        bristle=loop.slips.z, times=T * np.arange(n),
-        states=found.states, torque=found.torque, stops=found.stops,
+        loop=loop, drive=drive, set_point=set_point, names=names, times=T * np.arange(n), states=states,
+        torque=found.torque, stops=found.stops,
         rests_since=T * found.rests_from if found.rests_from >= 0 else float("nan"),
-        far=bool(abs(found.states[0, -1]) > farthest), wall_s=clock.perf_counter() - began,
+        far=bool(abs(motion.x) > farthest), wall_s=clock.perf_counter() - began,
     )  # fmt: skip
+
+
+def again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> SampledMotion:
+    """The motion with another drive, from its own start or from its end."""
+    return followed(motion.loop, drive, motion.set_point, motion.duration, motion.state(-1 if from_end else 0))

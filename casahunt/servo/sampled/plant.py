@@ -107,19 +107,21 @@ def plant_of(loop: Loop) -> tuple[Loop, tuple[Part, ...]]:
 
 @kept(maxsize=128)
 def step_of(
-    field: Field, feature: Feature | None, events: tuple[EventFunction, ...], n: int, parameters: int
+    field: Field, feature: Feature | None, events: tuple[tuple[EventFunction, int], ...], n: int, parameters: int
 ) -> tuple[ca.Function, Caller, tuple[int, ...]] | None:
     """One step, and of each event the state that alone is in it, or -1; None without a series.
 
-    (x, h, sign, p) -> (ORDER + 1, n) C; (n,) end; the last coefficients, of the states' sizes; (E, ORDER + 1) E; (E,)
-    by how much an event may change; (2,) the feature at both ends.
+    events: functions, each with the direction of its exit.
+    (x, h, sign, p) -> (ORDER + 1, n) C; (n,) end; (E, ORDER + 1) E, in the direction of the exits; and (4,): the last
+    coefficients, relative to the sizes of the states; the feature at the start; what it is at most half-way and at the
+    end; what events are at most.
     """
     series = taylor_coefficients(field, n, parameters, ORDER)
     if series is None:
         return None
     x, h, sign, p = ca.SX.sym("x", n), ca.SX.sym("h"), ca.SX.sym("sign"), ca.SX.sym("p", parameters)
     C = ca.densify(series(x, sign, p, ca.DM.ones(n), h))
-    at = ca.densify(ca.vertcat(*[event(x, 0.0, p) for event in events], ca.SX(0, 1)))
+    at = ca.densify(ca.vertcat(*[direction * event(x, 0.0, p) for event, direction in events], ca.SX(0, 1)))
     slopes = ca.jacobian(at, x)
     if slopes.nnz() and ca.depends_on(ca.vertcat(*slopes.nonzeros()), x):
         return None
@@ -127,13 +129,16 @@ def step_of(
     end = ca.sum2(C)
     sizes = ca.vertcat(*[ca.fmax(ca.mmax(ca.fabs(C[i, :])), SMALLEST_SIZE) for i in range(n)])
     tails = ca.fmax(ca.fabs(C[:, -1]), ca.fabs(C[:, -2])) / sizes
-    hides = ca.vertcat(feature(x, p), feature(end, p)) if feature is not None else ca.DM.ones(2)
-    outputs = [C, end, ca.mmax(tails), E.T, ca.sum2(ca.fabs(E[:, 1:])), ca.fabs(hides)]
+    halfway = ca.mtimes(C, ca.DM(0.5**_NUMBERS))
+    hides = ca.vertcat(*(feature(at, p) for at in (x, halfway, end))) if feature is not None else ca.DM.ones(3)
+    most = ca.mmax(ca.vertcat(E[:, 0] + ca.sum2(ca.fabs(E[:, 1:])), -1))
+    seen = ca.vertcat(ca.mmax(tails), ca.fabs(hides[0]), ca.mmax(ca.fabs(hides[1:])), most)
+    outputs = [C, end, E.T, seen]
     function = ca.Function("step", [x, h, sign, p], [ca.densify(each) for each in outputs])
     many, at_zero = len(events), ca.Function("zero", [x, p], [at])(ca.DM.zeros(n), p)
     rows, columns = slopes.sparsity().get_triplet()
     alone = [columns[rows.index(i)] if rows.count(i) == 1 and at_zero[i].is_zero() else -1 for i in range(many)]
-    shapes = [(ORDER + 1, n), (n,), (1,), (many, ORDER + 1), (many,), (2,)]
+    shapes = [(ORDER + 1, n), (n,), (many, ORDER + 1), (4,)]
     return function, caller(function, [(n,), (1,), (1,), (parameters,)], shapes), tuple(alone)
 
 
@@ -142,7 +147,7 @@ class PlantMode:
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], n: int, p: Array) -> None:
         self.mode, self.exits = mode, exits
-        self.stepped = mode.field, mode.feature, tuple(way.event.function for way in exits), n, p.size
+        self.stepped = mode.field, mode.feature, tuple((way.event.function, way.direction) for way in exits), n, p.size
         found = step_of(*self.stepped)
         self.has_series = found is not None
         self.still, self.next = False, math.inf
@@ -151,7 +156,6 @@ class PlantMode:
         buffers, self.alone = found[1].buffers, found[2]
         (self._x, self._h, sign, parameters), self.found, self._run = buffers.inputs, buffers.outputs, buffers.trigger
         self._fixed = (sign, mode.sign), (parameters, p)
-        self.directions = [way.direction for way in exits]
         moves = ca.SX(mode.field(ca.SX.sym("x", n), ca.DM(p), mode.sign))
         self.still = bool(ca.sparsify(ca.cse(moves)).nnz() == 0)
         """Whether nothing moves in it."""
@@ -259,38 +263,43 @@ class Plant:
     def _step(self, longest: float) -> tuple[float, Exit | None]:
         """(time, exit at its end) of one step, of `longest` seconds at most."""
         mode = self._mode
-        C, end, tail, E, spread, hides = mode.found
+        C, ends, E, seen = mode.found
         h = min(longest, mode.next)
         while True:
             mode.step(self.x, h)
             self._steps += 1
             if self._steps % LOOKED == 0:
                 effort.pieces(LOOKED)
-            last = float(tail[0])
+            last, before, behind, most = seen.tolist()
             share = TAKEN_OFF * (LAST_COEFFICIENTS / max(last, SMALLEST_SIZE)) ** (1 / ORDER) if last < np.inf else 0.0
-            if last <= LAST_COEFFICIENTS:
-                before, behind = hides.tolist()
-                if before >= HIDDEN or behind <= SHOWN:
-                    break
-                h /= 2
+            if not last <= LAST_COEFFICIENTS:  # or it is no number
+                h *= max(share, LEAST_SHARE)
                 continue
-            h *= max(share, LEAST_SHARE)
+            hidden, met = before < HIDDEN, -1
+            if most >= 0 and not (hidden and behind > SHOWN):
+                tau, met = min((first_rise(row), i) for i, row in enumerate(E))
+                met = met if tau <= 1 else -1
+            if met >= 0:
+                ends = tau**_NUMBERS @ C
+            if not hidden or self._shown(behind, ends, met) <= SHOWN:
+                break
+            h /= 2
+            ends = mode.found[1]
         longer = h * min(share, 1 / LEAST_SHARE)
         mode.next = max(longer, mode.next) if h == longest and mode.next < np.inf else longer
-        best, found = 2.0, -1
-        for i, direction in enumerate(mode.directions):
-            row = E[i]
-            if direction * row[0] + spread[i] >= 0:
-                tau = first_rise(direction * row)
-                if tau < best:
-                    best, found = tau, i
-        if found < 0:
-            self.x[:] = end
+        self.x[:] = ends
+        if met < 0:
             return h, None
-        self.x[:] = best**_NUMBERS @ C
-        if mode.alone[found] >= 0:
-            self.x[mode.alone[found]] = 0.0
-        return h * best, mode.exits[found]
+        if mode.alone[met] >= 0:
+            self.x[mode.alone[met]] = 0.0
+        return h * tau, mode.exits[met]
+
+    def _shown(self, behind: float, ends: Array, met: int) -> float:
+        """The feature of the field at the end of a step, where that is behind or at an event that is met."""
+        if met < 0:
+            return behind
+        self._mode.step(ends, 0.0)
+        return float(self._mode.found[3][1])
 
     def _marched(self, longest: float) -> tuple[float, Exit | None]:
         """The same without a series: of all `longest` seconds."""
