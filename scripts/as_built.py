@@ -47,8 +47,9 @@ from casahunt import (  # noqa: E402
 )  # fmt: skip
 from casahunt.servo.drive import BANDS, with_remedy  # noqa: E402
 from casahunt.servo.outcome import BY_SEVERITY  # noqa: E402
+from casahunt.servo.parts import loop_of  # noqa: E402
 from casahunt.servo.sampled.cause import told_apart  # noqa: E402
-from casahunt.servo.sampled.check import _motions  # noqa: E402
+from casahunt.servo.sampled.check import motions_of  # noqa: E402
 from casahunt.servo.sampled.turning_points import turning_points  # noqa: E402
 from casahunt.servo.stable_range import stable_range  # noqa: E402
 from casahunt.views.commands.remedies import OWN  # noqa: E402
@@ -223,7 +224,7 @@ def cured_as_built(row: Any, servo: Servo, gain: float, drive: Drive) -> tuple[s
                                  ({**vars(pid), OWN[row.name]: size}).items()})  # fmt: skip
     else:
         drive = with_remedy(drive, DRIVE_PARTS[row.name], size)
-    seen = [motion.verdict for motion in _motions(servo, gain, drive)]
+    seen = [motion.verdict for motion in motions_of(loop_of(servo, "switch", gain), drive)]
     hunts = [one.amplitude for one in seen if one.kind == "hunting"]
     return max((one.kind for one in seen), key=BY_SEVERITY.index), max(hunts, default=0.0)
 

@@ -32,6 +32,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from casahunt import Drive, Friction, Pid, Servo  # noqa: E402
+from casahunt.servo.parts import loop_of  # noqa: E402
+from casahunt.servo.sampled.as_run import as_run  # noqa: E402
 from casahunt.servo.sampled.loop import Sampled, SampledLoop  # noqa: E402
 from scripts.peers.sampled_motion import SampledServo  # noqa: E402
 
@@ -109,10 +111,21 @@ def bristles(case: dict[str, Any]) -> dict[str, Any]:
     return {**case, "servo": changed, "bristle": 0.0}
 
 
+def built(
+    servo: Servo, gain: float, drive: Drive, set_point: float, start: tuple[float, float, float],
+    bristle: float | None = None,
+) -> SampledLoop:  # fmt: skip
+    """A servo with its drive; start: x1, x2, x3; bristle: of LuGre friction at the start [rad]; None: Switch."""
+    loop = loop_of(servo, "switch" if bristle is None else "lugre", gain)
+    states = dict(zip(("x1", "x2", "x3", "x4"), (*start, bristle or 0.0), strict=True))
+    return SampledLoop(as_run(loop, drive), drive, set_point, states)
+
+
 def ours(case: dict[str, Any], samples: int) -> Sampled:
-    """The motion by casahunt."""
-    loop = SampledLoop(*(case[key] for key in ("servo", "gain", "drive", "set_point", "start")), case.get("bristle"))
-    return loop.run(samples, math.inf)
+    """The motion by casahunt; its states x1, x2, x3."""
+    loop = built(*(case[key] for key in ("servo", "gain", "drive", "set_point", "start")), case.get("bristle"))
+    found = loop.run(samples, math.inf)
+    return replace(found, states=found.states[[found.names.index(name) for name in ("x1", "x2", "x3")]])
 
 
 def theirs(case: dict[str, Any], samples: int, nudge: float = 0.0) -> tuple[Array, Array]:

@@ -61,7 +61,7 @@ MOST_CHANGES = 8
 """Modes that end at one sample."""
 THE_SAME = 1e-9
 """Events, of order one, that differ by less are where they will be for ever."""
-_CENTRE = Edge("centre", lambda x, s, p: s.error, 0, "")
+CENTRE = Edge("centre", lambda x, s, p: s.error, 0, "")
 """Met where the error has changed its sign."""
 ONCE_MORE, CONDITION = 1e-12, 1e10
 """A factor of the linear map that differs from 1 by less keeps what it multiplies; how far its directions may be from
@@ -214,9 +214,8 @@ class Controller:
 
     def _changes(self) -> bool:
         """Whether a mode ends at this sample, or a state jumps: then it is to be computed again."""
-        centre = [(None, _CENTRE)] if _CENTRE.name in self._waited else []
-        values = [*self._out[2].tolist(), *(float(self._out[0][-2]) for _ in centre)]
-        for (i, edge), value in zip((*self._compiled.edges, *centre), values, strict=True):
+        values = [*self._out[2].tolist(), float(self._out[0][-2])]
+        for (i, edge), value in zip((*self._compiled.edges, (None, CENTRE)), values, strict=True):
             if edge.direction:
                 if edge.direction * value <= 0:
                     continue
@@ -253,6 +252,11 @@ class Controller:
             self._prepare()
 
     @property
+    def sides(self) -> list[float]:
+        """The signs that events had which are met where these change: of those of the modes, and of the error."""
+        return [self._sides.get(edge.name, 0.0) for _, edge in (*self._compiled.edges, (None, CENTRE))]
+
+    @property
     def compiled(self) -> Sample:
         """Its sample in the present modes."""
         return self._compiled
@@ -276,8 +280,8 @@ class Controller:
             side = edge.direction or -self._sides.get(edge.name, 0.0)
             ends = np.flatnonzero(side * values > 0)
             count = min(count, int(ends[0])) if ends.size else count
-        if _CENTRE.name in self._waited:
-            ends = np.flatnonzero(self._sides.get(_CENTRE.name, 0.0) * Y[:, -2] < 0)
+        if self.waits:
+            ends = np.flatnonzero(self._sides.get(CENTRE.name, 0.0) * Y[:, -2] < 0)
             count = min(count, int(ends[0])) if ends.size else count
         u = u[:count, 0]
         return Y[:count].copy(), self.step * np.floor(u / self.step + 0.5) if self.step else u.copy()

@@ -38,12 +38,16 @@ def _compiled(
     x, Y, W = ca.SX.sym("x", n), ca.SX.sym("Y", Y_size), ca.SX.sym("W", waiting)
     a_last, moved_last = ca.SX.sym("a"), ca.SX.sym("moved")
     q, theta_d, smallest, part, sign = (ca.SX.sym(name) for name in ("q", "theta_d", "smallest", "part", "sign"))
+    sides = ca.SX.sym("sides", len(sample.edges) + 1)
     p, own = ca.SX.sym("p", parameters), ca.SX.sym("own", numbers)
     a = q * ca.floor((theta_d + x[seen]) / q + 0.5) - theta_d if reads_counts else x[seen]
     moved = a != a_last
     after, u, events = sample.step(Y, ca.vertcat(a, a_last, moved, ca.sign(a - a_last)), own)
-    good = [edge.direction * events[i] <= 0 for i, (_, edge) in enumerate(sample.edges)]
-    good += [moved == moved_last] if waits else []
+    good = [
+        edge.direction * events[i] <= 0 if edge.direction else sides[i] * events[i] > 0
+        for i, (_, edge) in enumerate(sample.edges)
+    ]
+    good += [moved == moved_last, sides[-1] * after[-2] > 0] if waits else []
     u = smallest * ca.floor(u / smallest + 0.5) if in_steps else u
     torques = ca.vertcat(W, u)
     T = own[numbers - 2]
@@ -56,7 +60,7 @@ def _compiled(
     well = ca.SX(1)
     for each in good:
         well = ca.logic_and(well, each)
-    Z, more = ca.vertcat(x, Y, W, a_last, moved_last), ca.vertcat(q, theta_d, smallest, part, sign)
+    Z, more = ca.vertcat(x, Y, W, a_last, moved_last), ca.vertcat(q, theta_d, smallest, part, sign, sides)
     Z_after = ca.vertcat(state, after, torques[1:], a, moved)
     one = ca.Function("sample", [Z, more, p, own], [Z_after, u, well])
     sizes, found = [Z.numel(), more.numel(), parameters, numbers], []

@@ -130,7 +130,8 @@ class SampledLoop:
         n, plant, controller = self._many, self.plant, self.controller
         given = (
             (*plant.x, *controller.Y, *self.waiting, controller.a, controller.moved),
-            (controller.q, controller.theta_d, controller.step, self._part, plant.mode.mode.sign), plant.p, controller.p,
+            (controller.q, controller.theta_d, controller.step, self._part, plant.mode.mode.sign, *controller.sides),
+            plant.p, controller.p,
         )  # fmt: skip
         for store, value in zip(buffers.inputs, given, strict=True):
             store[:] = value
@@ -178,6 +179,8 @@ class SampledLoop:
             self.controller.Y[:] = Y[n - 1]
             k += n
             if n < there or there not in AHEAD:
+                return k
+            if not for_ever and asked & (asked - 1) == 0 and self.rests():  # what dies out may have done so
                 return k
             effort.pieces(1)
         return k

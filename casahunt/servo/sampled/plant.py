@@ -329,9 +329,10 @@ def first_rise(polynomial: Array) -> float:
         return 0.0
     begins = 0
     if abs(values[0]) <= ON_EVENT:
-        if values[1] > 0:
-            return 0.0
-        begins = 1
+        moves = np.flatnonzero(values[1:])
+        if not moves.size or values[1 + moves[0]] > 0:
+            return 0.0 if moves.size else math.inf
+        begins = 1 + int(moves[0])
     above = np.flatnonzero(values[begins + 1 :] >= 0)
     last = begins + 1 + int(above[0]) if above.size else values.size
     inner = values[begins : last + 1]
@@ -357,7 +358,7 @@ def _zero(polynomial: Array, low: float, high: float) -> float:
     """The zero of a polynomial that is below zero at one place and above at the next."""
     f_low, f_high = _value(polynomial, low), _value(polynomial, high)
     if not f_low < 0 < f_high:
-        return high if f_high == 0 else low
+        return low if f_low >= 0 else high
     bracket, place = Bracket(low, f_low, high, f_high), low + (high - low) * f_low / (f_low - f_high)
     coefficients = polynomial.tolist()
     for _ in range(MOST_HALVINGS):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casahunt import Friction
-from casahunt.servo.sampled.bristle import Bristles
+from casahunt import Friction, Servo
+from casahunt.servo.parts import loop_of
+from casahunt.servo.sampled.plant import Plant, plant_of
 from scripts.peers.sampled_motion import SampledServo
 
 J = 0.012
@@ -15,12 +16,13 @@ NUMBERS = {"static": 0.4, "coulomb": 0.3, "stribeck_velocity": 0.05, "viscous": 
 
 def both(friction: Friction, v: float, z: float, m: float, lasts: float) -> tuple[np.ndarray, np.ndarray]:
     """(x, v, z, changes of sign) of both programs."""
-    ours = Bristles(J, friction, z)
+    loop = loop_of(Servo(inertia=J, friction=friction), "lugre", 1.0)
+    ours = Plant(plant_of(loop)[0], {"x2": v, "x4": z, "held": m})
     theirs = SampledServo(J, 0.4, 0.3, 0.05, 0.02, 1.0, 1.0, 1.0, 1e-3)
     theirs.bristle, theirs.z = (friction.stiffness, friction.damping), z
-    x, v_end, stops = ours(0.0, v, m, lasts)
+    stops = ours(m, lasts)
     a, b, turns = theirs.slide(0.0, v, m, lasts)
-    return np.array([x, v_end, ours.z, len(stops)]), np.array([a, b, theirs.z, len(turns)])
+    return np.array([*ours.x[:3], len(stops)]), np.array([a, b, theirs.z, len(turns)])
 
 
 @pytest.mark.parametrize("seed", range(8))

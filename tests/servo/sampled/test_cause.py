@@ -204,6 +204,6 @@ def test_a_dead_band_that_ends_it_by_chance_is_passed_over(seen, monkeypatch):
         return SimpleNamespace(verdict=SimpleNamespace(kind="at rest" if ends else "hunting"))
 
     wide = np.array([0.1, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]) * q
-    monkeypatch.setattr(cause, "_again", again)
+    monkeypatch.setattr(cause, "again", again)
     monkeypatch.setattr(cause, "_sizes", lambda motion: wide)
     assert smallest_dead_band(motion) == 2.5 * q

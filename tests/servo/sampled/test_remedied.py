@@ -10,18 +10,23 @@ from built_case import SERVO
 from casahunt import Drive, InputError, cause_of, simulate_sampled
 from casahunt.servo.drive import with_remedy
 from casahunt.servo.parts import REMEDIES as OF_LOOPS
-from casahunt.servo.sampled.remedied import Remedied
+from scripts.sampled import built
 
 T = 0.1
 
 
+def run_by(drive, x, w=0.0):
+    """The controller of a drive from a reading and a sum on."""
+    return built(SERVO, 1.0, drive, 0.0, (x, 0.0, w)).controller
+
+
 def sums(readings, start=0.0, **remedies):
     """The sum behind each reading."""
-    controller = Remedied(SERVO, 1.0, Drive(sample_time=T, **remedies), 0.0, readings[0], start)
+    controller = run_by(Drive(sample_time=T, **remedies), readings[0], start)
     found = []
     for a in readings:
         controller.sample(a)
-        found.append(controller.w / T)
+        found.append(controller.Y[controller.names.index("x3")] / T)
     return pytest.approx(found)
 
 
@@ -50,14 +55,14 @@ def test_a_freeze_begins_when_the_reading_has_stayed_for_the_dwell_time():
 
 def test_an_error_dead_band_leaves_a_part_of_the_error():
     assert sums([0.5, 3.0, -3.0, -0.5], error_dead_band=1.0, remaining_gain=0.2) == [0.1, 2.3, 0.1, 0.0]
-    controller = Remedied(SERVO, 1.0, Drive(sample_time=T, error_dead_band=1.0), 0.0, 0.9, 0.0)
+    controller = run_by(Drive(sample_time=T, error_dead_band=1.0), 0.9)
     assert controller.sample(0.9) == 0
 
 
 def test_an_error_filter_is_one_by_the_backward_rule():
     """Te = T: half of the way at each sample; the derivative is of what it gives."""
     drive = Drive(sample_time=T, error_filter_time=T)
-    controller = Remedied(SERVO, 1.0, drive, 0.0, 0.0, 0.0)
+    controller = run_by(drive, 0.0)
     kp, kd, ki = SERVO.torque_gains(1.0)
     controller.sample(0.0)
     assert controller.sample(1.0) == pytest.approx(-(kp * 0.5 + kd * 0.5 / T + ki * 0.5 * T))
@@ -65,7 +70,7 @@ def test_an_error_filter_is_one_by_the_backward_rule():
 
 
 def test_a_feedforward_acts_while_the_reading_changes():
-    plain, helped = (Remedied(SERVO, 1.0, Drive(sample_time=T, reset=0.999, compensated=share), 0.0, 0.0, 0.0)
+    plain, helped = (run_by(Drive(sample_time=T, reset=0.999, compensated=share), 0.0)
                      for share in (0.0, 0.5))  # fmt: skip
     more = [helped.sample(a) - plain.sample(a) for a in (0.0, 1.0, 1.0, 3.0, 2.0)]
     assert more == pytest.approx([0, 0.15, 0, 0.15, -0.15])
@@ -104,26 +109,26 @@ def test_the_dead_band_that_ends_it_stands_in_the_place_of_another():
 def test_a_filter_that_is_on_its_way_is_no_rest():
     """Stuck, with a reading that is not integrated, but an error that comes to it only by and by."""
     drive = Drive(sample_time=1e-3, dead_band=0.02, error_filter_time=1.0)
-    controller = Remedied(SERVO, 1.0, drive, 0.0, 0.01, 0.0)
+    controller = run_by(drive, 0.01)
     controller.sample(0.01)
-    assert controller.stays_within(0.01, 0.4)
-    controller.f = 0.05
-    assert not controller.stays_within(0.01, 0.4)
+    assert controller.stays_within(-0.4, 0.4)
+    controller.Y[controller.names.index("filtered")] = 0.05
+    assert not controller.stays_within(-0.4, 0.4)
 
 
 def test_a_freeze_that_is_still_to_come_is_no_rest():
-    controller = Remedied(SERVO, 1.0, Drive(sample_time=1e-3, dwell=0.01), 0.0, 0.01, 0.0)
-    rests = [controller.sample(0.01) < math.inf and controller.stays_within(0.01, 0.4) for _ in range(12)]
+    controller = run_by(Drive(sample_time=1e-3, dwell=0.01), 0.01)
+    rests = [controller.sample(0.01) < math.inf and controller.stays_within(-0.4, 0.4) for _ in range(12)]
     assert rests == [False] * 9 + [True] * 3
 
 
 def test_it_is_not_steady_before_the_stop_is_seen():
     """Stuck since the last sample, whose reading changed: the next one, which finds it stopped, resets the sum."""
-    controller = Remedied(SERVO, 1.0, Drive(sample_time=T, reset_at_stop=0.5), 0.0, 1.0, 0.0)
+    controller = run_by(Drive(sample_time=T, reset_at_stop=0.5), 1.0)
     controller.sample(1.0), controller.sample(2.0)
-    assert not controller.steady(2.0)
+    assert not controller.stays(2.0)
     controller.sample(2.0)
-    assert controller.steady(2.0) and controller.w == pytest.approx(3.5 * T)
+    assert controller.stays(2.0) and controller.Y[0] == pytest.approx(3.5 * T)
 
 
 def test_lugre_friction_without_an_encoder_never_stops():
