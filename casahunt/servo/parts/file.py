@@ -7,7 +7,8 @@
     load_inertia = 0.01
     dead_band = 0.03
 
-What [values] leaves out has the value that the part itself says.  A part that is made of lists is a table of them:
+What [values] leaves out has the value that the part itself says; a table [drive] says how a drive runs it, as in a servo
+file (drive.py).  A part that is made of lists is a table of them:
 
     {part = "transfer function", numerator = [0.16, 2.0, 6.28], denominator = [0.001, 1.0, 0.0]}
     {part = "state space", A = [[0.0]], B = [1.0], C = [6.28], D = 2.0}
@@ -23,6 +24,7 @@ from typing import Any
 
 from ...checks import choice_of, number
 from ...errors import InputError
+from ..drive import DRIVE_TABLE, drive_of_table
 from ..servo import read_toml
 from .loop import Loop
 from .naming import parts_of
@@ -67,7 +69,9 @@ def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
     """
     try:
         for table in tree:
-            choice_of("table", table, ("loop", "values"))
+            choice_of("table", table, ("loop", "values", DRIVE_TABLE))
+        if DRIVE_TABLE in tree:
+            drive_of_table(tree[DRIVE_TABLE])
         names, values = tree.get("loop", {}).get("parts"), tree.get("values", {})
         if not isinstance(names, list) or not names:
             raise InputError('[loop]: must say parts = ["one inertia", "Switch friction", ...]')

@@ -85,21 +85,20 @@ class SampledLoop:
         effort.at(lambda: f"followed to sample {k} of {samples}")
         few, single, wait = True, 0, 0
         while k < samples and abs(self.x) <= farthest:
-            if self.plant.still:
-                if self.controller.stays(self.x):
-                    if self.rests():
-                        rests_from, k = k, self._stuck(k, samples, for_ever=True)
-                        break
-                    k = self._stuck(k, samples)
-                    if k == samples:
-                        break
-            elif wait > 0:
+            if wait == 0 and self.controller.stays(self.x) and self.plant.left_alone(self._seen):
+                if self.rests():
+                    rests_from, k = k, self._stuck(k, samples, for_ever=True)
+                    break
+                k = self._stuck(k, samples)
+                if k == samples:
+                    break
+            if wait > 0:
                 wait -= 1
-            elif (taken := self._row(k, samples, few)) > 0:
+            elif not self.plant.still and (taken := self._row(k, samples, few)) > 0:
                 k, few, single = k + taken, taken < IN_A_ROW[not few], 0
                 continue
             else:
-                single = wait = min(2 * single + 1, MOST_SINGLE)
+                single = wait = min(2 * single + 1, MOST_SINGLE) if not self.plant.still else 0
             self._sample(k, stops)
             k, few = k + 1, True
         self._keep(k)
@@ -153,36 +152,38 @@ class SampledLoop:
         return count
 
     def rests(self) -> bool:
-        """Whether a loop of which nothing moves rests for ever."""
-        low, high = self.plant.lasts_between()
+        """Whether a loop that is left alone rests for ever, but for what dies out."""
+        _, (low,), (high,) = self.plant.ahead(self.T, 1)
         return low <= min(self.waiting) <= max(self.waiting) <= high and self.controller.stays_within(low, high)
 
     def _stuck(self, k: int, samples: int, for_ever: bool = False) -> int:
-        """Go on to the sample in which something moves or the controller changes, or to the last one; returns which."""
-        low, high = self.plant.lasts_between()
+        """Go on to the sample in which the mode ends or the controller changes, or to the last one; returns which."""
         asked, kept = 0, len(self.waiting)
         while k < samples:
             Y, u = self.controller.ahead(asked)
             there, asked = len(u), asked + 1
             Y, u = Y[: samples - k], u[: samples - k]
-            # torques[j] acts up to the part of sample k + j, torques[j + 1] behind it
-            torques = np.concatenate([self.waiting, u])
-            beyond = np.flatnonzero((torques < low) | (torques > high)) if not for_ever else ()
+            if not u.size:
+                return k
+            states, low, high = self.plant.ahead(self.T, u.size)
+            # torques[j] acts from the part of sample k + j - 1 on up to that of the next one
+            torques, since = np.concatenate([self.waiting, u]), np.arange(u.size + kept).clip(1, u.size) - 1
+            beyond = np.flatnonzero((torques < low[since]) | (torques > high[since])) if not for_ever else ()
             n = min(max(int(beyond[0]) - 1, 0), u.size) if len(beyond) else u.size
             if n == 0:
                 return k
-            self.states[k : k + n, : self._many] = self.plant.x[: self._many]
-            self.states[k, self._many :] = self.controller.Y[:-2]
+            self._keep(k)
+            self.states[k + 1 : k + n, : self._many] = states[: n - 1, : self._many]
             self.states[k + 1 : k + n, self._many :] = Y[: n - 1, :-2]
             self.torque[k : k + n] = u[:n]
             self.waiting = [*self.waiting, *u[:n].tolist()][-kept:]
-            self.controller.Y[:] = Y[n - 1]
+            self.plant.x[:], self.controller.Y[:] = states[n - 1], Y[n - 1]
             k += n
+            effort.pieces(1)
             if n < there or there not in AHEAD:
                 return k
             if not for_ever and asked & (asked - 1) == 0 and self.rests():  # what dies out may have done so
                 return k
-            effort.pieces(1)
         return k
 
 

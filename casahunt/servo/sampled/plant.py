@@ -9,15 +9,16 @@ event in it is a zero of a polynomial.  Where a field has no series, or an event
 the engine (motion/phases.py).
 
 A torque that changes may leave an event beyond its zero: the mode ends there, a stuck mass breaks away.  Of a mode in
-which nothing moves it is known between which torques it lasts (`lasts_between`).
+which the torque moves nothing, as where the motor sticks and its load rings, it is known between which torques it lasts.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -53,6 +54,8 @@ ON_EVENT = 1e-14
 """An event, of order one, that is so near to zero where a mode begins is what it began with."""
 LOOKED = 256
 """Steps between two reports of the work."""
+ROUNDED, CONDITION = 1e-12, 1e10
+"""Of the rates of a linear mode, in units of the largest: zero; how far its directions may be from being dependent."""
 MOST_AT_ONCE = 20
 """Modes one after the other that take no time; more are rounding."""
 OF_THE_MARCH = 1e-10
@@ -142,6 +145,39 @@ def step_of(
     return function, caller(function, [(n,), (1,), (1,), (parameters,)], shapes), tuple(alone)
 
 
+@kept(maxsize=128)
+def _slopes(
+    field: Field, feature: Feature | None, events: tuple[tuple[EventFunction, int], ...], n: int, parameters: int
+) -> ca.Function | None:
+    """(x, sign, p) -> slopes of the field, the field, slopes of the events in the direction of their exits; None where
+    any slope changes with x."""
+    x, sign, p = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters)
+    f = ca.densify(ca.SX(field(x, p, sign)))
+    at = ca.densify(ca.vertcat(*[direction * event(x, 0.0, p) for event, direction in events], ca.SX(0, 1)))
+    A, a = ca.jacobian(f, x), ca.jacobian(at, x)
+    if ca.depends_on(ca.vertcat(*A.nonzeros(), *a.nonzeros(), 0 * sign), x):
+        return None
+    return ca.Function("slopes", [x, sign, p], [ca.densify(A), f, ca.densify(a)])
+
+
+class Dying(NamedTuple):
+    """x' = A x + b of a linear mode, slopes of its events; factors (0 for what stands) and directions of A, their
+    inverse, and that times b."""
+
+    A: Array
+    b: Array
+    slopes: Array
+    factors: Array
+    directions: Array
+    inverse: Array
+    drive: Array
+
+    def left(self, x: Array) -> Array:
+        """(n,) how much of each direction will have died out: of what stands nothing."""
+        moves = self.factors != 0
+        return np.where(moves, self.inverse @ x + self.drive / np.where(moves, self.factors, 1), 0)
+
+
 class PlantMode:
     """A mode of a plant at its numbers."""
 
@@ -159,6 +195,23 @@ class PlantMode:
         moves = ca.SX(mode.field(ca.SX.sym("x", n), ca.DM(p), mode.sign))
         self.still = bool(ca.sparsify(ca.cse(moves)).nnz() == 0)
         """Whether nothing moves in it."""
+
+    @cached_property
+    def dying(self) -> Dying | None:
+        """How it goes to where it stays; None where the mode is not linear, or something goes on or grows."""
+        slopes = _slopes(*self.stepped)
+        if slopes is None:
+            return None
+        A, b, a = (np.array(each) for each in slopes(np.zeros(self.stepped[3]), self.mode.sign, self._fixed[1][1]))
+        factors, directions = np.linalg.eig(A)
+        largest = np.abs(factors).max()
+        if np.linalg.cond(directions) > CONDITION or np.any(np.real(factors) > ROUNDED * largest):
+            return None
+        inverse, stands = np.linalg.inv(directions), np.abs(factors) <= ROUNDED * largest
+        drive = inverse @ b.ravel()
+        if np.any(np.abs(drive[stands]) > ROUNDED * np.abs(drive).max()):
+            return None
+        return Dying(A, b.ravel(), a, np.where(stands, 0, factors), directions, inverse, drive)
 
     def step(self, x: Array, h: float) -> None:
         """Fill `found`."""
@@ -206,21 +259,47 @@ class Plant:
     def _state(self) -> dict[str, float]:
         return dict(zip(self.names, self.x.tolist(), strict=True))
 
-    def lasts_between(self) -> tuple[float, float]:
+    def _between(self) -> tuple[float, float]:
         """The torques between which nothing moves, where nothing does."""
         if self._limits is None:
-            low, high = -math.inf, math.inf
-            for way in self._mode.exits:
-                at, more = (way.direction * self._event(way, torque) for torque in (0.0, 1.0))
-                if more > at:
-                    high = min(high, -at / (more - at))
-                elif more < at:
-                    low = max(low, -at / (more - at))
-            self._limits = low, high
+            _, (low,), (high,) = self.ahead(0.0, 1)
+            self._limits = float(low), float(high)
         return self._limits
 
-    def _event(self, way: Exit, torque: float) -> float:
-        x = self.x.copy()
+    def left_alone(self, seen: int) -> bool:
+        """Whether the torque moves nothing, what is read stays, and all else dies out, as long as the mode lasts."""
+        mode, dying = self._mode, self._mode.dying
+        if mode.still or dying is None:
+            return mode.still
+        return not (dying.A[:, self.held].any() or dying.A[seen].any() or dying.b[seen])
+
+    def ahead(self, T: float, count: int) -> tuple[Array, Array, Array]:
+        """Where it is left alone: (count, n) the states after T, 2 T, ...; (2, count) the torques between which the
+        mode lasts from 0, T, ... on for ever.
+
+        x' = A x + b, e = a x + c:  e goes to a x_inf + c, and is away from that by no more than the sum over A's
+        directions of what is left of each.
+        """
+        mode, dying = self._mode, self._mode.dying
+        last, off = self.x, np.zeros((len(mode.exits), 1))
+        states = np.broadcast_to(self.x, (count, self.x.size))
+        if not mode.still:
+            now = dying.left(self.x)
+            left = np.exp(T * np.arange(count + 1)[:, None] * dying.factors) * now
+            last = self.x - np.real(dying.directions @ now)
+            states = last + np.real(left[1:] @ dying.directions.T)
+            off = np.abs(dying.slopes @ dying.directions) @ np.abs(left[:-1]).T
+        limits = np.full((2, count), math.inf) * np.array([[-1], [1]])
+        for way, more in zip(mode.exits, off, strict=True):
+            at, rise = (way.direction * self._event(way, last, torque) for torque in (0.0, 1.0))
+            rise -= at
+            ends = -(at + more) / rise if rise else np.where(at + more >= 0, -math.inf, math.inf)
+            side = int(rise >= 0)
+            limits[side] = np.minimum(limits[1], ends) if side else np.maximum(limits[0], ends)
+        return states, limits[0], limits[1]
+
+    def _event(self, way: Exit, x: Array, torque: float) -> float:
+        x = x.copy()
         x[self.held] = torque
         return float(way.event.function(x, 0.0, self.p))
 
@@ -230,7 +309,7 @@ class Plant:
         now, stops, at_once = 0.0, list[float](), 0
         while now < lasts:
             if self._mode.still:
-                low, high = self.lasts_between()
+                low, high = self._between()
                 if low <= torque <= high:
                     break
                 self._pass(self._beyond())

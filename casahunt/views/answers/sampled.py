@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ...servo.parts.loop import Loop
 from .answer import Answer, angle, item, short
 from .simulate import HEADS
 
@@ -31,9 +32,12 @@ def sampled_answer(found: SampledMotion, cause: Cause | None) -> Answer:
 
 def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     verdict, q = found.verdict, found.drive.count
-    name = f"{found.model} servo as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
+    of_a_file = found.loop.name == Loop.name  # which gives a loop of parts no name
+    name = f"{'loop' if of_a_file else found.loop.name} as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
     yield f"{name}, {found.duration:.10g} s: {HEADS[verdict.kind]}"
     yield item("because", verdict.sentence)
+    if of_a_file:
+        yield item("parts", ", ".join(found.parts))
     yield item("drive", "; ".join(drive_said(found.drive)))
     if verdict.kind == "hunting":
         low, high = found.readings
@@ -46,10 +50,10 @@ def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     if cause is not None:
         yield item("cause", f"{cause.kind}: {cause.sentence}")
         yield item("what ends it", _cure(cause, q))
-    x, v, _ = found.states[:, -1]
+    x, v = found.states[:2, -1]
     yield item("at the end", f"{short(x)} rad from the set point, velocity {short(v)} rad/s")
-    voltage = found.peak_torque / found.servo.motor_gain
-    yield item("largest torque", f"{short(found.peak_torque)} N m, by {short(voltage)} V")
+    by = f", by {short(found.peak_torque / gain)} V" if (gain := found.loop.parameters.get("motor_gain")) else ""
+    yield item("largest torque", f"{short(found.peak_torque)} N m{by}")
 
 
 def _cure(cause: Cause, count: float) -> str:
@@ -81,6 +85,6 @@ def _details(found: SampledMotion) -> Iterator[str]:
     if verdict.kind == "hunting":
         yield item("amplitude", f"{verdict.amplitude:.6g} rad")
         yield item("period", f"{verdict.period:.6g} s")
-    x, v, _ = found.states[:, -1]
+    x, v = found.states[:2, -1]
     yield item("at the end", f"position {found.set_point + x:.10g} rad, velocity {v:.6g} rad/s")
     yield item("computed", f"{found.times.size - 1} samples, {found.stops.size} stops, {found.wall_s:.2f} s")

@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
         found.servo, found.model, gain, only=names, options=how, uncertainty=found.uncertainty,
         progress=lambda row: tell(stream, as_it_is_found(row)), **limits,
     )  # fmt: skip
-    built = remedies_as_built(options, cures, found.servo, gain)
+    built = remedies_as_built(options, cures, loop_of(found.servo, "switch", gain))
     cures = that_holds(cures, built, limits, of_a_set=True)
     suspect, doubt = identification.suspected(options, found), _doubt(found)
     record = {

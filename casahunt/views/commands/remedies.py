@@ -14,7 +14,6 @@ import json
 import math
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 from ...checks import to_absolute_error
@@ -26,7 +25,10 @@ from ...export import plain
 from ...results import tables_of
 from ...servo.drive import with_remedy
 from ...servo.outcome import SETTLES
-from ...servo.parts.table import REMEDY_NAMES, remedy_name
+from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_of as parts_of
+from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of
+from ...servo.sampled.as_run import DRIVE_PARTS
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
 from ..answers.answer import PLAIN_DIGITS, Answer
@@ -38,7 +40,7 @@ from .console import complain, folder
 from .output import give
 from .output_paths import write_results
 from .progress import progress, tell
-from .sampled import DRIVE_PARTS, checked_lines
+from .sampled import checked_lines
 from .uncertain import uncertainty_of
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
@@ -55,8 +57,6 @@ SURELY_KNOWN = 1e-9
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
 """Limits that may be set, what they limit, and the unit."""
 
-OWN = {"gain": "K", "derivative": "kd", "integral": "ki"}
-"""Remedies that are numbers of the controller, and which."""
 ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
 NOT_FOR_THE_WORST = "not found; the size to choose is for the values as given"
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
 
     def checked() -> tuple[Cures, dict[str, AsBuilt | str]]:
         found = computed()
-        built = {} if loop is not None else remedies_as_built(options, found, servo, gain)
+        built = remedies_as_built(options, found, parts_of(servo, "switch", gain) if loop is None else found.loop)
         return that_holds(found, built, limits, of_a_set=uncertainty is not None), built
 
     if options.out is None:
@@ -142,32 +142,26 @@ def run(options: argparse.Namespace) -> int:
     return fails_as_built("casahunt remedies", found, built)
 
 
-def remedies_as_built(options: argparse.Namespace, found: Cures, servo: Servo, gain: float) -> dict[str, AsBuilt | str]:
+def remedies_as_built(options: argparse.Namespace, found: Cures, loop: Loop) -> dict[str, AsBuilt | str]:
     """Remedies that end hunting, with the size to choose, in the loop as built; {} where the servo file has none.
 
-    Of those that a drive's controller does not have, or not of this size, a sentence.
+    loop: which the drive runs. Of those that a drive's controller does not have, or not of this size, a sentence.
     """
     drive = drive_of(options)
     if drive is None:
         return {}
     checked: dict[str, AsBuilt | str] = {}
-    pid = servo.controller.pid()
     for row in (row for row in found.remedies if row.ends_hunting):
-        size = row.recommended
-        if row.name in DRIVE_PARTS:
-            try:
-                remedied = with_remedy(drive, DRIVE_PARTS[row.name], size)
-            except InputError as error:
-                checked[row.name] = f"not checked: {error}"
+        remedy, size = remedy_of(row.name, "switch"), row.recommended
+        try:
+            if row.name in DRIVE_PARTS:
+                checked[row.name] = as_built(loop, None, with_remedy(drive, DRIVE_PARTS[row.name], size))
+            elif remedy.part is None:
+                checked[row.name] = as_built(loop.replace(**{remedy.size: size}), None, drive)
             else:
-                checked[row.name] = as_built(servo, gain, remedied)
-        elif row.name == "gain":
-            checked[row.name] = as_built(servo, size, drive)
-        elif row.name in OWN:
-            changed = replace(pid, **{OWN[row.name]: size})
-            checked[row.name] = as_built(replace(servo, controller=changed), gain, drive)
-        else:
-            checked[row.name] = NO_PART
+                checked[row.name] = NO_PART
+        except InputError as error:
+            checked[row.name] = f"not checked: {error}"
     return checked
 
 

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import NoOrbit
 from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
+from ...servo.parts.loop import Loop
 from ...servo.sampled.border import below_border, by_counts
-from ...servo.servo import Servo
+from ...servo.servo import Servo, assigned
 from ..answers.answer import item
 from ..answers.sampled import sampled_answer
 from .arguments import CONTINUOUS, Parser, drive_of, gain_of, left_out, model_of
@@ -42,14 +43,6 @@ REMEDIES = {
 }
 """Options of remedies in the controller: metavar and help by the key of the table [drive]."""
 
-DRIVE_PARTS = {
-    "dead band": "dead_band", "shifted dead band": "shifted_dead_band", "hysteresis": "hysteresis",
-    "error dead band": "error_dead_band", "leak": "leak", "freeze": "dwell", "reset": "reset",
-    "reset at a stop": "reset_at_stop", "error filter": "error_filter_time", "feedforward": "compensated",
-}  # fmt: skip
-"""Remedies that both kinds of controller have, by the key of their size in the table [drive]."""
-
-
 def add_drive(command: Parser) -> None:
     """The options of the drive as built; each is called like its key in the table [drive]."""
     group = command.add_argument_group("the loop as built (docs/howto/as_built.md)")
@@ -67,18 +60,22 @@ def add_drive(command: Parser) -> None:
 
 
 def of_drive(
-    options: argparse.Namespace, servo: Servo, drive: Drive, length: float, numbers: Mapping[str, float]
+    options: argparse.Namespace, servo: Servo | Loop, drive: Drive, length: float, numbers: Mapping[str, float]
 ) -> int:
     """Simulate and print; returns the exit code.
 
-    numbers: of the command line: set_point, position, velocity, integral, bristle.
+    servo: or a loop of parts; numbers: of the command line: set_point, position, velocity, integral, bristle.
     """
     from ...servo.sampled.cause import cause_of  # not read for the continuous loop
     from ...servo.sampled.motion import simulate_sampled
 
     left_out(options, "of the loop as built --csv has a row for each sample", "step")
     start = {key: numbers[key] for key in ("set_point", "position", "velocity", "integral", "bristle")}
-    found = simulate_sampled(servo, gain_of(options), drive, model=model_of(options), time=length, **start)
+    if isinstance(servo, Loop):
+        states = assigned(options.state, "state", servo.system.states, "name=value")
+        found = simulate_sampled(servo, None, drive, time=length, start=states, **start)
+    else:
+        found = simulate_sampled(servo, gain_of(options), drive, model=model_of(options), time=length, **start)
     cause = cause_of(found)
     record = {**found.to_dict(table=False), "cause": cause}
     table = found._columns() if options.csv else None

@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     drive = drive_of(options, by_options=True)
     if loop is not None:
         if drive is not None:
-            raise InputError("sample-time: must be left out, of a loop of parts only the continuous motion is computed")
+            return of_drive(options, loop, drive, length, numbers)
         if remedies:
             first = next(iter(remedies)).replace("_", "-")
             raise InputError(f"{first}: must be left out, a loop has its remedies as parts")

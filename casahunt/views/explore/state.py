@@ -31,7 +31,7 @@ from ...servo.hunting import MODELS, Model
 from ...servo.parts import LOADS, Loop, Remedy, loop_of
 from ...servo.parts.file import loop_of_tables
 from ...servo.parts.naming import parts_of
-from ...servo.parts.table import remedies_for
+from ...servo.parts.table import remedies_for, with_remedy
 from ...servo.servo import Servo, flatten, servo_of_tables, toml_tables, unflatten
 
 FIRST_GAIN, FIRST_STEP_RAD = 0.1, 1.0

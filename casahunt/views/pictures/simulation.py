@@ -112,8 +112,8 @@ def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     kept = np.unique(np.concatenate([np.arange(0, t.size, every), edges]))
     title = f"as built, {found.drive.sample_time:g} s, K = {found.gain:.4g}: {found.verdict.kind}"
     curves = found.set_point + x[0, kept], x[1, kept], torque[kept]
-    static = found.servo.friction.static
-    return _three(ax, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, (-static, static))
+    levels = (-found.static, found.static)
+    return _three(ax, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, levels)
 
 
 def loop_motion(step: LoopMotion, set_point: float, title: str, *, ax: Any = None) -> Array:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from ....errors import InputError
 from ....servo.drive import DRIVE_KEYS, SHARES
 from ....servo.hunting import Model
+from ....servo.sampled.as_run import DRIVE_PARTS
 from ....servo.servo import Servo
 from ..arguments import drive_of, finite, left_out
-from ..sampled import DRIVE_PARTS
 
 if TYPE_CHECKING:
     from ....servo.parts import Loop
@@ -41,9 +41,8 @@ def remedies_given(options: argparse.Namespace) -> dict[str, float]:
 
 def with_remedies(servo: Servo, model: Model, gain: float, given: Mapping[str, float]) -> Loop:
     """The continuous loop with remedies; given: as of `remedies_given`.  Raises InputError: one does not go with it."""
-    from ....design.remedies.border import with_remedy  # not read for a servo without a remedy
-    from ....servo.parts import loop_of
-    from ....servo.parts.table import remedies_for
+    from ....servo.parts import loop_of  # not read for a servo without a remedy
+    from ....servo.parts.table import remedies_for, with_remedy
 
     loop, there = loop_of(servo, model, gain), remedies_for(model)
     for key, of in SHARES.items():
