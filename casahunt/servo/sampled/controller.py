@@ -59,6 +59,8 @@ AHEAD = 32, 128, 512
 """Samples of a stick that are looked at at once: at first, then, and from then on."""
 MOST_CHANGES = 8
 """Modes that end at one sample."""
+ON_ITS_EDGE = 1e-12
+"""An event, of order one, that is no larger is below zero: a reading on the edge of a band is inside."""
 THE_SAME = 1e-9
 """Events, of order one, that differ by less are where they will be for ever."""
 CENTRE = Edge("centre", lambda x, s, p: s.error, 0, "")
@@ -217,7 +219,7 @@ class Controller:
         values = [*self._out[2].tolist(), float(self._out[0][-2])]
         for (i, edge), value in zip((*self._compiled.edges, (None, CENTRE)), values, strict=True):
             if edge.direction:
-                if edge.direction * value <= 0:
+                if edge.direction * (value - ON_ITS_EDGE) <= 0:
                     continue
             else:
                 side, before = math.copysign(1.0, value) if value else 0.0, self._sides.get(edge.name, 0.0)
@@ -278,7 +280,7 @@ class Controller:
         count = len(u)
         for (_, edge), values in zip(self._compiled.edges, events.T, strict=True):
             side = edge.direction or -self._sides.get(edge.name, 0.0)
-            ends = np.flatnonzero(side * values > 0)
+            ends = np.flatnonzero(side * (values - abs(edge.direction) * ON_ITS_EDGE) > 0)
             count = min(count, int(ends[0])) if ends.size else count
         if self.waits:
             ends = np.flatnonzero(self._sides.get(CENTRE.name, 0.0) * Y[:, -2] < 0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from ...compiled import Caller, caller, kept
-from .controller import READ, Controller, Sample
+from .controller import ON_ITS_EDGE, Controller, Sample
 from .plant import HIDDEN, LAST_COEFFICIENTS, SHOWN, Plant, step_of
 
 IN_A_ROW = 4, 24
@@ -44,7 +44,7 @@ def _compiled(
     moved = a != a_last
     after, u, events = sample.step(Y, ca.vertcat(a, a_last, moved, ca.sign(a - a_last)), own)
     good = [
-        edge.direction * events[i] <= 0 if edge.direction else sides[i] * events[i] > 0
+        edge.direction * (events[i] - ON_ITS_EDGE) <= 0 if edge.direction else sides[i] * events[i] > 0
         for i, (_, edge) in enumerate(sample.edges)
     ]
     good += [moved == moved_last, sides[-1] * after[-2] > 0] if waits else []
