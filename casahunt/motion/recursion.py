@@ -279,8 +279,24 @@ def _series_of(f: ca.Function, x: ca.SX, others: list[ca.SX], order: int, unit: 
 def taylor_coefficients(field: Field, n: int, parameters: int, order: int) -> ca.Function | None:
     """The series of the motion along a field.
 
-    field: f(x, p, sign) of the mode. Returns function (x, sign, p, scale D, unit tau) of a scaled state to the
-    coefficients (n, P + 1) of the scaled motion; None where an operation of a changing operand has no rule.
+    Parameters
+    ----------
+    field
+        f(x, p, sign) of the mode.
+    n, parameters, order
+        numbers of states and parameters; P.
+
+    Returns
+    -------
+    Function (x, sign, p, scale D, unit tau) of a scaled state to the coefficients (n, P + 1) of the scaled motion; None
+    where an operation of a changing operand has no rule.
+
+    Examples
+    --------
+    >>> from casahunt.motion import taylor_coefficients
+    >>> falls = taylor_coefficients(lambda x, p, sign: -x, 1, 0, 3)  # exp(-t)
+    >>> [round(c, 4) for c in falls([1.0], 0.0, [], [1.0], 1.0).full()[0].tolist()]
+    [1.0, -1.0, 0.5, -0.1667]
     """
     x, sign = ca.SX.sym("x", n), ca.SX.sym("sign")
     p, scale, unit = ca.SX.sym("p", parameters), ca.SX.sym("scale", n), ca.SX.sym("unit")

@@ -7,8 +7,8 @@
     load_inertia = 0.01
     dead_band = 0.03
 
-What [values] leaves out has the value that the part itself says; a table [drive] says how a drive runs it, as in a servo
-file (drive.py).  A part that is made of lists is a table of them:
+What [values] leaves out has the value that the part itself says.  A table [drive] says how a drive runs the loop, as in
+a servo file (drive.py).  A part that is made of lists is a table of them:
 
     {part = "transfer function", numerator = [0.16, 2.0, 6.28], denominator = [0.001, 1.0, 0.0]}
     {part = "state space", A = [[0.0]], B = [1.0], C = [6.28], D = 2.0}

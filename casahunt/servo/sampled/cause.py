@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from ...results import Result
-from ..drive import Drive, with_remedy
+from ..drive import with_remedy
 from ..outcome import SETTLES, Outcome
 from .motion import SampledMotion, again
 

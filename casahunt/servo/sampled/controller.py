@@ -15,7 +15,7 @@ zero at a sample, is behind the events "stop", "breakaway+", "breakaway-" where 
 angle has changed its sign behind "centre"; an event that is crossed either way is met where it has changed its sign.
 States jump from what they were at the last sample.  The torque goes out to the nearest multiple of `quantise_torque`.
 
-While the reading stays, nothing but c moves, and as long as no mode ends, by one linear map: whole sticks are one array.
+While the reading stays, nothing but c moves, as long as no mode ends by one linear map: whole sticks are one array.
 The torque stays between limits for ever where the map's steady torque and all of what dies out of it are.
 
 Symbols: T sample time, q count, Y = (c, e, z) with z what is integrated.
@@ -41,7 +41,7 @@ from ..parts.wiring import Numbers, Signals, Wiring
 Array = np.ndarray
 Modes = tuple[PartMode, ...]
 
-SEEN: dict[str, Function] = {
+FROM_READINGS: dict[str, Function] = {
     "angle": lambda x, s, p: p.reading,
     "motor_angle": lambda x, s, p: p.reading,
     "rate": lambda x, s, p: (p.reading - p.last_reading) / p.sample_time,
@@ -55,17 +55,17 @@ READ = ("reading", "last_reading", "moved", "way")
 REMEMBERED = ("last_error", "last_integrand")
 RUN = ("sample_time", "trapezoid")
 """What these depend on, and the rules of the states, beside the parameters of the loop."""
-AHEAD = 32, 128, 512
+STUCK_AHEAD = 32, 128, 512
 """Samples of a stick that are looked at at once: at first, then, and from then on."""
 MOST_CHANGES = 8
 """Modes that end at one sample."""
 ON_ITS_EDGE = 1e-12
 """An event, of order one, that is no larger is below zero: a reading on the edge of a band is inside."""
-THE_SAME = 1e-9
+EVENTS_SETTLED = 1e-9
 """Events, of order one, that differ by less are where they will be for ever."""
-CENTRE = Edge("centre", lambda x, s, p: s.error, 0, "")
+ZERO_ERROR = Edge("centre", lambda x, s, p: s.error, 0, "")
 """Met where the error has changed its sign."""
-ONCE_MORE, CONDITION = 1e-12, 1e10
+ONCE_MORE, MAP_CONDITION = 1e-12, 1e10
 """A factor of the linear map that differs from 1 by less keeps what it multiplies; how far its directions may be from
 being dependent."""
 
@@ -91,7 +91,7 @@ class Sample(NamedTuple):
 @kept(maxsize=256)
 def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> Sample:
     """The sample of parts in these modes; numbers: names of the parameters of the loop."""
-    wiring = Wiring(tuple((part, mode.law, mode.sign) for part, mode in zip(parts, modes, strict=True)), SEEN)
+    wiring = Wiring(tuple((part, mode.law, mode.sign) for part, mode in zip(parts, modes, strict=True)), FROM_READINGS)
     states = tuple(state for part in parts for state in part.states)
     edges = tuple((i, edge) for i, mode in enumerate(modes) for edge in mode.ends)
     n = len(states)
@@ -120,22 +120,22 @@ def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> 
         named = ", ".join(part.name for part in parts if part.states)
         raise InputError(f"{named}: what one of them does is not linear, and no drive is known that runs it")
     following = Y[:n] - ca.solve(J, ca.substitute(equations, c, Y[:n])) if n else ca.SX(0, 1)
-    asked = ca.vertcat(signals.torque + signals.compensation, _error(None, signals, None), _integrand(None, signals, None),
-                       *(at(edge.function) for _, edge in edges))  # fmt: skip
+    torque = ca.SX(signals.torque + signals.compensation)
+    asked = ca.vertcat(torque, at(_error), at(_integrand), *(at(edge.function) for _, edge in edges))
     asked = ca.substitute(asked, c, following)
     out = [ca.densify(each) for each in (ca.vertcat(following, asked[1:3]), asked[0], asked[3:])]
     after = out[0]
     step = ca.Function("sample", [Y, read, p], out)
     sizes, shapes = [n + 2, len(READ), p.numel()], [n + 2, 1, len(edges)]
     many = []
-    for count in AHEAD:
+    for count in STUCK_AHEAD:
         inputs = [ca.MX.sym("Y", n + 2), ca.MX.sym("read", len(READ)), ca.MX.sym("p", p.numel())]
         row = step.mapaccum("samples", count)(inputs[0], *(ca.repmat(each, 1, count) for each in inputs[1:]))
         many.append(caller(ca.Function("samples", inputs, row), sizes, [(count, size) for size in shapes]))
-    matrix, torque = ca.jacobian(after, Y), ca.jacobian(out[1], Y)
+    matrix, row = ca.jacobian(after, Y), ca.jacobian(out[1], Y)
     linear = None
-    if not ca.depends_on(ca.vertcat(*matrix.nonzeros(), *torque.nonzeros(), 0 * p[0]), Y):
-        function = ca.Function("linear", [Y, read, p], [ca.densify(matrix.T), ca.densify(torque)])
+    if not ca.depends_on(ca.vertcat(*matrix.nonzeros(), *row.nonzeros(), p[0]), Y):
+        function = ca.Function("linear", [Y, read, p], [ca.densify(matrix.T), ca.densify(row)])
         linear = caller(function, sizes, [(n + 2, n + 2), n + 2])
     return Sample(step, caller(step, sizes, shapes), tuple(many), linear, edges)
 
@@ -185,7 +185,7 @@ class Controller:
     def _asked(self, function: Function) -> Any:
         """A function of a part at the last states and the last reading, in these modes."""
         wiring = Wiring(tuple((part, mode.law, mode.sign) for part, mode in zip(self.parts, self.modes, strict=True)),
-                        SEEN)  # fmt: skip
+                        FROM_READINGS)  # fmt: skip
         x = SimpleNamespace(**dict(zip(self.names, self.Y.tolist(), strict=False)))
         read = dict(zip((*READ, *REMEMBERED), (self.a, self.a, 0.0, 0.0, *self.Y[-2:].tolist()), strict=True))
         return wiring.value(function, None, x, Numbers(**self._own, **read))
@@ -194,8 +194,7 @@ class Controller:
         """Be ready for samples in these modes."""
         self._compiled = _sample(self.parts, self.modes, self._numbers)
         buffers = self._compiled.one.buffers
-        (self._from, self._read, p), self._out, self._run = buffers.inputs, buffers.outputs, buffers.trigger
-        p[:] = self.p
+        (self._from, self._read, self._p), self._out, self._run = buffers.inputs, buffers.outputs, buffers.trigger
 
     def sample(self, x: float) -> float:
         """u of a sample at theta - theta_d = x."""
@@ -205,7 +204,7 @@ class Controller:
         if self._waited and moved != self.moved:
             self._behind("stop" if self.moved else "breakaway+" if way > 0 else "breakaway-")
         for _ in range(MOST_CHANGES):
-            self._from[:], self._read[:] = self.Y, (a, self.a, moved, way)
+            self._from[:], self._read[:], self._p[:] = self.Y, (a, self.a, moved, way), self.p
             self._run()
             if not (self._compiled.edges or self._waited) or not self._changes():
                 break
@@ -217,7 +216,7 @@ class Controller:
     def _changes(self) -> bool:
         """Whether a mode ends at this sample, or a state jumps: then it is to be computed again."""
         values = [*self._out[2].tolist(), float(self._out[0][-2])]
-        for (i, edge), value in zip((*self._compiled.edges, (None, CENTRE)), values, strict=True):
+        for (i, edge), value in zip((*self._compiled.edges, (None, ZERO_ERROR)), values, strict=True):
             if edge.direction:
                 if edge.direction * (value - ON_ITS_EDGE) <= 0:
                     continue
@@ -256,7 +255,7 @@ class Controller:
     @property
     def sides(self) -> list[float]:
         """The signs that events had which are met where these change: of those of the modes, and of the error."""
-        return [self._sides.get(edge.name, 0.0) for _, edge in (*self._compiled.edges, (None, CENTRE))]
+        return [self._sides.get(edge.name, 0.0) for _, edge in (*self._compiled.edges, (None, ZERO_ERROR))]
 
     @property
     def compiled(self) -> Sample:
@@ -272,7 +271,7 @@ class Controller:
 
         before: how often it was asked in a row.
         """
-        buffers = self._compiled.many[min(before, len(AHEAD) - 1)].buffers
+        buffers = self._compiled.many[min(before, len(STUCK_AHEAD) - 1)].buffers
         for store, value in zip(buffers.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
             store[:] = value
         buffers.trigger()
@@ -283,7 +282,7 @@ class Controller:
             ends = np.flatnonzero(side * (values - abs(edge.direction) * ON_ITS_EDGE) > 0)
             count = min(count, int(ends[0])) if ends.size else count
         if self.waits:
-            ends = np.flatnonzero(self._sides.get(CENTRE.name, 0.0) * Y[:, -2] < 0)
+            ends = np.flatnonzero(self._sides.get(ZERO_ERROR.name, 0.0) * Y[:, -2] < 0)
             count = min(count, int(ends[0])) if ends.size else count
         u = u[:count, 0]
         return Y[:count].copy(), self.step * np.floor(u / self.step + 0.5) if self.step else u.copy()
@@ -300,7 +299,7 @@ class Controller:
             each.trigger()
         (following, u, events), (matrix, row) = compiled.one.buffers.outputs, buffers.outputs
         factors, directions = np.linalg.eig(matrix)
-        if np.linalg.cond(directions) > CONDITION:
+        if np.linalg.cond(directions) > MAP_CONDITION:
             return False
         there = np.linalg.solve(directions, np.column_stack([self.Y, following - matrix @ self.Y]))
         once_more = np.abs(factors - 1) <= ONCE_MORE
@@ -328,7 +327,7 @@ class Controller:
         self._from[:] = last
         self._run()
         at = self._out[2]
-        return bool(np.all(np.abs(at - before) <= THE_SAME * np.maximum(np.abs(before), 1)))
+        return bool(np.all(np.abs(at - before) <= EVENTS_SETTLED * np.maximum(np.abs(before), 1)))
 
     def _to_step(self, u: float) -> float:
         return self.step * math.floor(u / self.step + 0.5)

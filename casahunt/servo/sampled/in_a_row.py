@@ -10,14 +10,15 @@ import casadi as ca
 
 from ...compiled import Caller, caller, kept
 from .controller import ON_ITS_EDGE, Controller, Sample
-from .plant import HIDDEN, LAST_COEFFICIENTS, SHOWN, Plant, step_of
+from .plant import SHOWS, TOO_SMALL_TO_SHOW, Plant
+from .steps import LAST_COEFFICIENTS, Stepped, step_of
 
-IN_A_ROW = 4, 24
+TRIED_AT_ONCE = 4, 24
 """Samples that are tried at once: behind what ended a mode, and then."""
 
 
 def in_a_row(plant: Plant, controller: Controller, seen: int, waiting: int, parted: bool) -> tuple[Caller, ...]:
-    """As many samples as `IN_A_ROW` says; parted: a sample begins with the torque of the one before."""
+    """As many samples as `TRIED_AT_ONCE` says; parted: a sample begins with the torque of the one before."""
     mode = plant.mode
     kinds = controller.q > 0, controller.step > 0, parted, controller.waits
     found: tuple[Caller, ...] = _compiled(
@@ -28,12 +29,14 @@ def in_a_row(plant: Plant, controller: Controller, seen: int, waiting: int, part
 
 @kept(maxsize=256)
 def _compiled(
-    stepped: tuple, held: int, sample: Sample, seen: int, waiting: int,
+    stepped: Stepped, held: int, sample: Sample, seen: int, waiting: int,
     kinds: tuple[bool, bool, bool, bool],
 ) -> tuple[Caller, ...]:  # fmt: skip
     """The same of a mode of the plant and modes of the controller; kinds: see above."""
     reads_counts, in_steps, parted, waits = kinds
-    step, n, parameters = step_of(*stepped)[0], stepped[3], stepped[4]
+    found = step_of(*stepped)
+    assert found is not None  # the mode has a series
+    step, n, parameters = found[0], stepped[3], stepped[4]
     Y_size, numbers = sample.step.size1_in(0), sample.step.size1_in(2)
     x, Y, W = ca.SX.sym("x", n), ca.SX.sym("Y", Y_size), ca.SX.sym("W", waiting)
     a_last, moved_last = ca.SX.sym("a"), ca.SX.sym("moved")
@@ -56,16 +59,16 @@ def _compiled(
         begins = ca.vertcat(state[:held], torque, state[held + 1 :])
         _, state, _, seen = step(begins, lasts, sign, p)
         tail, before, behind, most = ca.vertsplit(seen)
-        good += [tail <= LAST_COEFFICIENTS, ca.logic_or(before >= HIDDEN, behind <= SHOWN), most < 0]
+        good += [tail <= LAST_COEFFICIENTS, ca.logic_or(before >= TOO_SMALL_TO_SHOW, behind <= SHOWS), most < 0]
     well = ca.SX(1)
     for each in good:
         well = ca.logic_and(well, each)
     Z, more = ca.vertcat(x, Y, W, a_last, moved_last), ca.vertcat(q, theta_d, smallest, part, sign, sides)
     Z_after = ca.vertcat(state, after, torques[1:], a, moved)
     one = ca.Function("sample", [Z, more, p, own], [Z_after, u, well])
-    sizes, found = [Z.numel(), more.numel(), parameters, numbers], []
-    for count in IN_A_ROW:
+    sizes, several = [Z.numel(), more.numel(), parameters, numbers], []
+    for count in TRIED_AT_ONCE:
         inputs = [ca.MX.sym("Z", sizes[0]), *(ca.MX.sym(f"i{i}", size) for i, size in enumerate(sizes[1:]))]
         rows = one.mapaccum("samples", count)(inputs[0], *(ca.repmat(each, 1, count) for each in inputs[1:]))
-        found.append(caller(ca.Function("samples", inputs, rows), sizes, [(count, sizes[0]), (count, 1), (count, 1)]))
-    return tuple(found)
+        several.append(caller(ca.Function("samples", inputs, rows), sizes, [(count, sizes[0]), (count, 1), (count, 1)]))
+    return tuple(several)

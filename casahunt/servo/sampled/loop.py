@@ -1,12 +1,13 @@
 """The loop as built: a controller that is run by its samples, and between its torques the exact motion of the plant.
 
-At t_k = k T the controller reads an angle and forms a torque u_k (controller.py), and the plant (plant.py) has the torque
+At t_k = k T the controller reads an angle and forms a torque u_k (controller.py), and the plant (plant.py) has
 
     m = u_k for t_k + delay <= t < t_{k+1} + delay, and 0 before the first of them
 
-Where nothing of the plant moves, the reading stays, and all samples up to a breakaway or a new mode of the controller
-are one array.  The loop rests for ever, and that is a proof, where so it is and the torques on their way and all that
-the controller can still ask for leave it there.  LuGre friction never sticks: it is followed sample by sample.
+Where the torque moves nothing of the plant, and the reading stays, all samples up to a breakaway or a new mode of the
+controller are one array.  The loop rests for ever, and that is a proof, where so it is and the torques on their way and
+all that the controller can still ask for leave it there.  LuGre friction never sticks: it is followed by its samples,
+as slips are, some in a row (in_a_row.py).
 
 Symbols: T sample time [s], u, m torques [N m].
 """
@@ -22,8 +23,8 @@ from ... import effort
 from ...errors import InputError
 from ..drive import Drive
 from ..parts.loop import Loop
-from .controller import AHEAD, Controller
-from .in_a_row import IN_A_ROW, in_a_row
+from .controller import STUCK_AHEAD, Controller
+from .in_a_row import TRIED_AT_ONCE, in_a_row
 from .plant import HELD, Plant, plant_of
 
 Array = np.ndarray
@@ -55,7 +56,7 @@ class Sampled:
 class SampledLoop:
     """A loop with its drive.
 
-    loop, drive: what it is; set_point: theta_d [rad]; start: states by name, of which the angles are from the set point.
+    loop, drive: what it is; set_point: theta_d [rad]; start: states by name, angles from the set point.
     """
 
     def __init__(self, loop: Loop, drive: Drive, set_point: float, start: Mapping[str, float]) -> None:
@@ -85,7 +86,7 @@ class SampledLoop:
         effort.at(lambda: f"followed to sample {k} of {samples}")
         few, single, wait = True, 0, 0
         while k < samples and abs(self.x) <= farthest:
-            if wait == 0 and self.controller.stays(self.x) and self.plant.left_alone(self._seen):
+            if (wait == 0 or self.plant.still) and self.controller.stays(self.x) and self.plant.left_alone(self._seen):
                 if self.rests():
                     rests_from, k = k, self._stuck(k, samples, for_ever=True)
                     break
@@ -95,7 +96,7 @@ class SampledLoop:
             if wait > 0:
                 wait -= 1
             elif not self.plant.still and (taken := self._row(k, samples, few)) > 0:
-                k, few, single = k + taken, taken < IN_A_ROW[not few], 0
+                k, few, single = k + taken, taken < TRIED_AT_ONCE[not few], 0
                 continue
             else:
                 single = wait = min(2 * single + 1, MOST_SINGLE) if not self.plant.still else 0
@@ -149,11 +150,13 @@ class SampledLoop:
         plant.x[:], controller.Y[:] = last[:many], last[many : end + 2]
         *self.waiting, controller.a, moved = last[end + 2 :].tolist()
         controller.moved = moved > 0
+        effort.pieces(count)
         return count
 
     def rests(self) -> bool:
         """Whether a loop that is left alone rests for ever, but for what dies out."""
-        _, (low,), (high,) = self.plant.ahead(self.T, 1)
+        _, lows, highs = self.plant.ahead(self.T, 1)
+        low, high = float(lows[0]), float(highs[0])
         return low <= min(self.waiting) <= max(self.waiting) <= high and self.controller.stays_within(low, high)
 
     def _stuck(self, k: int, samples: int, for_ever: bool = False) -> int:
@@ -168,8 +171,8 @@ class SampledLoop:
             states, low, high = self.plant.ahead(self.T, u.size)
             # torques[j] acts from the part of sample k + j - 1 on up to that of the next one
             torques, since = np.concatenate([self.waiting, u]), np.arange(u.size + kept).clip(1, u.size) - 1
-            beyond = np.flatnonzero((torques < low[since]) | (torques > high[since])) if not for_ever else ()
-            n = min(max(int(beyond[0]) - 1, 0), u.size) if len(beyond) else u.size
+            beyond = np.flatnonzero((torques < low[since]) | (torques > high[since])) [: None if not for_ever else 0]
+            n = min(max(int(beyond[0]) - 1, 0), u.size) if beyond.size else u.size
             if n == 0:
                 return k
             self._keep(k)
@@ -180,7 +183,7 @@ class SampledLoop:
             self.plant.x[:], self.controller.Y[:] = states[n - 1], Y[n - 1]
             k += n
             effort.pieces(1)
-            if n < there or there not in AHEAD:
+            if n < there or there not in STUCK_AHEAD:
                 return k
             if not for_ever and asked & (asked - 1) == 0 and self.rests():  # what dies out may have done so
                 return k

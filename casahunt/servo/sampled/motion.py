@@ -236,7 +236,8 @@ def simulate_sampled(
         loop = servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
     else:
         a_servo(servo)
-        loop = loop_of(servo, choice_of("model", model, MODELS), sensible("gain", gain, power=COMPUTED))
+        choice_of("model", model, MODELS)
+        loop = loop_of(servo, model, sensible("gain", gain, power=COMPUTED))
     states, known = loop.system.states, "lugre" if LUGRE in loop.present else "switch"
     _check_stops(known, drive)
     if bristle != 0 and known != "lugre":

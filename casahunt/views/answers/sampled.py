@@ -33,8 +33,8 @@ def sampled_answer(found: SampledMotion, cause: Cause | None) -> Answer:
 def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     verdict, q = found.verdict, found.drive.count
     of_a_file = found.loop.name == Loop.name  # which gives a loop of parts no name
-    name = f"{'loop' if of_a_file else found.loop.name} as built at gain {found.gain:.10g} V/rad, set point {found.set_point:.10g} rad"
-    yield f"{name}, {found.duration:.10g} s: {HEADS[verdict.kind]}"
+    name = f"{'loop' if of_a_file else found.loop.name} as built at gain {found.gain:.10g} V/rad"
+    yield f"{name}, set point {found.set_point:.10g} rad, {found.duration:.10g} s: {HEADS[verdict.kind]}"
     yield item("because", verdict.sentence)
     if of_a_file:
         yield item("parts", ", ".join(found.parts))

@@ -44,8 +44,6 @@ _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
 }
-
-
 _MISSING = "the following arguments are required: "
 
 
@@ -322,8 +320,8 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
     if hasattr(options, "model"):
         left_out(options, "the friction of a loop is one of its parts", "model")
     loop = loop_of_tables(tables, f"loop file {options.servo!r}")
-    of_loop = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
-    values = assigned(of_loop, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
+    given = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
+    values = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
     gain = gain_of(options) if gain is None and getattr(options, "gain", None) is not None else gain
     return loop.replace(**values, **({} if gain is None else {"gain": gain}))
 

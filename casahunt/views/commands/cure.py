@@ -28,6 +28,7 @@ from ...export import plain
 from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
+from ...servo.parts.plain_loop import loop_of
 from ...servo.parts.table import remedy_name
 from ...servo.sampled.check import AsBuilt
 from ..answers.answer import Answer

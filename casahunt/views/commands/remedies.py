@@ -14,6 +14,7 @@ import json
 import math
 import shlex
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from ...checks import to_absolute_error
@@ -57,6 +58,8 @@ SURELY_KNOWN = 1e-9
 DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
 """Limits that may be set, what they limit, and the unit."""
 
+OWN = {"gain": "K", "derivative": "kd", "integral": "ki"}
+"""Remedies that are numbers of the controller, and which."""
 ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
 NOT_FOR_THE_WORST = "not found; the size to choose is for the values as given"

@@ -73,9 +73,9 @@ def of_drive(
     start = {key: numbers[key] for key in ("set_point", "position", "velocity", "integral", "bristle")}
     if isinstance(servo, Loop):
         states = assigned(options.state, "state", servo.system.states, "name=value")
-        found = simulate_sampled(servo, None, drive, time=length, start=states, **start)
+        found = simulate_sampled(servo, None, drive, time=length, start=states, **start)  # type: ignore[arg-type]
     else:
-        found = simulate_sampled(servo, gain_of(options), drive, model=model_of(options), time=length, **start)
+        found = simulate_sampled(servo, gain_of(options), drive, model=model_of(options), time=length, **start)  # type: ignore[arg-type]
     cause = cause_of(found)
     record = {**found.to_dict(table=False), "cause": cause}
     table = found._columns() if options.csv else None
