@@ -59,7 +59,7 @@ OUTSIDE_BY = 1e-4
 FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; from where cycles are
 followed; and where motions alone tell the size."""
-MORE_OF_IRREGULAR, IRREGULAR_KNOWN, WORK_OF_IRREGULAR = 3.0, 0.1, 2.5e5
+MORE_OF_IRREGULAR, IRREGULAR_KNOWN, WORK_OF_IRREGULAR = 3.0, 0.1, 2e5
 """By how much more of it at first where hunting is irregular, to which motions come from anywhere; the part of a size
 to which its end is told; and the work of that: it is told as it is known then."""
 MOTIONS_ERROR = 0.02

@@ -37,7 +37,7 @@ TOLERANCE_ON_THE_WAY = 1e-6
 """Of cycles between that of a smaller gain and that which is asked for: at 1e-9 the way takes three times as long."""
 MOST_UNSETTLED = 2
 """Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
-WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 2e5
+WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring; and of
 following a cycle to another gain, five seconds of a processor or less."""
 FAR_UP = 1e3
@@ -206,10 +206,10 @@ def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrb
     try:
         with effort.at_most(WORK_OF_THE_WAY):
             branch = follow(lower, "gain", to=gain, options=on_the_way, monitors=(FOLD,))
-    except effort.PartGivenUp as long:
-        why = f"{long}".partition(":")[0]
-        begins = lower.problem.value("gain")
-        raise NoOrbit(f"the way from the cycle of gain {begins:.6g}: {why}", Status.NOT_FOUND) from None
+    except effort.PartGivenUp:
+        way = f"the cycle of gain {lower.problem.value('gain'):.6g} was not followed up to {gain:.6g}"
+        further = "with the work allowed; casahunt.continuation.follow leads on from there"
+        raise NoOrbit(f"{way} {further}", Status.NOT_FOUND) from None
     end = branch.special[0].meaning if branch.special else branch.ended
     if branch.end.kind == "range" and branch.values[-1] == gain:
         cycle = refined(branch.orbits[-1], options)

@@ -17,6 +17,7 @@ from casahunt.servo.parts import (
     TWO_MASSES,
     Loop,
     loop_cycle,
+    verbs,
 )
 from casahunt.servo.parts.fate import LEFT_OF_A_SWING, Swing, fate
 
@@ -120,6 +121,12 @@ def test_a_motion_that_grows_hides_no_cycle_nearer_to_the_set_point():
 def test_beyond_the_fold_every_start_comes_to_rest_and_the_fold_is_named():
     """Table 1: K = 0.64733908 (the event map)."""
     with pytest.raises(ComesToRest, match=r"from each of 13 starts, 1 to .* fold at gain = 0\.6473390"):
+        loop_cycle(Loop((INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR), {"gain": 0.7}))
+
+
+def test_the_way_from_a_smaller_gain_has_a_bound(monkeypatch):
+    monkeypatch.setattr(verbs, "WORK_OF_THE_WAY", 100.0)
+    with pytest.raises(ComesToRest, match=r"each of 13 starts.* cycle of gain 0\.35 was not followed up to 0\.7 with"):
         loop_cycle(Loop((INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR), {"gain": 0.7}))
 
 
