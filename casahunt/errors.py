@@ -7,6 +7,7 @@ Numerical failure is a `Status` on a result.  An exception is raised only at the
 from __future__ import annotations
 
 from enum import Enum
+from typing import Any
 
 
 class InputError(ValueError):
@@ -135,6 +136,7 @@ class HuntsIrregularly(NoOrbit):
     ----------
     amplitude : how far it turns back from the set point, at least and at most.
     between : the times between two turns, at least and at most [s].
+    swing : a state of it, and sizes, as remedies begin with (servo/parts/fate.py); None where that is not known.
 
     Examples
     --------
@@ -144,10 +146,11 @@ class HuntsIrregularly(NoOrbit):
     """
 
     def __init__(
-        self, sentence: str, status: Status, *, amplitude: tuple[float, float], between: tuple[float, float]
-    ) -> None:
+        self, sentence: str, status: Status, *, amplitude: tuple[float, float], between: tuple[float, float],
+        swing: Any = None,
+    ) -> None:  # fmt: skip
         super().__init__(sentence, status)
-        self.amplitude, self.between = amplitude, between
+        self.amplitude, self.between, self.swing = amplitude, between, swing
 
 
 class ComesToRest(NoOrbit):

@@ -12,6 +12,7 @@ import pytest
 from command_line import one_json, run
 
 from casahunt import InputError, Servo, cli
+from casahunt.design.remedies.cures import Cure
 from casahunt.servo.sampled.check import AsBuilt
 from casahunt.views.commands import remedies as remedies_command
 from casahunt.views.commands.identify import fit_of
@@ -423,11 +424,18 @@ def test_what_is_done_with_a_drive_is_said_of_a_fit(capsys, tmp_path, built):
 
 def test_a_cycle_that_motions_leave_is_not_said_to_be_hunting():
     """Between where the stable cycles end and the fold."""
-    table = SimpleNamespace(name="servo", gain=7.4, amplitude=7e-4, period=6.0, remedies=(), best="", stable=False)
+    table = SimpleNamespace(
+        name="servo", gain=7.4, amplitude=7e-4, period=6.0, remedies=(), best="", stable=False, irregular=False
+    )
     first = next(remedy_lines(table, {}, of_a_set=False))
     assert "has a hunting cycle, which motions leave again, of 0.0007 rad" in first
     table.stable = True
     assert "hunts with 0.0007 rad" in next(remedy_lines(table, {}, of_a_set=False))
+    table.irregular, kinds = True, ("decaying", "decaying", "hunting", "hunting")
+    table.remedies = (Cure("gain", "V/rad", "motions", 7.25, 0.375, 8.0, stays=kinds),)
+    lines = list(remedy_lines(table, {}, of_a_set=False))
+    assert "hunts irregularly, with up to 0.0007 rad and 6 s" in lines[0]
+    assert any("as simulated motions show it, seen and not proved, to about 5 %" in line for line in lines)
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
@@ -58,6 +59,9 @@ OUTSIDE_BY = 1e-4
 FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
 """By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; from where cycles are
 followed; and where motions alone tell the size."""
+MORE_OF_IRREGULAR, IRREGULAR_KNOWN, WORK_OF_IRREGULAR = 3.0, 0.1, 2e5
+"""By how much more of it at first where hunting is irregular, to which motions come from anywhere; the part of a size
+to which its end is told; and the work of that: it is told as it is known then."""
 MOTIONS_ERROR = 0.02
 """Relative error that is said of a size, at least: next to a fold motions may leave hunting too soon, or too late."""
 LOOKED_AT_BEYOND, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
@@ -101,19 +105,12 @@ class Border:
     fold: float = math.nan
 
 
-@dataclass(frozen=True, eq=False)
-class Scales:
-    """What sizes are measured by: amplitude [rad] and period [s] of the cycle without the remedy."""
-
-    amplitude: float
-    period: float
-
-    def of(self, remedy: Remedy, loop: Loop) -> float:
-        """The scale of the sizes of a remedy."""
-        if remedy.scale == "own":
-            return loop.value(remedy.size)
-        by_name = {"amplitude": self.amplitude, "rate": 1 / self.period, "period": self.period, "one": 1.0}
-        return by_name[remedy.scale] if remedy.scale in by_name else loop.value(remedy.scale)
+def scale_of(remedy: Remedy, loop: Loop, hunting: Swing) -> float:
+    """What the sizes of a remedy are measured by: the loop without it, and its hunting."""
+    if remedy.scale == "own":
+        return loop.value(remedy.size)
+    by_name = {"amplitude": hunting.amplitude, "rate": 1 / hunting.period, "period": hunting.period, "one": 1.0}
+    return by_name[remedy.scale] if remedy.scale in by_name else loop.value(remedy.scale)
 
 
 def more_of(remedy: Remedy, size: float, factor: float) -> float:
@@ -138,14 +135,16 @@ class EndOfMotions:
     kind: str
 
 
-def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, options: Options) -> Border:
+def border(loop: Loop, remedy: Remedy, before: Swing, options: Options) -> Border:
     """The border of hunting in the size of a remedy.
 
-    loop, start: the loop without it, and the state of its cycle when it has just stopped.
+    loop, before: the loop without it, and its hunting, from where it has just stopped.
     Raises effort.GivenUp: beyond the work that is allowed in all.
     """
-    unit = scales.of(remedy, loop)
-    first = _with_a_little(loop, remedy, start, unit, options)
+    unit = scale_of(remedy, loop, before)
+    if before.irregular:
+        return _of_irregular(loop, remedy, before, unit)
+    first = _with_a_little(loop, remedy, before.state, unit, options)
     if isinstance(first, Border):
         return first
     swing, size = Swing.of(first), first.problem.value(remedy.size)
@@ -177,22 +176,35 @@ def border(loop: Loop, remedy: Remedy, start: dict[str, float], scales: Scales, 
     seen = end_of_motions(loop, remedy, swing, size, last, MOTIONS_KNOW, rest)
     if math.isnan(seen.ended):
         return replace(_without_end(remedy, seen, size, last, limit), first=first, evidence=evidence)
+    found = _by_motions(remedy, seen, "cycles were not followed to their end")
+    return replace(found, first=first, evidence=evidence, swing=seen.swing or swing, fold=next(iter(folds), math.nan))
+
+
+def _by_motions(remedy: Remedy, seen: EndOfMotions, why: str) -> Border:
+    """A border as motions show it; why: why they do alone."""
     hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
-    why = f"cycles were not followed to their end: {hunt}, and none does at {seen.ended:.4g}"
     error = max(MOTIONS_ERROR * abs(seen.ended), abs(seen.ended - seen.hunts))
-    return Border("motions", seen.ended, error, first, None, why=why, evidence=evidence,
-                  swing=seen.swing or swing, fold=next(iter(folds), math.nan))  # fmt: skip
+    return Border("motions", seen.ended, error, swing=seen.swing,
+                  why=f"{why}: {hunt}, and none does at {seen.ended:.4g}")  # fmt: skip
+
+
+def _of_irregular(loop: Loop, remedy: Remedy, before: Swing, unit: float) -> Border:
+    """The border of hunting that is irregular without the remedy: by motions alone."""
+    for size in _first_sizes(remedy, unit)[::2]:  # no larger one: what hunts already hunts on with little of it
+        limit, last = _of_stable_loops(loop, remedy, size, remedy.last * unit)
+        seen = end_of_motions(loop, remedy, before, size, last, IRREGULAR_KNOWN, work=WORK_OF_IRREGULAR)
+        if seen.swing is not None or math.isnan(seen.ended):
+            break
+    if seen.swing is None or math.isnan(seen.ended):
+        return _without_end(remedy, seen, size, last, limit)
+    return _by_motions(remedy, seen, "it hunts irregularly, and no cycle of it was followed")
 
 
 def _with_a_little(
     loop: Loop, remedy: Remedy, start: dict[str, float], unit: float, options: Options
 ) -> SystemOrbit | Border:
     """The cycle with little of the remedy on which a motion settles; what is known where there is none."""
-    sizes = [
-        unit * (1 - (1 - remedy.first) * factor if remedy.starts_at_one else remedy.first * factor)
-        for factor in SMALLER_AND_LARGER
-    ]
-    why = ""
+    sizes, why = _first_sizes(remedy, unit), ""
     for size in sizes:
         try:
             with effort.at_most(MOST_WORK_OF_AN_END):
@@ -201,6 +213,12 @@ def _with_a_little(
             why = why or str(refusal)
     stopped = f"no cycle at {remedy.size} = {', '.join(f'{size:.4g}' for size in sizes)}: {why}"
     return Border("not found", math.nan, why=NO_FIRST, evidence=stopped)
+
+
+def _first_sizes(remedy: Remedy, unit: float) -> list[float]:
+    """Little of a remedy."""
+    first, one = remedy.first, remedy.starts_at_one
+    return [unit * (1 - (1 - first) * factor if one else first * factor) for factor in SMALLER_AND_LARGER]
 
 
 def _of_stable_loops(loop: Loop, remedy: Remedy, size: float, last: float) -> tuple[float, float]:
@@ -247,34 +265,37 @@ def _without_end(remedy: Remedy, seen: EndOfMotions, size: float, last: float, l
 
 
 def end_of_motions(
-    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, known: float, rest: float = LEFT_OF_A_SWING
-) -> EndOfMotions:
+    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, known: float, rest: float = LEFT_OF_A_SWING,
+    work: float = math.inf,
+) -> EndOfMotions:  # fmt: skip
     """Between which sizes hunting ends, from one on, known to a part of it.
 
     A motion that hunts is handed on to the next size.  What is unclear is taken to hunt, but is not handed on.
-    swing: one to begin with; rest: how near to a cycle a motion hunts, in its swings.
+    swing: one to begin with; rest: how near to a cycle a motion hunts, in its swings; work: after which the end is told
+    as it is known (effort.py).
     """
-    hunts, low, high, found, unclear = size, size, math.nan, None, 0
-    trial = size
-    while True:
-        seen = scan(with_remedy(loop, remedy, trial), found or swing, rest=rest)
-        unclear = unclear + 1 if seen.swing is None and not seen.over else 0
-        if seen.over:
-            high = trial
-        else:
-            low = trial
-            if seen.swing is not None:
-                hunts, found = trial, seen.swing
-        if high == size or (math.isnan(high) and (low == last or unclear > MOST_UNCLEAR)):
-            break
-        if math.isnan(high):
-            more = more_of(remedy, low, 1 + FIRST_MORE)
-            trial = last if remedy.sense * more > remedy.sense * last else more
-        elif abs(high - low) > abs(more_of(remedy, low, 1 + known) - low):
-            trial = (low + high) / 2
-        else:
-            break
-    return EndOfMotions(hunts, found, high, seen.kind)
+    hunts, low, high, unclear = size, size, math.nan, 0
+    trial, found, kind = size, None, "undecided"
+    with suppress(effort.PartGivenUp), effort.at_most(work):
+        while True:
+            seen = scan(with_remedy(loop, remedy, trial), found or swing, rest=rest)
+            unclear, kind = unclear + 1 if seen.swing is None and not seen.over else 0, seen.kind
+            if seen.over:
+                high = trial
+            else:
+                low = trial
+                if seen.swing is not None:
+                    hunts, found = trial, replace(seen.swing, irregular=swing.irregular)
+            if high == size or (math.isnan(high) and (low == last or unclear > MOST_UNCLEAR)):
+                break
+            if math.isnan(high):
+                more = more_of(remedy, low, 1 + (MORE_OF_IRREGULAR if swing.irregular else FIRST_MORE))
+                trial = last if remedy.sense * more > remedy.sense * last else more
+            elif abs(high - low) > abs(more_of(remedy, low, 1 + known) - low):
+                trial = (low + high) / 2
+            else:
+                break
+    return EndOfMotions(hunts, found, high, kind)
 
 
 def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, options: Options) -> Border:

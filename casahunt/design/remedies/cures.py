@@ -149,6 +149,8 @@ class Cures(Result):
     best : the name of the cheapest that meets the demands and keeps hunting ended at larger sizes too, of an uncertain
         servo the cheapest whose size for the worst one was found, if there is one; "" where none meets the demands.
     stable : whether motions end in that cycle; where they leave it, hunting may have ended at a lower gain.
+    irregular : whether the hunting repeats in no pattern: it swings up to the amplitude, its period is a mean one, and
+        all sizes are as motions show them, seen and not proved.
 
     Examples
     --------
@@ -158,7 +160,7 @@ class Cures(Result):
     """
 
     _quantities = ("name", "model", "gain [V/rad]", "amplitude [rad]", "period [s]", "best")
-    _details = ("margin", "stable")
+    _details = ("margin", "stable", "irregular")
 
     loop: Loop
     model: Model
@@ -169,6 +171,7 @@ class Cures(Result):
     best: str
     margin: float = MARGIN_TO_CHOOSE
     stable: bool = True
+    irregular: bool = False
 
     @property
     def name(self) -> str:

@@ -16,16 +16,14 @@ from itertools import product
 import numpy as np
 
 from ...checks import choice_of, require
-from ...errors import InputError
-from ...orbits import Orbit
+from ...errors import HuntsIrregularly, InputError
 from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
 from ...servo.hunting import MODELS, Model, called
 from ...servo.linear.margins import Margins, margins_of
-from ...servo.linear.open_loop import linear_stable, open_loop_of_parts
-from ...servo.outcome import Kind
+from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.parts.cascade import P_PI
-from ...servo.parts.fate import Swing, fate, on_the_cycle
+from ...servo.parts.fate import Swing
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
 from ...servo.parts.inertia import INERTIA
 from ...servo.parts.loop import Loop
@@ -43,23 +41,20 @@ from .border import (
     BORDERS,
     MOTIONS_KNOW,
     Border,
-    Scales,
     border,
     end_of_motions,
     more_of,
+    scale_of,
     with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
+from .larger_sizes import stays
 from .price import task
-from .scan import Scan, scan
 
 NEVER_SETTLES = 30.0
 """Periods of the hunting that count for a step that does not settle."""
 LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
-STEPS_DOWN, SMALLEST_STEP_DOWN = 4, 2e-3
-"""In which a motion that hunts with more of a remedy is handed on to less, from one of these sizes to the next, or in
-smaller ones where it is lost, down to this part of the size: few motions come to it."""
 NOT_LINEAR = Margins(math.nan, math.nan, math.nan, math.nan, False)
 """The margins of a loop that has none."""
 RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
@@ -133,11 +128,11 @@ def remedies(
         rows.append(Cure(remedy.name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy))
         if progress is not None:
             progress(rows[-1])
-    loop, orbit = asked.loop, asked.orbit
-    rows.sort(key=_price(task(loop, Swing.of(orbit), 0.0).peak_torque, orbit))
+    loop, swing = asked.loop, asked.swing
+    rows.sort(key=_price(task(loop, swing, 0.0).peak_torque, swing))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
-    own = loop.value("gain"), orbit.amplitude, orbit.period
-    return Cures(loop, asked.model, *own, tuple(rows), best, margin, orbit.stable is not False)
+    own = loop.value("gain"), swing.amplitude, swing.period
+    return Cures(loop, asked.model, *own, tuple(rows), best, margin, asked.stable, swing.irregular)
 
 
 def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
@@ -154,21 +149,16 @@ def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_s
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """What all rows are about: the loop without a remedy, its friction model, its cycle and a state on it, how it is
-    computed, what is uncertain of which servo; the margin."""
+    """What all rows are about: the loop without a remedy, its friction model, its hunting and whether motions stay
+    there, how it is computed, what is uncertain of which servo; the margin."""
 
     loop: Loop
     model: Model
-    orbit: Orbit
-    start: dict[str, float]
+    swing: Swing
+    stable: bool
     options: Options
     uncertain: tuple[Servo, Uncertainty] | None
     margin: float
-
-    @property
-    def scales(self) -> Scales:
-        """What sizes are measured by."""
-        return Scales(self.orbit.amplitude, self.orbit.period)
 
     @cached_property
     def box(self) -> dict[str, tuple[float, float]]:
@@ -207,9 +197,12 @@ def _asked(
         if model is not None or gain is not None:
             raise InputError("model, gain: must be left out, a loop of parts says both itself: loop.replace(gain=...)")
         loop = by_gains(servo)
-        cycle = loop_cycle(loop, options=options)
         found: Model = "lugre" if LUGRE in loop.present else "switch"
-        return _Asked(loop, found, cycle, on_the_cycle(cycle), options, None, margin)
+        try:
+            cycle = loop_cycle(loop, options=options)
+        except HuntsIrregularly as irregular:
+            return _Asked(loop, found, irregular.swing, True, options, None, margin)
+        return _Asked(loop, found, Swing.of(cycle), cycle.stable is not False, options, None, margin)
     a_servo(servo)
     model, gain = model or "switch", 1.0 if gain is None else gain
     choice_of("model", model, MODELS)
@@ -217,19 +210,19 @@ def _asked(
         check_box(servo, uncertainty)
     uncertain = None if uncertainty is None else (servo, uncertainty)
     orbit, loop = find_orbit(servo, model, gain, options=options), loop_of(servo, model, gain)
-    return _Asked(loop, model, orbit, on_the_cycle(orbit), options, uncertain, margin)
+    return _Asked(loop, model, Swing.of(orbit), orbit.stable is not False, options, uncertain, margin)
 
 
-def _price(today: float, orbit: Orbit) -> Callable[[Cure], tuple[bool, float]]:
+def _price(today: float, hunting: Swing) -> Callable[[Cure], tuple[bool, float]]:
     """By what rows are sorted: those that end hunting first; then the sum of
 
     error at rest / amplitude of the hunting + (peak torque / that of today - 1) + settling time / its period.
     """
 
     def of(row: Cure) -> tuple[bool, float]:
-        settling = row.settling if math.isfinite(row.settling) else NEVER_SETTLES * orbit.period
+        settling = row.settling if math.isfinite(row.settling) else NEVER_SETTLES * hunting.period
         rest = row.recommended_rest_error if row.rests else 0.0  # of none of the rows it is known
-        price = rest / orbit.amplitude + (row.peak_torque / today - 1) + settling / orbit.period
+        price = rest / hunting.amplitude + (row.peak_torque / today - 1) + settling / hunting.period
         return not row.ends_hunting, price if math.isfinite(price) else math.inf
 
     return of
@@ -238,7 +231,7 @@ def _price(today: float, orbit: Orbit) -> Callable[[Cure], tuple[bool, float]]:
 def _row(asked: _Asked, remedy: Remedy) -> Cure:
     """One remedy, found and priced."""
     loop = asked.loop
-    found, numbers = border(loop, remedy, asked.start, asked.scales, asked.options), _numbers(loop)
+    found, numbers = border(loop, remedy, asked.swing, asked.options), _numbers(loop)
     if found.kind == "not found":
         return Cure(remedy.name, remedy.unit, found.kind, why=found.why, evidence=found.evidence,
                     followed_to=found.size, first=found.first)  # fmt: skip
@@ -248,11 +241,11 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     worst = _worst(asked, remedy, found)
     least = worst if math.isfinite(worst) else size
     beyond = tuple(more_of(remedy, least, factor) for factor in (1 + asked.margin, *LARGER_SIZES))
-    recommended, before = beyond[0], found.swing or Swing.of(found.orbit or asked.orbit)
+    recommended, before = beyond[0], _last_hunting(asked, found)
     mended = with_remedy(loop, remedy, recommended)
     corners = _rests(remedy, recommended, _numbers(asked.farthest_at_rest))
     rest, rests = _largest(_rests(remedy, size, numbers)), _largest(corners)
-    step = task(mended, Swing.of(asked.orbit), rests)
+    step = task(mended, asked.swing, rests)
     opened = open_loop_of_parts(mended)
     linear = NOT_LINEAR if opened is None else margins_of(opened)
     return Cure(
@@ -260,7 +253,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
         rests=corners, rest_error=rest, recommended_rest_error=rests,
         peak_torque=step.peak_torque, peak_voltage=step.peak_torque / loop.value("motor_gain"), settling=step.settling,
         beyond=beyond,
-        stays=_stays(loop, remedy, beyond, before),
+        stays=stays(loop, remedy, beyond, before),
         phase_margin=linear.phase_margin,
         lowest_factor=linear.lowest_factor,
         highest_factor=linear.highest_factor,
@@ -269,41 +262,9 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     )  # fmt: skip
 
 
-def _stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -> tuple[Kind, ...]:
-    """What becomes of motions at sizes beyond a border.
-
-    From the largest on: what hunts there, on a cycle to which few motions come, is handed on to the smaller ones.
-    """
-    above, swing, kinds = math.nan, None, list[Kind]()
-    for at in reversed(sizes):
-        if swing is not None:
-            swing = _handed_down(loop, remedy, swing, (above, at), before)
-        there = with_remedy(loop, remedy, at)
-        if linear_stable(there) is False:
-            seen = Scan("growing")
-        else:
-            seen = scan(there, before, beyond=True) if swing is None else Scan("hunting", swing)
-        kinds.append(seen.kind)
-        above, swing = at, seen.swing
-    return tuple(reversed(kinds))
-
-
-def _handed_down(
-    loop: Loop, remedy: Remedy, swing: Swing, sizes: tuple[float, float], before: Swing
-) -> Swing | None:
-    """The hunting to which that at the first of two sizes leads at the second; None where it ends in between."""
-    size, last = sizes
-    step = longest = (last - size) / STEPS_DOWN
-    while size != last:
-        trial = last if abs(last - size) <= abs(step) * (1 + SMALLEST_STEP_DOWN) else size + step
-        found = fate(with_remedy(loop, remedy, trial), swing.state, before).swing
-        if found is not None:
-            size, swing, step = trial, found, min(2 * step, longest, key=abs)
-        elif abs(step) <= SMALLEST_STEP_DOWN * abs(size):
-            return None
-        else:
-            step /= 2
-    return swing
+def _last_hunting(asked: _Asked, found: Border) -> Swing:
+    """The last that was seen in front of a border."""
+    return found.swing or (asked.swing if found.orbit is None else Swing.of(found.orbit))
 
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
@@ -360,7 +321,7 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
             break
         if not asked.has(corner):
             return math.nan
-        at = border(asked.at(corner), remedy, asked.start, asked.scales, asked.options)
+        at = border(asked.at(corner), remedy, asked.swing, asked.options)
         if at.kind not in BORDERS:
             return math.nan
         seen[corner] = at
@@ -369,14 +330,14 @@ def _worst(asked: _Asked, remedy: Remedy, found: Border) -> float:
 
 def _no_farther(asked: _Asked, remedy: Remedy, size: float) -> Remedy:
     """The remedy, its border sought up to a size only."""
-    last = size / asked.scales.of(remedy, asked.loop)
+    last = size / scale_of(remedy, asked.loop, asked.swing)
     return replace(remedy, last=min(last, remedy.last, key=lambda each: each * remedy.sense))
 
 
 def _worst_by_motions(asked: _Asked, remedy: Remedy, found: Border) -> float:
     """The size with which motions end at all corners of the box; nan where these are too many, or one hunts on."""
-    size, last = found.size, remedy.last * asked.scales.of(remedy, asked.loop)
-    swing = found.swing or Swing.of(found.orbit or asked.orbit)
+    size, last = found.size, remedy.last * scale_of(remedy, asked.loop, asked.swing)
+    swing = _last_hunting(asked, found)
     if len(asked.box) > MOST_UNCERTAIN:
         return math.nan
     for corner in filter(asked.has, product(*asked.box.values())):

@@ -49,6 +49,9 @@ DECADE, LEAST_SWINGS = 10.0, 5
 PATTERN, REPEATS, ALIKE_PATTERNS, TURNS_OF_A_FATE = 8, 1e-6, 1e-4, 240
 """Turns of a pattern at most; how well it repeats; how well a shorter one does, which is told instead; turns after
 which a motion repeats in none."""
+HANDED_ON = 6
+"""Of irregular hunting that is handed on to another servo so many times fewer turns are followed: it is there already,
+and hunts on where its swings become no smaller, in a pattern or in none."""
 REPEATS_NOT, DIFFERS, AS_MUCH_AS_BEFORE = 0.1, 1e-3, 2.0
 """Swings that differ by more than the first part for so long, without becoming smaller, repeat in no pattern; or by
 more than the second, and by as much as before but for a factor: of a motion that leaves a cycle, or comes to one, they
@@ -71,12 +74,14 @@ than so many times that is no turn, but for one that does so many times in a row
 
 @dataclass(frozen=True, eq=False)
 class Swing:
-    """Hunting: a state on it, its amplitude [rad] and period [s], and the sizes of the states."""
+    """Hunting: a state on it, its amplitude [rad] and period [s], the sizes of the states; whether it is irregular: its
+    period is then the mean one."""
 
     state: dict[str, float]
     amplitude: float
     period: float
     sizes: dict[str, float] = field(default_factory=dict)
+    irregular: bool = False
 
     @classmethod
     def of(cls, cycle: Orbit) -> Swing:
@@ -228,14 +233,18 @@ class _Watched:
                     return "hunting"
         if _shrinks(swings):
             return "decaying"
-        if swings.size < TURNS_OF_A_FATE:
+        fewer = HANDED_ON if self.before.irregular else 1
+        if swings.size < TURNS_OF_A_FATE // fewer:
             return None
-        late, earlier = swings[-TURNS_OF_A_FATE // 4 :], swings[-TURNS_OF_A_FATE // 2 : -TURNS_OF_A_FATE // 4]
-        self.repeats = TURNS_OF_A_FATE // 4, False
+        quarter = TURNS_OF_A_FATE // fewer // 4
+        late, earlier = swings[-quarter:], swings[-2 * quarter : -quarter]
         differ, before = np.ptp(late), np.ptp(earlier)
         irregular = differ > REPEATS_NOT * late.max()
         irregular |= differ > DIFFERS * late.max() and before / AS_MUCH_AS_BEFORE < differ < AS_MUCH_AS_BEFORE * before
-        return "hunting" if irregular and late.max() > (1 - LEFT_OF_A_SWING) * earlier.max() else "undecided"
+        if (irregular or fewer > 1) and late.max() > (1 - LEFT_OF_A_SWING / fewer) * earlier.max():
+            self.repeats = quarter, False
+            return "hunting"
+        return None if swings.size < TURNS_OF_A_FATE else "undecided"
 
     def _shortest(self, most: int, mirror: float) -> tuple[int, bool]:
         """The shortest pattern that the turns repeat in, where a longer one was found to settle."""
@@ -250,9 +259,10 @@ class _Watched:
         """Whether no state moved in the second half of the last look, or it is at the set point."""
         looked = self.phases[since:]
         ends = np.cumsum([segment.duration for segment in looked])
-        times = [end - (1 - s.breaks) * s.duration for end, s in zip(ends, looked, strict=True)]
+        times = np.concatenate([end - (1 - s.breaks) * s.duration for end, s in zip(ends, looked, strict=True)])
         many, states = len(self.system.states), np.vstack([segment.nodes for segment in looked])
-        late = states[np.concatenate(times) >= ends[-1] / 2, :many].T
+        half = times[times <= ends[-1] / 2].max(initial=0.0)  # of a step across it, that at its start
+        late = states[times >= half, :many].T
         if np.all(np.ptp(late, axis=1) <= MOVES_NOT * self.scale[:many]):
             return True
         return self._is_there(late)
@@ -262,8 +272,9 @@ class _Watched:
         n, mirrored = self.repeats
         turns, period = np.array(self.turns[-2 * n - 1 :]), self.at[-1] - self.at[-1 - n]
         stopped = next((s for s in reversed(self.phases) if "stick" in s.mode), self.phases[-1])
-        sizes = dict(zip(self.system.states, self.scale.tolist(), strict=False))
-        return Swing(self.named(stopped.start), float(np.ptp(turns)) / 2, period * (2 if mirrored else 1), sizes)
+        sizes, irregular = dict(zip(self.system.states, self.scale.tolist(), strict=False)), n > PATTERN
+        period *= 2 / n if irregular else 2 if mirrored else 1
+        return Swing(self.named(stopped.start), float(np.ptp(turns)) / 2, period, sizes, irregular)
 
     def named(self, x: Array) -> dict[str, float]:
         """States by name; nothing, where rounding has left something."""

@@ -90,6 +90,8 @@ class PartMode:
     name : "" for the only mode, or the one that goes without saying.
     unsplit : name of a mode of the part that this one is a part of, as in `hybrid.Mode`.
     where : (x, s, p) of numbers -> whether a motion that starts there may be in this mode; None for anywhere.
+    again : (x, s, p) of numbers -> the name of the mode in which the part is behind an event of another part, at which
+        states or their rates jump; None where it stays in this one.
 
     Examples
     --------
@@ -104,6 +106,7 @@ class PartMode:
     sign: float | None = None
     unsplit: str | None = None
     where: Function | None = None
+    again: Callable[[Any, Any, Any], str] | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,7 +1,8 @@
 """The product of parts, as a system like any user's.
 
-    state   the states of all parts;      mode   one mode of each part, named by those that have a name
-    event   of one part: it changes this part's mode, and resets its states and those that other parts reset upon it
+    state   the states of all parts;      mode   one of each part, that go together, by their names where they have one
+    event   of one part: it changes this part's mode, and resets its states and those that other parts reset upon it;
+            behind it other parts may ask again where they go on, as one that slides along a limit
 
 The parts exchange signals (wiring.py), and none knows another.  What is linear while the servo sticks, with an
 integrator as its only motion, has a closed form, which is found from the parts.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -67,8 +69,17 @@ def modes_of(parts: tuple[Part, ...], parameters: tuple[str, ...]) -> tuple[Mode
     p = Numbers(**{name: ca.SX.sym(name) for name in parameters})
     _check_read(parts, (x, p))
     return tuple(
-        _mode(parts, modes, signed, (x, p)) for modes in itertools.product(*[part.modes for part in parts])
+        _mode(parts, modes, signed, (x, p))
+        for modes in itertools.product(*[part.modes for part in parts]) if _holds_somewhere(parts, modes, (x, p))
     )  # fmt: skip
+
+
+def _holds_somewhere(parts: tuple[Part, ...], modes: Modes, symbols: Symbols) -> bool:
+    """Whether these modes go together: not where one of them holds at no state, as one that slides along a limit that
+    nothing leads back to."""
+    wiring = wiring_of(parts, modes, None)
+    holds = (ca.SX(wiring.value(m.law.holds, m.sign, *symbols)) for m in modes if m.law.holds is not None)
+    return all(not value.is_constant() or float(value) > 0 for value in holds)
 
 
 def _check_events(parts: tuple[Part, ...]) -> None:
@@ -140,8 +151,9 @@ def _event(parts: tuple[Part, ...], modes: Modes, i: int, edge: Edge, signed: in
     wiring, sign = wiring_of(parts, modes, signed), None if i == signed else modes[i].sign
     jumps = tuple(edge.reset.items()) + tuple(jump for part in parts for jump in part.upon.get(edge.name, {}).items())
     behind = [_behind(part, mode, edge.name) for part, mode in zip(parts, modes, strict=True)]
-    following = {mode.name: mode_name((*behind[:i], mode, *behind[i + 1 :])) for mode in parts[i].modes}
-    to = following[edge.to] if isinstance(edge.to, str) else _To(wiring, edge.to, sign, tuple(following.items()))
+    others = [(j, None) for j in range(len(parts)) if j != i]
+    # a reset may lead a part to a mode in which this one goes on otherwise, and where it goes on may lead that part on
+    to = _goes_on(parts, _with(behind, i, modes[i]), [*(others if jumps else []), (i, edge.to), *others])
     return Event(name, ScalarOf(wiring, edge.function, sign), edge.direction, to,
                  ResetOf(wiring, jumps, sign) if jumps else None)  # fmt: skip
 
@@ -149,18 +161,47 @@ def _event(parts: tuple[Part, ...], modes: Modes, i: int, edge: Edge, signed: in
 def _behind(part: Part, mode: PartMode, event: str) -> PartMode:
     """The mode of a part behind an event of another one."""
     to = part.follows.get(event)
-    return mode if to is None else next(other for other in part.modes if other.name == to)
+    return mode if to is None else _named(part, to)
+
+
+def _named(part: Part, name: str) -> PartMode:
+    """The mode of a part with this name."""
+    return next(mode for mode in part.modes if mode.name == name)
+
+
+def _with(modes: Sequence[PartMode], i: int, mode: PartMode) -> Modes:
+    """Modes with another one of the part i."""
+    return (*modes[:i], mode, *modes[i + 1 :])
+
+
+def _goes_on(parts: tuple[Part, ...], modes: Modes, asks: Sequence[tuple[int, Any]]) -> str | _To:
+    """The mode of the loop that goes on with these modes of parts, of which some choose another one, in a row.
+
+    asks: which part, and the name of its mode, or what chooses it; None for what its mode asks `again`, if anything.
+    """
+    if not asks:
+        return mode_name(modes)
+    (j, choice), *others = asks
+    if choice is None and (choice := modes[j].again) is None:
+        return _goes_on(parts, modes, others)
+    if isinstance(choice, str):
+        return _goes_on(parts, _with(modes, j, _named(parts[j], choice)), others)
+    following = tuple((mode.name, _goes_on(parts, _with(modes, j, mode), others)) for mode in parts[j].modes)
+    return _To(wiring_of(parts, modes, None), choice, modes[j].sign, following)
 
 
 class _To(Compared):
     """(x, p) of numbers -> the next mode of the loop: that in which one part is in the mode that it chooses."""
 
-    def __init__(self, wiring: Wiring, choice: Any, sign: float | None, following: tuple[tuple[str, str], ...]) -> None:
+    def __init__(
+        self, wiring: Wiring, choice: Any, sign: float | None, following: tuple[tuple[str, str | _To], ...]
+    ) -> None:
         self.key = wiring, choice, sign, following
 
     def __call__(self, x: Any, p: Any) -> str:
         wiring, choice, sign, following = self.key
-        return dict(following)[wiring.value(choice, sign, x, p)]
+        chosen: str | _To = dict(following)[wiring.value(choice, sign, x, p)]
+        return chosen if isinstance(chosen, str) else chosen(x, p)
 
 
 class _Least(Compared):

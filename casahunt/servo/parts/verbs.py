@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ... import effort
 from ...checks import choice_of
 from ...continuation import FOLD, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
@@ -23,7 +24,7 @@ from ...motion import Motion, simulate
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
 from .ahead import LAST_TURNS, measured, ranges
-from .fate import Fate, fate
+from .fate import Fate, Swing, fate
 from .loop import Loop
 
 Array = np.ndarray
@@ -36,8 +37,9 @@ TOLERANCE_ON_THE_WAY = 1e-6
 """Of cycles between that of a smaller gain and that which is asked for: at 1e-9 the way takes three times as long."""
 MOST_UNSETTLED = 2
 """Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
-WORK_OF_A_START = 3e6
-"""Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring."""
+WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
+"""Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring; and of
+following a cycle to another gain, five seconds of a processor or less."""
 FAR_UP = 1e3
 """A parameter that hunting does not end in is followed to so many times its value."""
 
@@ -144,12 +146,13 @@ def _from_rest(
 
     unsettled: motions that neither rest nor settle, behind which no further one is followed.
     """
-    refusals: list[NoOrbit] = []
+    refusals, irregular = list[NoOrbit](), None
     for k in range(STARTS_HALVED + 1):
         try:
-            return _settled(loop, vary, _led_on(loop, loop.at_rest(-FIRST_OFF / 2**k)), options)
+            return _settled(loop, vary, _led_on(loop, loop.at_rest(-FIRST_OFF / 2**k), irregular), options)
         except NoOrbit as refusal:
             refusals.append(refusal)
+            irregular = refusal.swing if isinstance(refusal, HuntsIrregularly) else irregular
             if sum(not isinstance(each, (ComesToRest, _Grows)) for each in refusals) == unsettled:
                 break
     return refusals
@@ -159,14 +162,15 @@ class _Grows(NoOrbit):
     """A motion that grows: one from nearer to the set point may settle."""
 
 
-def _led_on(loop: Loop, start: dict[str, float]) -> dict[str, float]:
+def _led_on(loop: Loop, start: dict[str, float], irregular: Swing | None = None) -> dict[str, float]:
     """A state of the hunting to which a motion leads; its start where that is not known.
 
+    irregular: hunting that another start has led to: whether this one does so, too, is seen in fewer turns.
     Raises ComesToRest, HuntsIrregularly, NoOrbit: it grows, or is not decided.
     """
     if any(mode.stiff or not mode.ends for mode in loop.system.modes):
         return start
-    seen = fate(loop, start, measured(loop, start, FIRST_OFF), work=WORK_OF_A_START)
+    seen = fate(loop, start, irregular or measured(loop, start, FIRST_OFF), work=WORK_OF_A_START)
     if seen.kind in SETTLES:
         lasted = f"followed for {seen.motion.duration:.6g}"
         raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest", Status.NOT_FOUND,
@@ -190,7 +194,7 @@ def _irregular(loop: Loop, seen: Fate) -> HuntsIrregularly:
         f"{loop.name} hunts irregularly, {said}, and no pattern of it repeats within {seen.turns.size} turns; no cycle "
         "was computed that could be followed"
     )
-    return HuntsIrregularly(sentence, Status.NOT_FOUND, amplitude=amplitude, between=times)
+    return HuntsIrregularly(sentence, Status.NOT_FOUND, amplitude=amplitude, between=times, swing=seen.swing)
 
 
 def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrbit:
@@ -199,7 +203,13 @@ def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrb
     Raises NoOrbit: its branch does not lead there, or to one that is unstable: no motion hunts there.
     """
     on_the_way = replace(options, tol=max(options.tol, TOLERANCE_ON_THE_WAY))
-    branch = follow(lower, "gain", to=gain, options=on_the_way, monitors=(FOLD,))
+    try:
+        with effort.at_most(WORK_OF_THE_WAY):
+            branch = follow(lower, "gain", to=gain, options=on_the_way, monitors=(FOLD,))
+    except effort.PartGivenUp:
+        way = f"the cycle of gain {lower.problem.value('gain'):.6g} was not followed up to {gain:.6g}"
+        further = "with the work allowed; casahunt.continuation.follow leads on from there"
+        raise NoOrbit(f"{way} {further}", Status.NOT_FOUND) from None
     end = branch.special[0].meaning if branch.special else branch.ended
     if branch.end.kind == "range" and branch.values[-1] == gain:
         cycle = refined(branch.orbits[-1], options)

@@ -1,6 +1,7 @@
 """The parts of a loop in one of its modes, wired: signals by name, whoever gives them.
 
     signal  s.name = h(x, s; p) of the part that gives it, evaluated when first asked for
+    rate    s.affine_rate(name, by) = (a, b), of a signal along the motion, s.name' = a + b s.by, in another signal
 
 Signals that no part need give have a value of their own (`UNGIVEN`): the controller's torque is that of the motor where
 nothing filters or limits it, the error is what is seen of the angle, and what is integrated is the error.
@@ -9,8 +10,11 @@ nothing filters or limits it, the error is what is seen of the angle, and what i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
+
+import casadi as ca
 
 from ...compiled import kept
 from ...errors import InputError
@@ -81,6 +85,13 @@ class Signals:
         self.__dict__[name] = value
         return value
 
+    def affine_rate(self, name: str, by: str) -> tuple[Any, Any]:
+        """(a, b): along the motion the signal `name` changes at the rate a + b s.by, as what is asked for s.by.
+
+        The sum of the products of its derivatives by the states with their rates: of numbers and of symbols.
+        """
+        return self._wiring.affine_rate(name, by, self._x, self._p)
+
 
 class Wiring:
     """The parts of a loop with their laws, in one mode of each.  One object for one combination: see `wired`.
@@ -90,6 +101,7 @@ class Wiring:
 
     def __init__(self, active: Active, others: Mapping[str, Function] | None = None) -> None:
         self.active = active
+        self._affine_rates: dict[tuple[str, str], ca.Function] = {}
         self._givers: dict[str, tuple[Function, float | None]] = {n: (f, None) for n, f in UNGIVEN.items()}
         taken: dict[str, str] = {}
         for part, law, sign in active:
@@ -127,6 +139,33 @@ class Wiring:
         signals = Signals(self, x, p)
         self._rates(signals, x, p)
         return {name for name in vars(signals) if not name.startswith("_")}
+
+    def affine_rate(self, name: str, by: str, x: Any, p: Any) -> tuple[Any, Any]:
+        """As of the signals."""
+        if (name, by) not in self._affine_rates:
+            of_x, of_p = (SimpleNamespace(**{n: ca.SX.sym(n) for n in names}) for names in self._arguments)
+            signals, u = Signals(self, of_x, of_p), ca.SX.sym(by)
+            vars(signals)[by] = u
+            states, rates = ca.vertcat(*vars(of_x).values()), self._rates(signals, of_x, of_p)
+            rate = ca.jtimes(ca.SX(getattr(signals, name)), states, ca.vertcat(*[rates[n] for n in vars(of_x)]))
+            arguments = [*vars(of_x).values(), *vars(of_p).values()]
+            self._affine_rates[name, by] = ca.Function(
+                "rate", arguments, [ca.substitute(rate, u, 0), ca.jacobian(rate, u)]
+            )
+        states, parameters = self._arguments
+        values = [getattr(x, n) for n in states] + [getattr(p, n) for n in parameters]
+        a, b = self._affine_rates[name, by](*values)
+        return a, b
+
+    @cached_property
+    def _arguments(self) -> tuple[list[str], list[str]]:
+        """Names of the states, and of the parameters; the sign among these where the mode of the loop carries it."""
+        signed = any(
+            sign is None and any(mode.law is law and mode.sign is not None for mode in part.modes)
+            for part, law, sign in self.active
+        )
+        parameters = [name for part in self.parts for name in part.parameters]
+        return [name for part in self.parts for name in part.states], [*parameters, *(["sign"] if signed else [])]
 
     def _rates(self, s: Signals, x: Any, p: Any) -> dict[str, Any]:
         rates = {}

@@ -251,6 +251,7 @@ def remedy_lines(
 ) -> Iterator[str]:
     """The table as text; built: what `remedies_as_built` has found."""
     hunts = "hunts with" if found.stable else "has a hunting cycle, which motions leave again, of"
+    hunts = "hunts irregularly, with up to" if found.irregular else hunts
     yield (
         f"{found.name} at gain {found.gain:.10g} V/rad {hunts} {found.amplitude:.{PRICE_DIGITS}g} rad and "
         f"{found.period:.{PRICE_DIGITS}g} s"
@@ -324,7 +325,8 @@ def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     if not row.keeps_it_ended:
         yield f"    {_not_kept(row)}"
     if row.kind == "motions":
-        yield "    as simulated motions show it, to about 2 %; its cycles could not be followed so far"
+        known = f"to about {100 * row.size_error / abs(row.size):.0f} %"
+        yield f"    as simulated motions show it, seen and not proved, {known}; its cycles could not be followed so far"
     if of_a_set:
         worst = _with(row.worst_size, row.unit) if math.isfinite(row.worst_size) else NOT_FOR_THE_WORST
         yield f"    the worst servo of the set: {worst}"

@@ -17,7 +17,7 @@ import numpy as np
 from ... import effort
 from ...continuation import Fold, follow
 from ...continuation.walk import walk
-from ...design.remedies.border import BORDERS, Border, Scales, border
+from ...design.remedies.border import BORDERS, Border, border
 from ...errors import ComesToRest, HuntsIrregularly, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.cycles import motor_torque
@@ -28,7 +28,7 @@ from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
 from ...servo.outcome import SETTLES
 from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
-from ...servo.parts.fate import on_the_cycle
+from ...servo.parts.fate import Swing, on_the_cycle
 from ...servo.parts.verbs import FIRST_OFF
 from ...servo.simulation.simulate import simulate
 from ...servo.simulation.trajectory import Trajectory
@@ -369,8 +369,7 @@ class LoopAnswers(ServoAnswers):
             return None
         memory = self.remembered(remedy.size)  # it does not depend on the present size
         if "border" not in memory:
-            start, scales = without.state(**on_the_cycle(bare)), Scales(bare.amplitude, bare.period)
-            memory["border"] = border(without, remedy, start, scales, ROUGH)
+            memory["border"] = border(without, remedy, Swing.of(bare), ROUGH)
         found: Border = memory["border"]
         return found
 

@@ -24,11 +24,12 @@ from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode
 
 from ...checks import choice_of, number, quoted, sensible, typed
-from ...design.remedies.border import Scales
+from ...design.remedies.border import scale_of
 from ...errors import InputError
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, drive_of_table
 from ...servo.hunting import MODELS, Model
 from ...servo.parts import LOADS, Loop, Remedy, loop_of
+from ...servo.parts.fate import Swing
 from ...servo.parts.file import loop_of_tables
 from ...servo.parts.naming import parts_of
 from ...servo.parts.table import remedies_for, with_remedy
@@ -158,7 +159,7 @@ class State:
         assert servo is not None
         loop = loop_of(servo, model, gain)
         amplitude = GUESSED_AMPLITUDE * servo.friction.static / servo.torque_gains(gain)[0]
-        unit = Scales(amplitude, GUESSED_PERIOD * servo.controller.reset_time).of(remedy, loop)
+        unit = scale_of(remedy, loop, Swing({}, amplitude, GUESSED_PERIOD * servo.controller.reset_time))
         return float(f"{unit * remedy.first:.3g}")
 
     def _by(self, form: str) -> State:

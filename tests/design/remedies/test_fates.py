@@ -183,7 +183,7 @@ def test_corners_that_are_no_servo_are_left_out(monkeypatch):
     """The worst servo of a set is one with static above Coulomb friction; slopes may point to another one."""
     set_ = Uncertainty({"friction.static": (0.42, 0.53), "friction.coulomb": (0.40, 0.46)})
     loop, seen = loop_of(Servo(), "switch", 0.1), []
-    asked = table._Asked(loop, "switch", None, {}, None, (Servo(), set_), 0.1)
+    asked = table._Asked(loop, "switch", swing(), True, None, (Servo(), set_), 0.1)
     found = border.Border("motions", 0.1, 0.0, None, None, {}, swing=swing())
 
     def looked_at(at, *more):
@@ -192,8 +192,7 @@ def test_corners_that_are_no_servo_are_left_out(monkeypatch):
 
     monkeypatch.setattr(table, "end_of_motions", looked_at)
     leak = remedy_of("leak", "switch")
-    monkeypatch.setattr(border.Scales, "of", lambda *given: 1.0)
-    monkeypatch.setattr(table._Asked, "scales", border.Scales(1.0, 1.0))
+    monkeypatch.setattr(table, "scale_of", lambda *given: 1.0)
     assert table._worst(asked, leak, found) == 0.2
     assert seen == [(0.42, 0.40), (0.53, 0.40), (0.53, 0.46)]
     slopes = replace(found, kind="fold", moves={"static": -1.0, "coulomb": 1.0})

@@ -17,7 +17,9 @@ from casahunt.servo.parts import (
     TWO_MASSES,
     Loop,
     loop_cycle,
+    verbs,
 )
+from casahunt.servo.parts.fate import LEFT_OF_A_SWING, Swing, fate
 
 RESTS = {"inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 14.2, "shaft_damping": 0.003, "motor_gain": 1.0,
          "kp": 6.0, "ki": 60.0, "kd": 0.12, "gain": 1.0, "static": 0.25, "coulomb": 0.18, "stribeck_velocity": 0.2,
@@ -86,7 +88,21 @@ def test_irregular_hunting_is_told_by_how_far_and_how_long_it_swings():
     assert np.abs(turning).min() == pytest.approx(seen.amplitude[0], abs=0.1 * width)
     assert np.abs(turning).max() == pytest.approx(seen.amplitude[1], abs=0.1 * width)
     assert np.diff(times).min() == pytest.approx(seen.between[0], rel=2e-3)
+    assert seen.swing.irregular and seen.swing.period == pytest.approx(2 * np.diff(times).mean(), rel=1e-2)
     assert np.diff(times).max() == pytest.approx(seen.between[1], rel=2e-3)
+
+
+def test_what_moves_at_one_rate_through_a_look_does_not_rest():
+    """With next to no integral action it sticks for (Fs - kp x)/(ki x), longer than the first looks, and hunts on: 60
+    turns and more by scripts/peers/axis.c.
+    """
+    slow = loop(HUNTS | {"ki": 12.0 / 256})
+    start, (kp, ki) = slow.at_rest(-0.05), (0.5 * slow.value(name) for name in ("kp", "ki"))
+    seen = fate(slow, start, Swing(start, 0.05, 2.8), rest=LEFT_OF_A_SWING)
+    stuck = (slow.value("static") - kp * 0.05) / (ki * 0.05)
+    first_slip = [phase.mode for phase in seen.motion.phases].index("slip+")
+    waited = sum(phase.duration for phase in seen.motion.phases[:first_slip])
+    assert seen.kind == "hunting" and waited == pytest.approx(stuck, rel=1e-6)
 
 
 def test_a_motion_that_grows_hides_no_cycle_nearer_to_the_set_point():
@@ -105,6 +121,12 @@ def test_a_motion_that_grows_hides_no_cycle_nearer_to_the_set_point():
 def test_beyond_the_fold_every_start_comes_to_rest_and_the_fold_is_named():
     """Table 1: K = 0.64733908 (the event map)."""
     with pytest.raises(ComesToRest, match=r"from each of 13 starts, 1 to .* fold at gain = 0\.6473390"):
+        loop_cycle(Loop((INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR), {"gain": 0.7}))
+
+
+def test_the_way_from_a_smaller_gain_has_a_bound(monkeypatch):
+    monkeypatch.setattr(verbs, "WORK_OF_THE_WAY", 100.0)
+    with pytest.raises(ComesToRest, match=r"each of 13 starts.* cycle of gain 0\.35 was not followed up to 0\.7 with"):
         loop_cycle(Loop((INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR), {"gain": 0.7}))
 
 

@@ -1,0 +1,61 @@
+"""Whether more of a remedy than at its border keeps hunting ended.
+
+From the largest size on: what hunts there, on a cycle to which few motions come, is handed on to the smaller ones.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+
+from ... import effort
+from ...servo.linear.open_loop import linear_stable
+from ...servo.outcome import Kind
+from ...servo.parts.fate import Swing, fate
+from ...servo.parts.loop import Loop
+from ...servo.parts.remedy import Remedy
+from .border import with_remedy
+from .scan import Scan, scan
+
+STEPS_DOWN, SMALLEST_STEP_DOWN = 4, 2e-3
+"""In which a motion that hunts with more of a remedy is handed on to less, from one of these sizes to the next, or in
+smaller ones where it is lost, down to this part of the size: few motions come to it."""
+WORK_DOWN_OF_IRREGULAR = 2e4
+"""Work (effort.py) of that where hunting is irregular, to which motions come from elsewhere."""
+
+
+def stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -> tuple[Kind, ...]:
+    """What becomes of motions at sizes beyond a border, of each the worst; before: the last hunting in front of it."""
+    above, swing, kinds = math.nan, None, list[Kind]()
+    for at in reversed(sizes):
+        if swing is not None:
+            swing = handed_down(loop, remedy, swing, (above, at), before)
+        there = with_remedy(loop, remedy, at)
+        if linear_stable(there) is False:
+            seen = Scan("growing")
+        else:
+            grid = at == sizes[0] or not before.irregular  # to which motions come from anywhere
+            seen = scan(there, before, beyond=grid) if swing is None else Scan("hunting", swing)
+        kinds.append(seen.kind)
+        above, swing = at, seen.swing
+    return tuple(reversed(kinds))
+
+
+def handed_down(
+    loop: Loop, remedy: Remedy, swing: Swing, sizes: tuple[float, float], before: Swing
+) -> Swing | None:
+    """The hunting to which that at the first of two sizes leads at the second; None where it ends in between."""
+    size, last = sizes
+    step = longest = (last - size) / STEPS_DOWN
+    with suppress(effort.PartGivenUp), effort.at_most(WORK_DOWN_OF_IRREGULAR if before.irregular else math.inf):
+        while size != last:
+            trial = last if abs(last - size) <= abs(step) * (1 + SMALLEST_STEP_DOWN) else size + step
+            found = fate(with_remedy(loop, remedy, trial), swing.state, before).swing
+            if found is not None:
+                size, swing, step = trial, found, min(2 * step, longest, key=abs)
+            elif abs(step) <= SMALLEST_STEP_DOWN * abs(size):
+                return None
+            else:
+                step /= 2
+        return swing
+    return None
