@@ -17,6 +17,7 @@ Symbols: n states, E exits, M steps of a call.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
@@ -36,9 +37,11 @@ Array = np.ndarray
 
 EXTRAPOLATIONS = 5
 """K: steps of order 10."""
-STEPS_TOGETHER, CALLS_OF_A_SLIP, MOST_CALLS = 16, 10, 40
-"""Steps of a call, and calls of a phase: a slip takes 30 to 110 steps, what rings beside it hundreds.  What does not
-ring any more, by more than the tolerance, and goes on, is stiff, and left to intervals, four times as dear a step."""
+EXPLICIT, IMPLICIT = (2, 4, 6, 8, 10), (2, 6, 10, 14, 22)
+"""m_j; a step of implicit substeps is three times as dear."""
+STEPS_TOGETHER, STEPS_OF_A_SLIP, MOST_STEPS = 32, 32, 640
+"""Steps of a call, at most, and of a phase: a slip takes 15 to 60 steps, what rings beside it hundreds.  What does not
+ring any more, by more than the tolerance, and goes on, is stiff."""
 OF_THE_TOLERANCE = 1e-2
 """Error of a step, as a part of the tolerance of an interval, whose end is as much better than its inside."""
 PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
@@ -48,6 +51,8 @@ FIRST_MOVES = 1e-3
 LEAST_PART, ROUNDS_OF_A_CUBIC = 0.1, 3
 """Of a bracket its next place cuts off so much at least; steps to the zero of a cubic, from where others begin."""
 ROUNDING_OF_ONE = float(np.finfo(float).eps)
+NOISE = 3
+"""Places in a row at which an event that is zero but for rounding becomes no smaller: it is that of its terms."""
 TAKEN_FIRST = 0.8
 """Part of a step to an event that is taken first, where the whole one is not good enough."""
 SEEN_BEHIND = 1e-3
@@ -72,12 +77,11 @@ class Place(NamedTuple):
 
 
 class Landing(NamedTuple):
-    """Where the first exit of some steps is: the step's number; time, state, and the exit.
+    """Where the first exit of a step is: time, state, and the exit.
 
     way_out: None where a step to it is not good enough; time: of the end of a shorter one.
     """
 
-    number: int
     time: float
     state: Array
     way_out: Exit | None
@@ -97,7 +101,7 @@ def by_steps(
     event that leads back into it.
     """
     mode, exits = system.modes[name], system.exits[name]
-    if mode.stiff or mode.flow is not None:
+    if mode.flow is not None or not mode.smooth:
         return None
     try:
         found = _Steps(mode, exits, p, scale, OF_THE_TOLERANCE * tol).run(x / scale, max_time)
@@ -115,18 +119,55 @@ def by_steps(
     return Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped), successor
 
 
-def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """The end of a step, by how much the last two of its approximations differ, and its shortest substeps."""
-    counts, rows = [2 * j for j in range(1, EXTRAPOLATIONS + 1)], list[list[ca.SX]]()
+def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX, A: ca.SX | None) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """The end of a step, by how much the last two of its approximations differ, and its shortest substeps.
+
+    A: the Jacobian of f at x, by which the substeps are implicit; None for explicit ones.
+    """
+    counts, rows = EXPLICIT if A is None else IMPLICIT, list[list[ca.SX]]()
     for j, m in enumerate(counts):
-        d, passed = h / m, [x, x + h / m * rate]
-        for _ in range(m - 1):
-            passed.append(passed[-2] + 2 * d * f(passed[-1]))
-        row = [passed[-1]]
+        d = h / m
+        if A is None:
+            passed = [x, x + d * rate]
+            for _ in range(m - 1):
+                passed.append(passed[-2] + 2 * d * f(passed[-1]))
+            row = [passed[-1]]
+        else:
+            solved = _solver(ca.SX.eye(x.numel()) - d * A)
+            moved = solved(d * rate)
+            passed = [x, x + moved]
+            for _ in range(m - 1):
+                moved = moved + 2 * solved(d * f(passed[-1]) - moved)
+                passed.append(passed[-1] + moved)
+            row = [passed[-1] + solved(d * f(passed[-1]) - moved)]
         for k in range(1, j + 1):
             row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((m / counts[j - k]) ** 2 - 1))
         rows.append(row)
     return rows[-1][-1], rows[-1][-1] - rows[-1][-2], passed
+
+
+def _solver(M: ca.SX) -> Callable[[ca.SX], ca.SX]:
+    """b -> the solution of M x = b, eliminated without pivots: M is near 1, or the step not good."""
+    n = M.size1()
+    left = [[M[i, k] for k in range(n)] for i in range(n)]
+    factors = list[tuple[int, int, ca.SX]]()
+    for k in range(n):
+        for i in range(k + 1, n):
+            if not left[i][k].is_zero():
+                factors.append((i, k, left[i][k] / left[k][k]))
+                left[i] = [a if c.is_zero() else a - factors[-1][2] * c for a, c in zip(left[i], left[k], strict=True)]
+
+    def solved(b: ca.SX) -> ca.SX:
+        y = [b[i] for i in range(n)]
+        for i, k, factor in factors:
+            y[i] = y[i] - factor * y[k]
+        for i in reversed(range(n)):
+            for k in range(i + 1, n):
+                y[i] = y[i] if left[i][k].is_zero() else y[i] - left[i][k] * y[k]
+            y[i] = y[i] / left[i][i]
+        return ca.vertcat(*y)
+
+    return solved
 
 
 def _error(off: ca.SX, x: ca.SX, tol: ca.SX) -> ca.SX:
@@ -134,102 +175,151 @@ def _error(off: ca.SX, x: ca.SX, tol: ca.SX) -> ca.SX:
     return ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(x))) / tol
 
 
+class _Formulas:
+    """A mode's field and events at scaled states, in symbols."""
+
+    def __init__(self, field: Field, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool) -> None:
+        self.x, self.sign, self.p = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters)
+        self.scale, self.t, self.h, self.tol = ca.SX.sym("scale", n), *(ca.SX.sym(name) for name in ("t", "h", "tol"))
+        self.fixed = self.sign, self.p, self.scale
+        rate = ca.densify(ca.SX(field(self.scale * self.x, self.p, self.sign)) / self.scale)
+        self.f = ca.Function("f", [self.x, *self.fixed], [rate])
+        self.rate, self.A = rate, ca.jacobian(rate, self.x) if implicit else None
+        events = [e.direction * e.event.function(self.scale * self.x, self.t, self.p) for e in exits]
+        e = ca.densify(ca.vertcat(*events, ca.SX(0, 1)))
+        r = ca.densify(ca.jtimes(e, self.x, rate) + ca.jacobian(e, self.t))
+        self.events = ca.Function("events", [self.x, self.t, *self.fixed], [e, r])
+
+    def step(self, h: ca.SX) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+        """Its end, error in units of what it may be, and shortest substeps."""
+        end, off, passed = _midpoint(lambda y: self.f(y, *self.fixed), self.x, self.rate, h, self.A)
+        return end, _error(off, self.x, self.tol), passed
+
+    def watched(self, y: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Events, in the direction of their exits, and the rates at which they rise."""
+        e, r = self.events(y, time, *self.fixed)
+        return e, r
+
+
 @kept(maxsize=64)
 def _compiled(
-    field: Field, feature: Feature | None, exits: tuple[Exit, ...], n: int, parameters: int
+    field: Field, feature: Feature | None, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool
 ) -> tuple[Caller, Caller]:
-    """`STEPS_TOGETHER` steps in a row; and one of a given length."""
-    x, sign, p, scale = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
-    t, h, left, tol = (ca.SX.sym(name) for name in ("t", "h", "left", "tol"))
-    field_at = ca.Function("f", [x, sign, p, scale], [ca.densify(ca.SX(field(scale * x, p, sign)) / scale)])
+    """`STEPS_TOGETHER` steps in a row, but none behind one in which an event may be met; and one of a given length.
 
-    def f(y: ca.SX) -> ca.SX:
-        return field_at(y, sign, p, scale)
-
-    def watched(y: ca.SX, time: ca.SX) -> list[ca.SX]:
-        """Events, in the direction of their exits, and the rates at which they rise."""
-        at, T = ca.SX.sym("at", n), ca.SX.sym("T")
-        events = ca.densify(ca.vertcat(*[e.direction * e.event.function(scale * at, T, p) for e in exits], ca.SX(0, 1)))
-        rates = ca.jtimes(events, at, f(at)) + ca.jacobian(events, T)
-        return ca.substitute([events, ca.densify(rates)], [at, T], [y, time])
-
-    rate = f(x)
-    first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(rate)), 1e-300)
+    Rows of the first one's table: state, time, length of the next step and of this one, events, rates.
+    """
+    E, of = len(exits), _Formulas(field, exits, n, parameters, implicit)
+    x, t, h, tol, left, over = of.x, of.t, of.h, of.tol, ca.SX.sym("left"), ca.SX.sym("over")
+    e, r = ca.SX.sym("e", E), ca.SX.sym("r", E)
+    first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(of.rate)), 1e-300)
     tried = ca.fmin(ca.if_else(h > 0, h, first), left)
-    end, off, _ = _midpoint(f, x, rate, tried)
-    error = _error(off, x, tol)
+    begins = ca.Function("begins", [x, t, h, left, tol, *of.fixed], [tried, *of.watched(x, t), ca.SX(E, 1)])
+    just = SEEN_BEHIND * tried
+    on = ca.fabs(of.watched(x, t)[0]) <= ON_EVENT
+    behind_it = zip(of.watched(of.step(just)[0], t + just), of.watched(x, t), strict=True)
+    leaves = ca.Function("leaves", [x, t, h, left, tol, *of.fixed],
+                         [tried, *(ca.if_else(on, a, b) for a, b in behind_it), ca.if_else(on, just, 0)])  # fmt: skip
+    tried = ca.fmin(h, left)
+    end, error, passed = of.step(tried)
     good = ca.logic_and(error <= 1, ca.sum1(end * 0) == 0)
     factor = PART_OF_A_STEP * ca.fmax(error, 1e-30) ** (-1 / (2 * EXTRAPOLATIONS - 1))
     factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
-    taken = ca.if_else(good, tried, 0)
-    end = ca.if_else(good, end, x)
-    step = ca.Function("step", [x, t, h, left, tol, sign, p, scale],
-                       [end, t + taken, tried * factor, left - taken, taken, *watched(end, t + taken)])  # fmt: skip
-    X, P, S, G = ca.MX.sym("x", n), ca.MX.sym("p", parameters), ca.MX.sym("scale", n), ca.MX.sym("sign")
-    given = ca.MX.sym("given", 4)
-    state, found = [X, *ca.vertsplit(given)[:3]], list[list[ca.MX]]()
-    for _ in range(STEPS_TOGETHER):
-        *state, taken_, e, r = step(*state, given[3], G, P, S)
-        found.append([state[0], state[1], state[2], taken_, e, r])
-    many = ca.Function("steps", [X, given, G, P, S], [ca.horzcat(*columns) for columns in zip(*found, strict=True)])
-    exact, off, passed = _midpoint(f, x, rate, h)
-    jumps = ca.SX(0)
-    if isinstance(feature, Bound):
-        jumps = ca.mmax(ca.fabs(ca.diff(ca.vertcat(*[feature(scale * y, p) for y in passed])))) / LARGEST_JUMP
-    one = ca.Function("one", [x, ca.vertcat(t, h, tol), sign, p, scale],
-                      [exact, *watched(exact, t + h), ca.fmax(_error(off, x, tol), jumps)])  # fmt: skip
-    M, E = STEPS_TOGETHER, len(exits)
-    return (caller(many, [n, 4, 1, parameters, n], [(M, n), M, M, M, (M, E), (M, E)]),
+    taken, end = ca.if_else(good, tried, 0), ca.if_else(good, end, x)
+    e_end, r_end = (ca.if_else(good, a, b) for a, b in zip(of.watched(end, t + taken), (e, r), strict=True))
+    rises = ca.logic_and(r > 0, r_end < 0)
+    met = ca.logic_and(e < 0, ca.logic_or(e_end >= 0, rises))  # what was not taken meets nothing
+    ends = [end, t + taken, tried * factor, left - taken, ca.logic_or(ca.sum1(met) > 0, left <= taken), e_end, r_end]
+    known = [x, t, h, left, over, e, r]
+    step = ca.Function("step", [*known, tol, *of.fixed], [*ends, taken])
+    same = ca.Function("same", [*known, tol, *of.fixed], [*known, ca.SX(0)])
+    one = ca.Function("one", [x, ca.vertcat(t, h, tol), *of.fixed], [of.step(h)[0], *of.watched(of.step(h)[0], t + h),
+                      ca.fmax(of.step(h)[1], _jumps(feature, [of.scale * y for y in of.step(h)[2]], of.p))])  # fmt: skip
+    many = _in_a_row(begins, leaves, step, same, (n, E, parameters))
+    M = STEPS_TOGETHER + 1
+    return (caller(many, [n, 5, 1, parameters, n], [(M, n + 3 + 2 * E), E]),
             caller(one, [n, 3, 1, parameters, n], [n, E, E, 1]))  # fmt: skip
+
+
+def _jumps(feature: Feature | None, passed: list[ca.SX], p: ca.SX) -> ca.SX:
+    """The largest jump of a feature from one state to the next, in units of what it may be."""
+    if not isinstance(feature, Bound):
+        return ca.SX(0)
+    return ca.mmax(ca.fabs(ca.diff(ca.vertcat(*[feature(y, p) for y in passed])))) / LARGEST_JUMP
+
+
+def _in_a_row(
+    begins: ca.Function, leaves: ca.Function, step: ca.Function, same: ca.Function, sizes: tuple[int, int, int]
+) -> ca.Function:
+    """(x, (t, h, left, tol, whether a phase begins), sign, p, scale) -> table of the steps, and where in its first one
+    each event was seen first."""
+    n, _, parameters = sizes
+    x, given = ca.MX.sym("x", n), ca.MX.sym("given", 5)
+    fixed = ca.MX.sym("sign"), ca.MX.sym("p", parameters), ca.MX.sym("scale", n)
+    t, h, left, tol, first = ca.vertsplit(given)
+    h, e, r, low = ca.Function.if_else("start", leaves, begins)(first, x, t, h, left, tol, *fixed)
+    goes_on = ca.Function.if_else("goes_on", step, same)
+    known, table = [x, t, h, left, ca.MX(0), e, r], [ca.vertcat(x, t, h, 0, e, r)]
+    for _ in range(STEPS_TOGETHER):
+        *known, taken = goes_on(known[4] == 0, *known, tol, *fixed)
+        table.append(ca.vertcat(*known[:3], taken, *known[5:]))
+    return ca.Function("steps", [x, given, *fixed], [ca.horzcat(*table), low])
 
 
 class _Steps:
     """The steps of one mode."""
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
-        many, one = _compiled(mode.field, mode.feature, exits, scale.size, p.size)
-        self._many, self._one, self._exits, self._tol = many.buffers, one.buffers, exits, tol
-        self._fixed = mode.sign, p, scale
+        self._exits, self._tol, self._fixed = exits, tol, (mode.sign, p, scale)
+        self._compiled = lambda implicit: _compiled(mode.field, mode.feature, exits, scale.size, p.size, implicit)
+        self._take(mode.stiff)
+
+    def _take(self, implicit: bool) -> None:
+        """Steps of one kind from now on."""
+        self._implicit = implicit
+        self._many, self._one = (each.buffers for each in self._compiled(implicit))
 
     def run(self, x: Array, max_time: float) -> Followed:
         """From a scaled state (n,) to the first exit, or to the end of the time.  Raises Lost, effort.GivenUp."""
-        times, states, t, h = [np.zeros(1)], [x[None]], 0.0, 0.0
-        e_last, r_last = self._at(x, t, 0.0)[1:3]
-        on = np.abs(e_last) <= ON_EVENT
-        for call in range(MOST_CALLS):
-            if call >= CALLS_OF_A_SLIP and not _rings(states[-1], self._tol / OF_THE_TOLERANCE):
-                break
+        n, E = x.size, len(self._exits)
+        tables, t, h, many = [np.array([[*x, 0.0]])], 0.0, 0.0, 0
+        while many < MOST_STEPS:
+            if many >= STEPS_OF_A_SLIP and not self._implicit:
+                if not _rings(np.vstack(tables)[-STEPS_TOGETHER:, :n], self._tol / OF_THE_TOLERANCE):
+                    self._take(implicit=True)
             effort.interval()
-            ends, after, lengths, taken, e, r = self._steps(x, t, h, max_time - t)
-            if not (good := taken > 0).all():
-                if not good.any():
-                    raise Lost
-                ends, after, taken, e, r = ends[good], after[good], taken[good], e[good], r[good]
-            if on.any():  # to which side an event is left on which the phase begins; it is not looked at before
-                just = SEEN_BEHIND * float(taken[0])
-                found = self._at(x, t, just)[:3]
-                ends, e, r = (np.vstack(both) for both in zip(found, (ends, e, r), strict=True))
-                after, e_last, on = np.append(t + just, after), np.where(on, np.nan, e_last), on & False
-            ends, after = np.concatenate([x[None], ends]), np.concatenate([[t], after])
-            e, r = np.concatenate([e_last[None], e]), np.concatenate([r_last[None], r])
-            crossing = self._first(ends, after, e, r)
-            last = len(after) - 1 if crossing is None else crossing.number
-            times.append(after[1 : last + 1])
-            states.append(ends[1 : last + 1])
-            if crossing is not None and crossing.way_out is not None:
-                _, place, end, way_out = crossing
-                return Followed(np.append(np.concatenate(times), place), np.vstack([*states, end]), way_out)
-            x, t, e_last, r_last = ends[last], float(after[last]), e[last], r[last]
-            h = float(lengths[-1]) if crossing is None else crossing.time - t
+            table, lows = self._steps(x, (t, h, max_time - t, self._tol, t == 0))
+            rows = table[1:][table[1:, n + 2] > 0]
+            if not len(rows):
+                raise Lost
+            if rows[0, n + 2] <= lows.max(initial=0.0):  # it is not seen yet to which side an event is left
+                h = float(rows[0, n + 2])
+                continue
+            before, last = (rows[-2] if len(rows) > 1 else table[0]), rows[-1]
+            start, h_last = (before[:n], float(before[n])), float(last[n + 2])
+            lows = lows if len(rows) == 1 else np.zeros(E)
+            met = self._first(start, [Place(*of) for of in zip(lows.tolist(), *_events_of(before, n, E), strict=True)],
+                              [Place(h_last, *of) for of in zip(*_events_of(last, n, E), strict=True)])  # fmt: skip
+            many += len(rows)
+            if met is not None:
+                tables.append(rows[:-1, : n + 1])
+                if met.way_out is not None:
+                    states = np.vstack([*tables, [[*met.state, met.time]]])
+                    return Followed(states[:, n], states[:, :n], met.way_out)
+                (x, t), h = start, met.time - start[1]
+                continue
+            tables.append(rows[:, : n + 1])
+            x, t, h = last[:n], float(last[n]), float(last[n + 1])
             if not np.isfinite(x).all():
                 raise Lost
             if t >= max_time * (1 - 4 * ROUNDING_OF_ONE):
-                return Followed(np.concatenate(times), np.vstack(states), None)
+                states = np.vstack(tables)
+                return Followed(states[:, n], states[:, :n], None)
         raise Lost
 
-    def _steps(self, x: Array, t: float, h: float, left: float) -> list[Array]:
+    def _steps(self, x: Array, given: tuple[float, ...]) -> list[Array]:
         """The next steps."""
-        for store, value in zip(self._many.inputs, (x, (t, h, left, self._tol), *self._fixed), strict=True):
+        for store, value in zip(self._many.inputs, (x, given, *self._fixed), strict=True):
             store[:] = value
         self._many.trigger()
         return [out.copy() for out in self._many.outputs]
@@ -241,31 +331,26 @@ class _Steps:
         self._one.trigger()
         return [out.copy() for out in self._one.outputs]
 
-    def _first(self, states: Array, times: Array, e: Array, r: Array) -> Landing | None:
-        """The first exit; None where there is none.  Raises Lost.
+    def _first(self, start: tuple[Array, float], lows: list[Place], highs: list[Place]) -> Landing | None:
+        """The first exit within a step, from scaled state and time; None where there is none.  Raises Lost.
 
-        An event that rises towards zero at the start of a step and falls at its end has its top in between.
+        lows, highs: of each event, at the start and at the end.  One that rises towards zero at the start and falls at
+        the end has its top in between.
         """
-        below = e[:-1] < 0
-        crossed = below & (e[1:] >= 0)
-        tops = below & (e[1:] < 0) & (r[:-1] > 0) & (r[1:] < 0)
         best: Landing | None = None
-        for k in np.flatnonzero((crossed | tops).any(axis=1)).tolist():
-            start, h = (states[k], float(times[k])), float(times[k + 1] - times[k])
-            for i in np.flatnonzero(crossed[k] | tops[k]).tolist():
-                low = Place(0.0, float(e[k, i]), float(r[k, i]))
-                high = Place(h, float(e[k + 1, i]), float(r[k + 1, i]))
-                above = high if crossed[k, i] else self._above(start, i, low, high)
-                if above is None:
-                    continue
-                s, end, good = self._zero(start, i, low, above)
-                if not good:
-                    return Landing(k, start[1] + TAKEN_FIRST * s, end, None)
-                if best is None or start[1] + s < best.time:
-                    best = Landing(k, start[1] + s, end, self._exits[i])
-            if best is not None:
-                return best
-        return None
+        for i, (low, high) in enumerate(zip(lows, highs, strict=True)):
+            crossed = low.event < 0 <= high.event
+            if not (crossed or low.event < 0 and high.event < 0 and low.rate > 0 and high.rate < 0):
+                continue
+            above = high if crossed else self._above(start, i, low, high)
+            if above is None:
+                continue
+            s, end, good = self._zero(start, i, low, above)
+            if not good:
+                return Landing(start[1] + TAKEN_FIRST * s, end, None)
+            if best is None or start[1] + s < best.time:
+                best = Landing(start[1] + s, end, self._exits[i])
+        return best
 
     def _above(self, start: tuple[Array, float], i: int, low: Place, high: Place) -> Place | None:
         """Where an event that rises at one place below zero and falls at another is above it; None: nowhere between.
@@ -297,14 +382,21 @@ class _Steps:
         if high.event == 0:
             return high.s, self._seen(start, i, high.s)[1], True
         bracket, small = Bracket(low.s, low.event, high.s, high.event), EVENT_TOLERANCE * max(-low.event, high.event)
-        s, before = _cubic_zero(low, high), high.s
+        s, before, least, idle = _cubic_zero(low, high), high.s, np.inf, 0
         for _ in range(MOST_HALVINGS):
             at, end = self._seen(start, i, s)
-            if abs(at.event) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
+            least, idle = (abs(at.event), 0) if abs(at.event) <= least / 2 else (least, idle + 1)
+            is_noise = idle >= NOISE and least <= EVENT_TOLERANCE
+            if is_noise or abs(at.event) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
                 return s, end, at.error <= 1
             bracket, before = bracket.told(s, at.event), s
             s = bracket.newton(s, at.event, at.rate)
         return s, end, False
+
+
+def _events_of(row: Array, n: int, exits: int) -> tuple[list[float], list[float]]:
+    """Events and rates in a row of the table."""
+    return row[n + 3 : n + 3 + exits].tolist(), row[n + 3 + exits :].tolist()
 
 
 def _rings(states: Array, tol: float) -> bool:
