@@ -100,14 +100,17 @@ def end_of_flow(mode: VectorMode, exits: tuple[Exit, ...], x: Array, p: Array) -
     """
     motion = _flow_map(mode, exits, x.size, p.size)
     best: tuple[float, Exit] | None = None
+    first, second = (motion(x, T, p)[1].tolist() for T in (0.0, 1.0))
     for i, way_out in enumerate(exits):
+        if not (second[i] - first[i]) * way_out.direction > 0:
+            continue
 
         def h(T: float, i: int = i) -> float:
             return float(motion(x, T, p)[1][i])
 
         T, left = secant(h, 0.0, 1.0, tolerance=EVENT_TOLERANCE)
-        # It is linear: what is left is rounding of what it was, in whatever unit; else it does not change with time.
-        gone = abs(left) <= FLOW_LIMIT * max(abs(h(0.0)), abs(h(1.0)))
+        # It is linear: what is left is rounding of what it was, in whatever unit.
+        gone = abs(left) <= FLOW_LIMIT * max(abs(first[i]), abs(second[i]))
         met = T >= 0 and gone and (h(T + max(T, 1.0)) - left) * way_out.direction > 0
         if met and (best is None or best[0] > T):
             best = (T, way_out)

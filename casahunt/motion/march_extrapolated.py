@@ -24,13 +24,13 @@ import casadi as ca
 import numpy as np
 
 from .. import effort
-from ..collocation.admissibility import LARGEST_JUMP
+from ..collocation.admissibility import LARGEST_JUMP, PASSED
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Exit, Feature, Field, VectorMode, VectorSystem
+from ..hybrid.system import Exit, Feature, VectorMode, VectorSystem
 from ..hybrid.vector_form import Bound
 from ..roots import MOST_HALVINGS, Bracket
 from .march_exits import EVENT_TOLERANCE, behind
-from .march_watch import ON_EVENT
+from .march_watch import NEAR_EVENT, ON_EVENT
 from .segment import Segment
 
 Array = np.ndarray
@@ -51,8 +51,9 @@ FIRST_MOVES = 1e-3
 LEAST_PART, ROUNDS_OF_A_CUBIC = 0.1, 3
 """Of a bracket its next place cuts off so much at least; steps to the zero of a cubic, from where others begin."""
 ROUNDING_OF_ONE = float(np.finfo(float).eps)
-NOISE = 3
-"""Places in a row at which an event that is zero but for rounding becomes no smaller: it is that of its terms."""
+NOISE, PLACES_TOGETHER = 3, 8
+"""Places in a row at which an event that is zero but for rounding becomes no smaller: it is that of its terms;
+and places in a call."""
 TAKEN_FIRST = 0.8
 """Part of a step to an event that is taken first, where the whole one is not good enough."""
 SEEN_BEHIND = 1e-3
@@ -60,11 +61,13 @@ SEEN_BEHIND = 1e-3
 
 
 class Followed(NamedTuple):
-    """A phase: times (M,) and scaled states (M, n) at the ends of its steps; the exit, None where the time is over."""
+    """A phase: times (M,) and scaled states (M, n) at the ends of its steps; the exit, None where the time is over;
+    whether its mode holds at the ends of its steps, and it does not begin on an event of its own to go on through it."""
 
     times: Array
     states: Array
     way_out: Exit | None
+    clean: bool
 
 
 class Place(NamedTuple):
@@ -93,8 +96,9 @@ class Lost(Exception):
 
 def by_steps(
     system: VectorSystem, name: str, x: Array, p: Array, scale: Array, tol: float, max_time: float
-) -> tuple[Segment, str] | None:
-    """(segment, next mode) of a phase without a mesh: its `w` are the states at which steps begin.
+) -> tuple[Segment, str, bool] | None:
+    """(segment, next mode, whether it is surely a motion of its mode) of a phase without a mesh: its `w` are the states
+    at which steps begin.
 
     x, p, scale: (n,) state, parameters, (n,) sizes of the states; tol, max_time: as of `march`.
     Returns None where it has to be followed otherwise: in closed form, by intervals where the mode is stiff, through an
@@ -116,7 +120,9 @@ def by_steps(
         successor = found.way_out.successor(states[-1] if jumped is None else jumped, p)
         if successor == name and jumped is None and not found.way_out.mark:  # it was grazed: the phase goes on
             return None
-    return Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped), successor
+    segment = Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped)
+    holds = mode.admissible is None or mode.admissible(states[-1], p, mode.sign) >= -mode.slack - PASSED
+    return segment, successor, found.clean and bool(holds)
 
 
 def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX, A: ca.SX | None) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
@@ -178,17 +184,19 @@ def _error(off: ca.SX, x: ca.SX, tol: ca.SX) -> ca.SX:
 class _Formulas:
     """A mode's field and events at scaled states, in symbols."""
 
-    def __init__(self, field: Field, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool) -> None:
+    def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool) -> None:
         self.x, self.sign, self.p = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters)
         self.scale, self.t, self.h, self.tol = ca.SX.sym("scale", n), *(ca.SX.sym(name) for name in ("t", "h", "tol"))
         self.fixed = self.sign, self.p, self.scale
-        rate = ca.densify(ca.SX(field(self.scale * self.x, self.p, self.sign)) / self.scale)
+        rate = ca.densify(ca.SX(mode.field(self.scale * self.x, self.p, self.sign)) / self.scale)
         self.f = ca.Function("f", [self.x, *self.fixed], [rate])
         self.rate, self.A = rate, ca.jacobian(rate, self.x) if implicit else None
         events = [e.direction * e.event.function(self.scale * self.x, self.t, self.p) for e in exits]
         e = ca.densify(ca.vertcat(*events, ca.SX(0, 1)))
         r = ca.densify(ca.jtimes(e, self.x, rate) + ca.jacobian(e, self.t))
         self.events = ca.Function("events", [self.x, self.t, *self.fixed], [e, r])
+        holds = ca.SX(0) if mode.admissible is None else mode.admissible(self.scale * self.x, self.p, self.sign)
+        self.holds = ca.Function("holds", [self.x, *self.fixed], [ca.densify(ca.SX(holds)) + mode.slack + PASSED])
 
     def step(self, h: ca.SX) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
         """Its end, error in units of what it may be, and shortest substeps."""
@@ -203,25 +211,29 @@ class _Formulas:
 
 @kept(maxsize=64)
 def _compiled(
-    field: Field, feature: Feature | None, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool
-) -> tuple[Caller, Caller]:
-    """`STEPS_TOGETHER` steps in a row, but none behind one in which an event may be met; and one of a given length.
+    mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool
+) -> tuple[Caller, Caller, Caller]:
+    """`STEPS_TOGETHER` steps in a row, but none behind one in which an event may be met; one of a given length; and
+    those that lead to the zero of an event.
 
-    Rows of the first one's table: state, time, length of the next step and of this one, events, rates.
+    Rows of the first one's table: state, time, length of the next step and of this one, whether the mode holds (>= 0),
+    events, rates.
     """
-    E, of = len(exits), _Formulas(field, exits, n, parameters, implicit)
+    E, of = len(exits), _Formulas(mode, exits, n, parameters, implicit)
     x, t, h, tol, left, over = of.x, of.t, of.h, of.tol, ca.SX.sym("left"), ca.SX.sym("over")
     e, r = ca.SX.sym("e", E), ca.SX.sym("r", E)
     first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(of.rate)), 1e-300)
     tried = ca.fmin(ca.if_else(h > 0, h, first), left)
-    begins = ca.Function("begins", [x, t, h, left, tol, *of.fixed], [tried, *of.watched(x, t), ca.SX(E, 1)])
+    at_first = of.watched(x, t)
+    begins = ca.Function("begins", [x, t, h, left, tol, *of.fixed],
+                         [tried, *at_first, ca.SX.zeros(E, 1), at_first[0], ca.SX(0)])  # fmt: skip
     just = SEEN_BEHIND * tried
-    on = ca.fabs(of.watched(x, t)[0]) <= ON_EVENT
-    behind_it = zip(of.watched(of.step(just)[0], t + just), of.watched(x, t), strict=True)
+    on = ca.fabs(at_first[0]) <= ON_EVENT
+    sides = (ca.if_else(on, *both) for both in zip(of.watched(of.step(just)[0], t + just), at_first, strict=True))
     leaves = ca.Function("leaves", [x, t, h, left, tol, *of.fixed],
-                         [tried, *(ca.if_else(on, a, b) for a, b in behind_it), ca.if_else(on, just, 0)])  # fmt: skip
+                         [tried, *sides, ca.if_else(on, just, 0), at_first[0], of.holds(x, *of.fixed)])  # fmt: skip
     tried = ca.fmin(h, left)
-    end, error, passed = of.step(tried)
+    end, error, _ = of.step(tried)
     good = ca.logic_and(error <= 1, ca.sum1(end * 0) == 0)
     factor = PART_OF_A_STEP * ca.fmax(error, 1e-30) ** (-1 / (2 * EXTRAPOLATIONS - 1))
     factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
@@ -231,14 +243,51 @@ def _compiled(
     met = ca.logic_and(e < 0, ca.logic_or(e_end >= 0, rises))  # what was not taken meets nothing
     ends = [end, t + taken, tried * factor, left - taken, ca.logic_or(ca.sum1(met) > 0, left <= taken), e_end, r_end]
     known = [x, t, h, left, over, e, r]
-    step = ca.Function("step", [*known, tol, *of.fixed], [*ends, taken])
-    same = ca.Function("same", [*known, tol, *of.fixed], [*known, ca.SX(0)])
-    one = ca.Function("one", [x, ca.vertcat(t, h, tol), *of.fixed], [of.step(h)[0], *of.watched(of.step(h)[0], t + h),
-                      ca.fmax(of.step(h)[1], _jumps(feature, [of.scale * y for y in of.step(h)[2]], of.p))])  # fmt: skip
+    step = ca.Function("step", [*known, tol, *of.fixed], [*ends, taken, of.holds(end, *of.fixed)])
+    same = ca.Function("same", [*known, tol, *of.fixed], [*known, ca.SX(0), ca.SX(0)])
+    end, error, passed = of.step(h)
+    error = ca.fmax(error, _jumps(mode.feature, [of.scale * y for y in passed], of.p))
+    one = ca.Function("one", [x, ca.vertcat(t, h, tol), *of.fixed], [end, *of.watched(end, t + h), error])
     many = _in_a_row(begins, leaves, step, same, (n, E, parameters))
     M = STEPS_TOGETHER + 1
-    return (caller(many, [n, 5, 1, parameters, n], [(M, n + 3 + 2 * E), E]),
-            caller(one, [n, 3, 1, parameters, n], [n, E, E, 1]))  # fmt: skip
+    return (caller(many, [n, 5, 1, parameters, n], [(M, n + 4 + 2 * E), E, E]),
+            caller(one, [n, 3, 1, parameters, n], [n, E, E, 1]),
+            caller(_to_a_zero(of, one, E), [n, 9, 4, 1, parameters, n], [9, n, 2]))  # fmt: skip
+
+
+def _to_a_zero(of: _Formulas, one: ca.Function, exits: int) -> ca.Function:
+    """(x, places, (t, tol, what is zero, number of the event), sign, p, scale) -> places, state, event and error.
+
+    Places: length of the next step and of the last one; a bracket, lengths and events; the smallest event, and how
+    often in a row it has become no smaller; whether the zero is found.  Newton's method, kept in the bracket.
+    """
+    c, given, end, told = ca.SX.sym("c", 9), ca.SX.sym("given", 4), ca.SX.sym("end", of.x.numel()), ca.SX.sym("told", 2)
+    s, before, a, f_a, b, f_b, least, idle, _ = ca.vertsplit(c)
+    t, tol, small, i = ca.vertsplit(given)
+    state, events, rates, error = one(of.x, ca.vertcat(t, s, tol), *of.fixed)
+    chosen = ca.DM(list(range(exits))) == i
+    e, r = ca.dot(chosen, events), ca.dot(chosen, rates)
+    halved = ca.fabs(e) <= least / 2
+    least, idle = ca.if_else(halved, ca.fabs(e), least), ca.if_else(halved, 0, idle + 1)
+    is_noise = ca.logic_and(idle >= NOISE, least <= EVENT_TOLERANCE)
+    narrow = ca.fmin(ca.fabs(s - before), ca.fabs(b - a)) <= 4 * ROUNDING_OF_ONE * s
+    over = ca.logic_or(ca.logic_or(is_noise, narrow), ca.fabs(e) <= small)
+    moves_b = (e > 0) == (f_b > 0)
+    a, f_a = ca.if_else(moves_b, a, s), ca.if_else(moves_b, f_a, e)
+    b, f_b = ca.if_else(moves_b, s, b), ca.if_else(moves_b, e, f_b)
+    newton = s - e / r
+    inside = ca.logic_and(newton > ca.fmin(a, b), newton < ca.fmax(a, b))
+    after = ca.vertcat(ca.if_else(over, s, ca.if_else(inside, newton, (a + b) / 2)), s, a, f_a, b, f_b, least, idle, over)
+    known = [c, end, told]
+    look = ca.Function("look", [*known, of.x, given, *of.fixed], [after, state, ca.vertcat(e, error)])
+    same = ca.Function("same", [*known, of.x, given, *of.fixed], known)
+    looks = ca.Function.if_else("looks", look, same)
+    x, places, what = (ca.MX.sym(name, m) for name, m in (("x", of.x.numel()), ("places", 9), ("what", 4)))
+    fixed = ca.MX.sym("sign"), ca.MX.sym("p", of.p.numel()), ca.MX.sym("scale", of.x.numel())
+    found = [places, x, ca.MX.zeros(2)]
+    for _ in range(PLACES_TOGETHER):
+        found = looks(found[0][8] == 0, *found, x, what, *fixed)
+    return ca.Function("to_a_zero", [x, places, what, *fixed], list(found))
 
 
 def _jumps(feature: Feature | None, passed: list[ca.SX], p: ca.SX) -> ca.SX:
@@ -251,19 +300,19 @@ def _jumps(feature: Feature | None, passed: list[ca.SX], p: ca.SX) -> ca.SX:
 def _in_a_row(
     begins: ca.Function, leaves: ca.Function, step: ca.Function, same: ca.Function, sizes: tuple[int, int, int]
 ) -> ca.Function:
-    """(x, (t, h, left, tol, whether a phase begins), sign, p, scale) -> table of the steps, and where in its first one
-    each event was seen first."""
+    """(x, (t, h, left, tol, whether a phase begins), sign, p, scale) -> table of the steps; where in its first one each
+    event was seen first, and what it was at the start."""
     n, _, parameters = sizes
     x, given = ca.MX.sym("x", n), ca.MX.sym("given", 5)
     fixed = ca.MX.sym("sign"), ca.MX.sym("p", parameters), ca.MX.sym("scale", n)
     t, h, left, tol, first = ca.vertsplit(given)
-    h, e, r, low = ca.Function.if_else("start", leaves, begins)(first, x, t, h, left, tol, *fixed)
+    h, e, r, low, at_first, holds = ca.Function.if_else("start", leaves, begins)(first, x, t, h, left, tol, *fixed)
     goes_on = ca.Function.if_else("goes_on", step, same)
-    known, table = [x, t, h, left, ca.MX(0), e, r], [ca.vertcat(x, t, h, 0, e, r)]
+    known, table = [x, t, h, left, ca.MX(0), e, r], [ca.vertcat(x, t, h, 0, holds, e, r)]
     for _ in range(STEPS_TOGETHER):
-        *known, taken = goes_on(known[4] == 0, *known, tol, *fixed)
-        table.append(ca.vertcat(*known[:3], taken, *known[5:]))
-    return ca.Function("steps", [x, given, *fixed], [ca.horzcat(*table), low])
+        *known, taken, holds = goes_on(known[4] == 0, *known, tol, *fixed)
+        table.append(ca.vertcat(*known[:3], taken, holds, *known[5:]))
+    return ca.Function("steps", [x, given, *fixed], [ca.horzcat(*table), low, at_first])
 
 
 class _Steps:
@@ -271,41 +320,46 @@ class _Steps:
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
         self._exits, self._tol, self._fixed = exits, tol, (mode.sign, p, scale)
-        self._compiled = lambda implicit: _compiled(mode.field, mode.feature, exits, scale.size, p.size, implicit)
+        self._compiled = lambda implicit: _compiled(mode, exits, scale.size, p.size, implicit)
         self._take(mode.stiff)
 
     def _take(self, implicit: bool) -> None:
         """Steps of one kind from now on."""
         self._implicit = implicit
-        self._many, self._one = (each.buffers for each in self._compiled(implicit))
+        self._many, self._one, self._lands = (each.buffers for each in self._compiled(implicit))
 
     def run(self, x: Array, max_time: float) -> Followed:
         """From a scaled state (n,) to the first exit, or to the end of the time.  Raises Lost, effort.GivenUp."""
         n, E = x.size, len(self._exits)
-        tables, t, h, many = [np.array([[*x, 0.0]])], 0.0, 0.0, 0
+        tables, t, h, many, clean = [np.array([[*x, 0.0]])], 0.0, 0.0, 0, True
         while many < MOST_STEPS:
             if many >= STEPS_OF_A_SLIP and not self._implicit:
                 if not _rings(np.vstack(tables)[-STEPS_TOGETHER:, :n], self._tol / OF_THE_TOLERANCE):
                     self._take(implicit=True)
             effort.interval()
-            table, lows = self._steps(x, (t, h, max_time - t, self._tol, t == 0))
-            rows = table[1:][table[1:, n + 2] > 0]
-            if not len(rows):
+            table, lows, at_first = self._steps(x, (t, h, max_time - t, self._tol, t == 0))
+            good = table[1:, n + 2] > 0
+            m = int(np.count_nonzero(good))
+            rows = table[1 : m + 1] if good[:m].all() else table[1:][good]
+            if not m:
                 raise Lost
-            if rows[0, n + 2] <= lows.max(initial=0.0):  # it is not seen yet to which side an event is left
+            if t == 0:
                 h = float(rows[0, n + 2])
-                continue
-            before, last = (rows[-2] if len(rows) > 1 else table[0]), rows[-1]
-            start, h_last = (before[:n], float(before[n])), float(last[n + 2])
-            lows = lows if len(rows) == 1 else np.zeros(E)
-            met = self._first(start, [Place(*of) for of in zip(lows.tolist(), *_events_of(before, n, E), strict=True)],
-                              [Place(h_last, *of) for of in zip(*_events_of(last, n, E), strict=True)])  # fmt: skip
-            many += len(rows)
+                if h <= max(lows, default=0.0):  # it is not seen yet to which side an event is left
+                    continue
+                near = [i for i, e in enumerate(at_first) if abs(e) <= NEAR_EVENT]
+                clean = table[0, n + 3] >= 0 and not any(rows[:3, n + 4 + i].min() > 0 for i in near)
+            before, last = (rows[-2] if m > 1 else table[0]), rows[-1]
+            start, length = (before[:n], float(before[n])), float(last[n + 2])
+            met = self._first(start, lows if m == 1 else [0.0] * E, before[n + 4 :].tolist(), length,
+                              last[n + 4 :].tolist())  # fmt: skip
+            many += m
+            clean &= bool(rows[: m - (met is not None), n + 3].min(initial=0.0) >= 0)
             if met is not None:
                 tables.append(rows[:-1, : n + 1])
                 if met.way_out is not None:
                     states = np.vstack([*tables, [[*met.state, met.time]]])
-                    return Followed(states[:, n], states[:, :n], met.way_out)
+                    return Followed(states[:, n], states[:, :n], met.way_out, clean)
                 (x, t), h = start, met.time - start[1]
                 continue
             tables.append(rows[:, : n + 1])
@@ -314,15 +368,16 @@ class _Steps:
                 raise Lost
             if t >= max_time * (1 - 4 * ROUNDING_OF_ONE):
                 states = np.vstack(tables)
-                return Followed(states[:, n], states[:, :n], None)
+                return Followed(states[:, n], states[:, :n], None, clean)
         raise Lost
 
-    def _steps(self, x: Array, given: tuple[float, ...]) -> list[Array]:
-        """The next steps."""
+    def _steps(self, x: Array, given: tuple[float, ...]) -> tuple[Array, list[float], list[float]]:
+        """The next steps: their table, where each event was seen first, and what it was at the start."""
         for store, value in zip(self._many.inputs, (x, given, *self._fixed), strict=True):
             store[:] = value
         self._many.trigger()
-        return [out.copy() for out in self._many.outputs]
+        table, lows, at_first = self._many.outputs
+        return table.copy(), lows.tolist(), at_first.tolist()
 
     def _at(self, x: Array, t: float, h: float) -> list[Array]:
         """State, events and their rates after one step, and its error in units of what it may be."""
@@ -331,21 +386,24 @@ class _Steps:
         self._one.trigger()
         return [out.copy() for out in self._one.outputs]
 
-    def _first(self, start: tuple[Array, float], lows: list[Place], highs: list[Place]) -> Landing | None:
+    def _first(
+        self, start: tuple[Array, float], lows: list[float], low: list[float], length: float, high: list[float]
+    ) -> Landing | None:
         """The first exit within a step, from scaled state and time; None where there is none.  Raises Lost.
 
-        lows, highs: of each event, at the start and at the end.  One that rises towards zero at the start and falls at
-        the end has its top in between.
+        lows, low: where in it each event is known first, events and rates there; high: those at its end.  An event that
+        rises towards zero at the start and falls at the end has its top in between.
         """
-        best: Landing | None = None
-        for i, (low, high) in enumerate(zip(lows, highs, strict=True)):
-            crossed = low.event < 0 <= high.event
-            if not (crossed or low.event < 0 and high.event < 0 and low.rate > 0 and high.rate < 0):
+        best, E = None, len(self._exits)
+        for i in range(E):
+            crossed = low[i] < 0 <= high[i]
+            if not (crossed or low[i] < 0 and high[i] < 0 and low[E + i] > 0 and high[E + i] < 0):
                 continue
-            above = high if crossed else self._above(start, i, low, high)
+            below, above = Place(lows[i], low[i], low[E + i]), Place(length, high[i], high[E + i])
+            above = above if crossed else self._above(start, i, below, above)
             if above is None:
                 continue
-            s, end, good = self._zero(start, i, low, above)
+            s, end, good = self._zero(start, i, below, above)
             if not good:
                 return Landing(start[1] + TAKEN_FIRST * s, end, None)
             if best is None or start[1] + s < best.time:
@@ -381,22 +439,18 @@ class _Steps:
         whether that is as good as the end of another step."""
         if high.event == 0:
             return high.s, self._seen(start, i, high.s)[1], True
-        bracket, small = Bracket(low.s, low.event, high.s, high.event), EVENT_TOLERANCE * max(-low.event, high.event)
-        s, before, least, idle = _cubic_zero(low, high), high.s, np.inf, 0
-        for _ in range(MOST_HALVINGS):
-            at, end = self._seen(start, i, s)
-            least, idle = (abs(at.event), 0) if abs(at.event) <= least / 2 else (least, idle + 1)
-            is_noise = idle >= NOISE and least <= EVENT_TOLERANCE
-            if is_noise or abs(at.event) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
-                return s, end, at.error <= 1
-            bracket, before = bracket.told(s, at.event), s
-            s = bracket.newton(s, at.event, at.rate)
-        return s, end, False
-
-
-def _events_of(row: Array, n: int, exits: int) -> tuple[list[float], list[float]]:
-    """Events and rates in a row of the table."""
-    return row[n + 3 : n + 3 + exits].tolist(), row[n + 3 + exits :].tolist()
+        small, (x, t) = EVENT_TOLERANCE * max(-low.event, high.event), start
+        c: list[float] = [_cubic_zero(low, high), high.s, low.s, low.event, high.s, high.event, np.inf, 0, 0]
+        for _ in range(0, MOST_HALVINGS, PLACES_TOGETHER):
+            for store, value in zip(self._lands.inputs, (x, c, (t, self._tol, small, i), *self._fixed), strict=True):
+                store[:] = value
+            self._lands.trigger()
+            c, end, (event, error) = (out.tolist() for out in self._lands.outputs)
+            if c[-1]:
+                return c[0], np.array(end), error <= 1
+            if not np.isfinite(event):
+                raise Lost
+        return c[0], np.array(end), False
 
 
 def _rings(states: Array, tol: float) -> bool:

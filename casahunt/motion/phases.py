@@ -32,7 +32,7 @@ from .march_extrapolated import by_steps
 from .march_intervals import Begins, begins_with, collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
-from .march_watch import EventWatch
+from .march_watch import NEAR_EVENT, EventWatch
 from .rest import at_rest, at_rest_since, dies_out_at, is_noise
 from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
@@ -49,8 +49,6 @@ HIDES = (
     ", or a part of the field that changes suddenly was stepped over: a function that shows it, of order one, is named "
     "as the `feature` of the mode"
 )
-NEAR_EVENT = 1e-9
-"""A mode that starts so near to its own event starts on it."""
 AT_SPEED = 1.5
 """An event that grows by a lower power of time is left at speed, as by the first one; from rest it is the second."""
 FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
@@ -137,7 +135,7 @@ def march(
         phase = None if meshed else by_steps(system, mode, x, p, scale, tol, max_time - time)
         left = (time, used), (max_time, max_intervals)
         try:
-            segment, mode = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
+            segment, mode, clean = phase or (*_phase(system, mode, x, p, s, scale, tol, after, *left, meshed), False)
         except MarchFailure as failure:
             failure.time = time if np.isnan(failure.time) else failure.time
             raise
@@ -145,7 +143,9 @@ def march(
         still = at_rest_since(segments, scale) if strict else len(segments)
         if strict and still == len(segments):
             try:
-                _check(system, segments, p, scale, time, met)
+                if not clean:
+                    _check(system, segments, p, scale, time, met)
+                _check_crowd(segments, time + segment.duration)
             except MarchFailure as failure:
                 still = dies_out_at(segments, scale)
                 if still == len(segments):
@@ -214,49 +214,61 @@ def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array
     """Whether the last phase, begun at `time`, is a motion of its mode.  Raises MarchFailure where it is none."""
     last = segments[-1]
     _check_holds(system.modes[last.mode], last, p, time)
-    if len(segments) == 1 or not is_noise(last, last.start, scale):
-        _check_start(system, last, p, time, segments[-2] if len(segments) > 1 else None, met)
-    time += last.duration
+    why = _starts_on_its_event(system, last, p, time, segments[-2] if len(segments) > 1 else None, met)
+    if why and (len(segments) == 1 or not is_noise(last, last.start, scale)):
+        raise MarchFailure(why)
+
+
+def _check_crowd(segments: list[Segment], time: float) -> None:
+    """Whether events follow each other ever faster.  Raises MarchFailure where they do."""
     if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
         raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
 
 
-def _check_start(
+def _starts_on_its_event(
     system: VectorSystem, segment: Segment, p: Array, time: float, before: Segment | None, met: str
-) -> None:
-    """Whether a mode starts on an event of its own and goes on through it.  Raises MarchFailure where it does.
+) -> str:
+    """What is said of a mode that starts on an event of its own and goes on through it; "" where it does not.
 
     No zero of the event is crossed then, and the mode would never end.  An event at which the mode goes on is none, nor
     is the one that has just been `met`, before or at the end of the phase before, and is left behind at speed, as by a
     pendulum that is pushed on; or one whose own jump leads there, as a walker begins its step where its foot stands.
     """
-    met, modes = (met, list(system.exits)) if before is None else (before.event, [before.mode])
-    # modes on both sides of an event may give it one name, and cross it in opposite directions
-    crossed = {(met, one.direction) for name in modes for one in system.ways_out(name, met)}
-    mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
+    x = segment.start
     for way_out in system.exits[segment.mode]:
         begins = way_out.direction * float(way_out.event.function(x, 0.0, p))
         if abs(begins) > NEAR_EVENT or segment.duration == 0:
             continue
+        times, values = _next_to_the_start(system, segment, way_out, p)
+        if not np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)):
+            continue
         if way_out.reset is None and (way_out.mark or way_out.successor(x, p) == segment.mode):
             continue
-        if segment.w.shape[1] > n:
-            following = segment.w[0].reshape(-1, n)[1:]
-            times = scheme(len(following)).stages
-        elif mode.flow is None:
-            following, times = segment.nodes[1:4], segment.breaks[1:4]  # the first just behind the event
-        else:
-            times = FIRST_MOMENTS
-            following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
-        values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
         if len(times) > 1:
             left = bool(values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1])
         else:  # a phase of one step
-            left = at_speed(mode, way_out.event, way_out.direction, x, p)
+            left = at_speed(system.modes[segment.mode], way_out.event, way_out.direction, x, p)
+        met, modes = (met, list(system.exits)) if before is None else (before.event, [before.mode])
+        # modes on both sides of an event may give it one name, and cross it in opposite directions
+        crossed = {(met, one.direction) for name in modes for one in system.ways_out(name, met)}
         same = (way_out.event.name, way_out.direction) in crossed
-        left = left and (same or _leads_on(system, way_out, x, p))
-        if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
-            raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
+        if not (left and (same or _leads_on(system, way_out, x, p))):
+            return _on_its_event(system, segment, way_out, p, time, before)
+    return ""
+
+
+def _next_to_the_start(system: VectorSystem, segment: Segment, way_out: Exit, p: Array) -> tuple[Array, Array]:
+    """Times of a phase, as parts of something, just behind its start, and how far an event has risen there."""
+    mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
+    if segment.w.shape[1] > n:
+        following = segment.w[0].reshape(-1, n)[1:]
+        times = scheme(len(following)).stages
+    elif mode.flow is None:
+        following, times = segment.nodes[1:4], segment.breaks[1:4]  # the first just behind the event
+    else:
+        times = FIRST_MOMENTS
+        following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
+    return times, way_out.direction * np.asarray(way_out.event.function(following.T, 0.0, p))
 
 
 def _leads_on(system: VectorSystem, way_out: Exit, x: Array, p: Array) -> bool:

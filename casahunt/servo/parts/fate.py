@@ -183,9 +183,9 @@ class _Watched:
         """Time and x1 of the end of a phase, and of where it turns inside."""
         ends = float(segment.start[self.place]), float(segment.end[self.place])
         if segment.w.shape[0] > 1:
-            inside = segment.w[:, self.place]
-            if inside.max() > max(ends) or inside.min() < min(ends):
-                meshed = segment.w.shape[1] > segment.end.size
+            inside, meshed = segment.w[:, self.place], segment.w.shape[1] > segment.end.size
+            by = 0.0 if meshed else NO_TURN * self.scale[self.place]
+            if inside.max() > max(ends) + by or inside.min() < min(ends) - by:
                 times, states = self.motion([segment] if meshed else self._again(segment)).sample()
                 x = states[self.place]
                 return [_top(times, x, i) for i in _tops(x)] + [(segment.duration, ends[1])]
@@ -346,16 +346,17 @@ def _settles(turns: list[float], n: int, mirror: float, rest: float) -> bool:
     In plain numbers: arrays of so few cost ten times as much.
     """
     last, *before = ([mirror**k * t for t in turns[len(turns) - (k + 1) * n : len(turns) - k * n]] for k in range(4))
-    changes = [[a - b for a, b in zip(x, y, strict=True)] for x, y in zip((last, *before), before, strict=False)]
-    moved = [max(map(abs, change)) for change in changes]
-    if max(moved[:2]) <= REPEATS * _width(last, mirror):
-        return True
-    if not 0 < moved[0] < moved[1] < moved[2]:
-        return False
+    changes, moved = [a - b for a, b in zip(last, before[0], strict=True)], list[float]()
+    for x, y in zip((last, *before), before, strict=False):
+        moved.append(max([abs(a - b) for a, b in zip(x, y, strict=True)]))
+        if len(moved) == 2 and max(moved) <= REPEATS * _width(last, mirror):
+            return True
+        if len(moved) > 1 and not 0 < moved[-2] < moved[-1]:
+            return False
     r, r_before = moved[0] / moved[1], moved[1] / moved[2]
     if abs(r - r_before) > RATIO_KNOWN * (1 - r):
         return False
-    left = [change * r / (1 - r) for change in changes[0]]
+    left = [change * r / (1 - r) for change in changes]
     size = _width([a + b for a, b in zip(last, left, strict=True)], mirror)
     return max(map(abs, left)) <= rest * size
 

@@ -160,7 +160,7 @@ class _To(Compared):
 
     def __call__(self, x: Any, p: Any) -> str:
         wiring, choice, sign, following = self.key
-        return dict(following)[wiring.value(choice, sign, x, p)]
+        return dict(following)[wiring.chosen(choice, sign, x, p)]
 
 
 class _Least(Compared):
