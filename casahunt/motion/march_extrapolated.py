@@ -320,6 +320,7 @@ class _Steps:
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
         self._exits, self._tol, self._fixed = exits, tol, (mode.sign, p, scale)
+        self._own = [i for i, way_out in enumerate(exits) if not way_out.mark or way_out.reset is not None]
         self._compiled = lambda implicit: _compiled(mode, exits, scale.size, p.size, implicit)
         self._take(mode.stiff)
 
@@ -327,6 +328,9 @@ class _Steps:
         """Steps of one kind from now on."""
         self._implicit = implicit
         self._many, self._one, self._lands = (each.buffers for each in self._compiled(implicit))
+        for buffers in (self._many, self._one, self._lands):
+            for store, value in zip(buffers.inputs[-3:], self._fixed, strict=True):
+                store[:] = value
 
     def run(self, x: Array, max_time: float) -> Followed:
         """From a scaled state (n,) to the first exit, or to the end of the time.  Raises Lost, effort.GivenUp."""
@@ -347,7 +351,7 @@ class _Steps:
                 h = float(rows[0, n + 2])
                 if h <= max(lows, default=0.0):  # it is not seen yet to which side an event is left
                     continue
-                near = [i for i, e in enumerate(at_first) if abs(e) <= NEAR_EVENT]
+                near = [i for i in self._own if abs(at_first[i]) <= NEAR_EVENT]
                 clean = table[0, n + 3] >= 0 and not any(rows[:3, n + 4 + i].min() > 0 for i in near)
             before, last = (rows[-2] if m > 1 else table[0]), rows[-1]
             start, length = (before[:n], float(before[n])), float(last[n + 2])
@@ -373,16 +377,14 @@ class _Steps:
 
     def _steps(self, x: Array, given: tuple[float, ...]) -> tuple[Array, list[float], list[float]]:
         """The next steps: their table, where each event was seen first, and what it was at the start."""
-        for store, value in zip(self._many.inputs, (x, given, *self._fixed), strict=True):
-            store[:] = value
+        self._many.inputs[0][:], self._many.inputs[1][:] = x, given
         self._many.trigger()
         table, lows, at_first = self._many.outputs
         return table.copy(), lows.tolist(), at_first.tolist()
 
     def _at(self, x: Array, t: float, h: float) -> list[Array]:
         """State, events and their rates after one step, and its error in units of what it may be."""
-        for store, value in zip(self._one.inputs, (x, (t, h, self._tol), *self._fixed), strict=True):
-            store[:] = value
+        self._one.inputs[0][:], self._one.inputs[1][:] = x, (t, h, self._tol)
         self._one.trigger()
         return [out.copy() for out in self._one.outputs]
 
@@ -442,8 +444,8 @@ class _Steps:
         small, (x, t) = EVENT_TOLERANCE * max(-low.event, high.event), start
         c: list[float] = [_cubic_zero(low, high), high.s, low.s, low.event, high.s, high.event, np.inf, 0, 0]
         for _ in range(0, MOST_HALVINGS, PLACES_TOGETHER):
-            for store, value in zip(self._lands.inputs, (x, c, (t, self._tol, small, i), *self._fixed), strict=True):
-                store[:] = value
+            state, places, given = self._lands.inputs[:3]
+            state[:], places[:], given[:] = x, c, (t, self._tol, small, i)
             self._lands.trigger()
             c, end, (event, error) = (out.tolist() for out in self._lands.outputs)
             if c[-1]:

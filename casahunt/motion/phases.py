@@ -135,7 +135,7 @@ def march(
         phase = None if meshed else by_steps(system, mode, x, p, scale, tol, max_time - time)
         left = (time, used), (max_time, max_intervals)
         try:
-            segment, mode, clean = phase or (*_phase(system, mode, x, p, s, scale, tol, after, *left, meshed), False)
+            segment, mode, clean = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
         except MarchFailure as failure:
             failure.time = time if np.isnan(failure.time) else failure.time
             raise
@@ -190,8 +190,9 @@ def _phase(
     spent: tuple[float, int],
     most: tuple[float, int],
     by_series: bool,
-) -> tuple[Segment, str]:
-    """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed."""
+) -> tuple[Segment, str, bool]:
+    """(segment, next mode, whether it is surely a motion of its mode) of one phase, in closed form where there is one;
+    time and intervals spent, and allowed."""
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
@@ -207,7 +208,7 @@ def _phase(
             size = f"{end[far] * scale[far]:.3g}"
             hint = f"; {system.states[far]!r} has come to {size} there, as where it grows without bound"
         raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals{hint}", took) from None
-    return segment if mode.flow is None else _polished(system, segment, p, scale), successor
+    return segment if mode.flow is None else _polished(system, segment, p, scale), successor, False
 
 
 def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:
@@ -326,15 +327,15 @@ def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> N
         )
 
 
-def _closed_form(system: VectorSystem, mode: str, x: Array, p: Array) -> tuple[Segment, str]:
-    """(segment, next mode) of a phase in closed form."""
+def _closed_form(system: VectorSystem, mode: str, x: Array, p: Array) -> tuple[Segment, str, bool]:
+    """(segment, next mode, whether it is surely a motion of its mode) of a phase in closed form."""
     found = end_of_flow(system.modes[mode], system.exits[mode], x, p)
     breaks, w = np.array([0.0, 1.0]), x[None].copy()
     if found is None:
-        return Segment(mode, "", np.inf, breaks, w, x.copy()), mode
-    duration, way_out, end = found
+        return Segment(mode, "", np.inf, breaks, w, x.copy()), mode, False
+    duration, way_out, end, clean = found
     jumped, successor = _led(system.modes[mode], way_out, end, p)
-    return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor
+    return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor, clean
 
 
 def _led(mode: VectorMode, way_out: Exit, end: Array, p: Array) -> tuple[Array | None, str]:

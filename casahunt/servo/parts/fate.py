@@ -21,6 +21,7 @@ import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,7 @@ from ...orbits import Orbit
 from ..outcome import Kind
 from .loop import Loop
 from .lugre import LUGRE
+from .part import Edge, Part, PartMode
 
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
@@ -67,6 +69,8 @@ NO_TURN = 1e-10
 SPRINGS_BY, MOST_SPRINGS = 3.0, 400
 """A stuck LuGre servo springs on its bristles, which static friction bends by Fs/sigma0: what moves back by no more
 than so many times that is no turn, but for one that does so many times in a row, and no more than that."""
+TURNS = Part("turns", modes=(PartMode("", ends=(Edge("turn", lambda x, s, p: s.motor_rate, 0, ""),)),))
+"""Where nothing else happens, the turns of a motion are events."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,11 +225,10 @@ class _Watched:
         far = np.abs(turns[-2:]).max() > GROWN_BY * max(self.before.amplitude, abs(self.start))
         if far and swings[-1] > FARTHER_BY * swings[0]:
             return "growing"
-        for n in range(1, min(PATTERN, (turns.size - 1) // 4) + 1):
-            for mirror in (-1.0, 1.0):
-                if _settles(self.turns, n, mirror, self.rest):
-                    self.repeats = self._shortest(n, mirror)
-                    return "hunting"
+        for n, mirror in _may_settle(turns):
+            if _settles(self.turns, n, mirror, self.rest):
+                self.repeats = self._shortest(n, mirror)
+                return "hunting"
         if _shrinks(swings):
             return "decaying"
         if swings.size < TURNS_OF_A_FATE:
@@ -281,6 +284,8 @@ def fate(
     rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled; work: allowed (effort.py);
     mode: in which it starts, where it goes on from another motion.
     """
+    if not meshed and not any(each.ends or each.flow for each in loop.system.modes):
+        loop = loop.with_parts(TURNS)
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
     watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed)
@@ -338,6 +343,33 @@ def _top(times: Array, x: Array, i: int) -> tuple[float, float]:
     slope, curve = (b * b * d + a * a * e) / (a * b * (a + b)), (e / b - d / a) / (a + b)
     back = -slope / (2 * curve) if curve else 0.0
     return float(times[i] + back), float(x[i] - curve * back * back)
+
+
+@lru_cache(maxsize=PATTERN + 1)
+def _compared(most: int) -> tuple[Array, Array, Array, Array, list[tuple[int, float]]]:
+    """Of patterns of up to so many turns, plain and mirrored: the places, from the end, of the turns of their last
+    three, and of those that they are compared with; the signs of these, and where each one begins; what each one is."""
+    kinds = [(n, mirror) for n in range(1, most + 1) for mirror in (-1.0, 1.0)]
+    at = np.concatenate([-1 - np.arange(3 * n) for n, _ in kinds])
+    lengths = np.array([n for n, _ in kinds for _ in range(3)])
+    back = np.repeat(lengths, lengths)
+    signs = np.repeat([mirror for _, mirror in kinds for _ in range(3)], lengths)
+    return at, at - back, signs, np.concatenate([[0], np.cumsum(lengths)[:-1]]), kinds
+
+
+def _may_settle(turns: Array) -> list[tuple[int, float]]:
+    """Patterns, turns and mirror, in which turns (m,) may repeat, or change by ever less: none other does."""
+    most = min(PATTERN, (turns.size - 1) // 4)
+    if not most:
+        return []
+    at, before, signs, begins, kinds = _compared(most)
+    moved = np.maximum.reduceat(np.abs(turns[at] - signs * turns[before]), begins).reshape(-1, 3)
+    last, earlier, first = moved.T
+    repeats = np.maximum(last, earlier) <= 2 * REPEATS * np.abs(turns[-4 * most :]).max()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r, r_before = last / earlier, earlier / first
+        shrinks = (last > 0) & (r < 1) & (r_before < 1) & (np.abs(r - r_before) <= RATIO_KNOWN * (1 - r))
+    return [kinds[k] for k in np.flatnonzero(repeats | shrinks)]
 
 
 def _settles(turns: list[float], n: int, mirror: float, rest: float) -> bool:
