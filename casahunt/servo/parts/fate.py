@@ -21,7 +21,6 @@ import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -33,6 +32,7 @@ from ..outcome import Kind
 from .loop import Loop
 from .lugre import LUGRE
 from .part import Edge, Part, PartMode
+from .turns import PATTERN, may_settle, settles, shrinks, width
 
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
@@ -46,18 +46,14 @@ MOVES_NOT = 1e-7
 """A state that moves by less than this part of its size stands still."""
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its size is zero."""
-DECADE, LEAST_SWINGS = 10.0, 5
-"""The way along which swings shrink geometrically, and how many they are at least."""
-PATTERN, REPEATS, ALIKE_PATTERNS, TURNS_OF_A_FATE = 8, 1e-6, 1e-4, 240
-"""Turns of a pattern at most; how well it repeats; how well a shorter one does, which is told instead; turns after
-which a motion repeats in none."""
+ALIKE_PATTERNS, TURNS_OF_A_FATE = 1e-4, 240
+"""How well a shorter pattern repeats which is told instead; turns after which a motion repeats in none."""
 REPEATS_NOT, DIFFERS, AS_MUCH_AS_BEFORE = 0.1, 1e-3, 2.0
 """Swings that differ by more than the first part for so long, without becoming smaller, repeat in no pattern; or by
 more than the second, and by as much as before but for a factor: of a motion that leaves a cycle, or comes to one, they
 differ by ever more, or ever less."""
-RATIO_KNOWN, LEFT_OF_A_SWING = 0.02, 0.05
-"""Changes shrink geometrically where their ratio r is known to so much of 1 - r; what is left of them, in swings, of
-motions that are handed on."""
+LEFT_OF_A_SWING = 0.05
+"""What is left of the changes of turns that shrink geometrically, in swings, of motions that are handed on."""
 NEARLY_THERE = 1e-5
 """What is left of them elsewhere: on a longer way an event may end hunting, as where a stop becomes as long as the time
 after which an integrator is frozen."""
@@ -225,11 +221,11 @@ class _Watched:
         far = np.abs(turns[-2:]).max() > GROWN_BY * max(self.before.amplitude, abs(self.start))
         if far and swings[-1] > FARTHER_BY * swings[0]:
             return "growing"
-        for n, mirror in _may_settle(turns):
-            if _settles(self.turns, n, mirror, self.rest):
+        for n, mirror in may_settle(turns):
+            if settles(self.turns, n, mirror, self.rest):
                 self.repeats = self._shortest(n, mirror)
                 return "hunting"
-        if _shrinks(swings):
+        if shrinks(swings):
             return "decaying"
         if swings.size < TURNS_OF_A_FATE:
             return None
@@ -245,7 +241,7 @@ class _Watched:
         for n in range(1, most):
             for sign in (-1.0, 1.0):
                 last, before = self.turns[-n:], [sign * x for x in self.turns[-2 * n : -n]]
-                if max(abs(a - b) for a, b in zip(last, before, strict=True)) <= ALIKE_PATTERNS * _width(last, sign):
+                if max(abs(a - b) for a, b in zip(last, before, strict=True)) <= ALIKE_PATTERNS * width(last, sign):
                     return n, sign < 0
         return most, mirror < 0
 
@@ -343,68 +339,3 @@ def _top(times: Array, x: Array, i: int) -> tuple[float, float]:
     slope, curve = (b * b * d + a * a * e) / (a * b * (a + b)), (e / b - d / a) / (a + b)
     back = -slope / (2 * curve) if curve else 0.0
     return float(times[i] + back), float(x[i] - curve * back * back)
-
-
-@lru_cache(maxsize=PATTERN + 1)
-def _compared(most: int) -> tuple[Array, Array, Array, Array, list[tuple[int, float]]]:
-    """Of patterns of up to so many turns, plain and mirrored: the places, from the end, of the turns of their last
-    three, and of those that they are compared with; the signs of these, and where each one begins; what each one is."""
-    kinds = [(n, mirror) for n in range(1, most + 1) for mirror in (-1.0, 1.0)]
-    at = np.concatenate([-1 - np.arange(3 * n) for n, _ in kinds])
-    lengths = np.array([n for n, _ in kinds for _ in range(3)])
-    back = np.repeat(lengths, lengths)
-    signs = np.repeat([mirror for _, mirror in kinds for _ in range(3)], lengths)
-    return at, at - back, signs, np.concatenate([[0], np.cumsum(lengths)[:-1]]), kinds
-
-
-def _may_settle(turns: Array) -> list[tuple[int, float]]:
-    """Patterns, turns and mirror, in which turns (m,) may repeat, or change by ever less: none other does."""
-    most = min(PATTERN, (turns.size - 1) // 4)
-    if not most:
-        return []
-    at, before, signs, begins, kinds = _compared(most)
-    moved = np.maximum.reduceat(np.abs(turns[at] - signs * turns[before]), begins).reshape(-1, 3)
-    last, earlier, first = moved.T
-    repeats = np.maximum(last, earlier) <= 2 * REPEATS * np.abs(turns[-4 * most :]).max()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        r, r_before = last / earlier, earlier / first
-        shrinks = (last > 0) & (r < 1) & (r_before < 1) & (np.abs(r - r_before) <= RATIO_KNOWN * (1 - r))
-    return [kinds[k] for k in np.flatnonzero(repeats | shrinks)]
-
-
-def _settles(turns: list[float], n: int, mirror: float, rest: float) -> bool:
-    """Whether turns repeat, n by n, or change by ever less, geometrically, towards some as large as they are.
-
-    In plain numbers: arrays of so few cost ten times as much.
-    """
-    last, *before = ([mirror**k * t for t in turns[len(turns) - (k + 1) * n : len(turns) - k * n]] for k in range(4))
-    changes, moved = [a - b for a, b in zip(last, before[0], strict=True)], list[float]()
-    for x, y in zip((last, *before), before, strict=False):
-        moved.append(max([abs(a - b) for a, b in zip(x, y, strict=True)]))
-        if len(moved) == 2 and max(moved) <= REPEATS * _width(last, mirror):
-            return True
-        if len(moved) > 1 and not 0 < moved[-2] < moved[-1]:
-            return False
-    r, r_before = moved[0] / moved[1], moved[1] / moved[2]
-    if abs(r - r_before) > RATIO_KNOWN * (1 - r):
-        return False
-    left = [change * r / (1 - r) for change in changes]
-    size = _width([a + b for a, b in zip(last, left, strict=True)], mirror)
-    return max(map(abs, left)) <= rest * size
-
-
-def _width(turns: list[float], mirror: float) -> float:
-    """Of turns, and of their mirror images where these follow."""
-    both = [*turns, *(mirror * t for t in turns)]
-    return max(both) - min(both)
-
-
-def _shrinks(swings: Array) -> bool:
-    """Whether swings went down their last decade geometrically, towards nothing: towards anything that is left they
-    would do so ever more slowly.  Of a lopsided motion every second one is compared."""
-    larger = np.flatnonzero(swings >= DECADE * swings[-1])
-    if not larger.size or swings.size < LEAST_SWINGS:
-        return False
-    late = swings[min(larger[-1], swings.size - LEAST_SWINGS) :]
-    ratios = late[2:] / late[:-2]
-    return bool(np.ptp(ratios) <= RATIO_KNOWN * (1 - ratios.max()))
