@@ -12,6 +12,7 @@ from casahunt import Controller, Friction, NoOrbit, Options, Pid, Servo, Uncerta
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies import scan as scans
+from casahunt.errors import Status
 from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts import fate, turns
 from casahunt.servo.parts.plain_loop import loop_of
@@ -238,12 +239,32 @@ def test_a_branch_that_comes_back_to_its_first_size_has_not_reached_the_last(mon
     back = SimpleNamespace(special=(), orbits=[cycle, cycle], end=SimpleNamespace(kind="range", error=math.nan))
     monkeypatch.setattr(border, "follow", lambda *_, **__: back)
     last = 0.01 if at_the_end else 0.05
-    asked = loop, remedy_of("dead band", "switch"), fate.Swing.of(cycle), last, Options(tol=1e-6)
+    asked = loop, remedy_of("dead band", "switch"), fate.Swing.of(cycle), last, Options(tol=1e-6), []
     if at_the_end:
         assert border._end_of_stable(*asked).kind == "none"
     else:
         with pytest.raises(NoOrbit):
             border._end_of_stable(*asked)
+
+
+def test_a_cycle_that_could_not_be_followed_is_not_followed_again(monkeypatch):
+    """From another state of the same motion, but at its own size alone."""
+    remedy, tried = remedy_of("dead band", "switch"), []
+
+    def refused(cycle, *_, **__):
+        tried.append(cycle.problem.value("dead_band"))
+        raise NoOrbit("it leads nowhere", Status.NOT_FOUND)
+
+    monkeypatch.setattr(border, "follow", refused)
+    lost, whys = [], []
+    for size, start in ((0.01, -0.05), (0.01, -0.06), (0.02, -0.05)):
+        loop = border.with_remedy(loop_of(Servo(), "switch", 0.04), remedy, size)
+        swing = fate.Swing(loop.at_rest(start), 0.05, 10.0)
+        with pytest.raises(NoOrbit) as refusal:
+            border._end_of_stable(loop, remedy, swing, 0.05, Options(tol=1e-6), lost)
+        whys.append(str(refusal.value))
+    assert tried == [0.01, 0.02]
+    assert whys == ["it leads nowhere", border.SAME_CYCLE, "it leads nowhere"]
 
 
 @pytest.mark.parametrize(("again", "known"), [(math.inf, True), (0.5, False)])
