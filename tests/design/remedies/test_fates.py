@@ -261,7 +261,7 @@ def test_a_cycle_that_could_not_be_followed_is_not_followed_again(monkeypatch):
         loop = border.with_remedy(loop_of(Servo(), "switch", 0.04), remedy, size)
         swing = fate.Swing(loop.at_rest(start), 0.05, 10.0)
         with pytest.raises(NoOrbit) as refusal:
-            border._end_of_stable(loop, remedy, swing, 0.05, Options(tol=1e-6), lost)
+            border._end_of_stable(loop, remedy, swing, 0.05, Options(tol=1e-8), lost)
         whys.append(str(refusal.value))
     assert tried == [0.01, 0.02]
     assert whys == ["it leads nowhere", border.SAME_CYCLE, "it leads nowhere"]
