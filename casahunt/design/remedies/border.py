@@ -309,9 +309,9 @@ def _end_of_stable(
 
 
 def _same(cycle: SystemOrbit, other: SystemOrbit, remedy: Remedy) -> bool:
-    """Whether two cycles are one, but for what they are known to."""
+    """Whether two cycles are one, wherever it is cut, but for what they are known to."""
     one, two = ((each.problem.value(remedy.size), each.period, each.amplitude) for each in (cycle, other))
-    return cycle.signature == other.signature and np.allclose(one, two, rtol=SIZE_KNOWN, atol=0)
+    return len(cycle.signature) == len(other.signature) and np.allclose(one, two, rtol=SIZE_KNOWN, atol=0)
 
 
 def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
