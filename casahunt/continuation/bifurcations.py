@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
@@ -67,6 +68,7 @@ class Ranked(NamedTuple):
         return np.asarray((self.x - 1) / (1 + np.abs(self.x)))
 
 
+@lru_cache(maxsize=64)  # each of them is asked for by the monitor of every rank
 def _ranked(orbit: Orbit, x: Callable[[Array], Array]) -> Ranked:
     mu, errors = _nontrivial(orbit), _errors(orbit)
     order = np.argsort(-x(mu), kind="stable")

@@ -146,7 +146,11 @@ class Inside(Generic[AnyOrbit]):
             return bounces or hides_a_pair(at, values / (1 + np.abs(values)), x.at, y.at)
         # Of a unit vector's component the angle tells more: it does not flatten where the parameter is all that moves.
         # No component comes out larger than 1: squares are summed, and the root taken, without falling below its own.
-        return hides_a_pair(at, np.arcsin(values), x.at, y.at, float(np.arcsin(self._mean_slope(x, y))))
+        # The mean over a step is known to errors of lambda in its units: over a short one next to an end it is noise.
+        noise = (x.orbit.error_estimate + y.orbit.error_estimate) / (y.at - x.at)
+        known = noise < np.abs(values[(at == x.at) | (at == y.at)]).min()
+        mean = float(np.arcsin(self._mean_slope(x, y))) if known else None
+        return hides_a_pair(at, np.arcsin(values), x.at, y.at, mean)
 
     @staticmethod
     def _may_bounce(at: Array, values: Array, low: float) -> bool:

@@ -11,9 +11,11 @@ rest.py            where a motion has come to rest, and what it still does is ro
 sensitivity.py     how the end of a phase moves with its start and with parameters
 march_watch.py     an interval watched for the exits of its mode
 march_exits.py     where a mode ends: its exits watched, and located to rounding
+extrapolated_steps.py extrapolated midpoint steps, explicit or implicit, as compiled functions
 march_extrapolated.py a mode to its exit, where no mesh is wanted
 march_series.py    a smooth mode to its exit, by series
 march_intervals.py a stiff mode to its exit, interval by interval
+march_checks.py    whether a phase is a motion of its mode
 phases.py          phase by phase: by series, or interval by interval; what comes out is a mesh with stages
 closed_forms.py  a closed form against the field of its mode
 simulation.py      the motion of a user's system, with its events and its error

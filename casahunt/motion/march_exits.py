@@ -16,12 +16,13 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from ..collocation.admissibility import PASSED
 from ..collocation.scheme import Scheme
 from ..compiled import Caller, caller, kept
 from ..hybrid.system import Exit, Reset, VectorMode
 from ..roots import LOOKED_AT, MOST_HALVINGS, Bracket, secant
 from .march_step import ExtrapolatedStages, SolvedInterval
-from .march_watch import EVENT_LIMIT, EventWatch
+from .march_watch import EVENT_LIMIT, NEAR_EVENT, EventWatch
 
 Array = np.ndarray
 
@@ -73,17 +74,18 @@ class _FlowMap:
         x, T, p = ca.SX.sym("x", n), ca.SX.sym("T"), ca.SX.sym("p", parameters)
         end = mode.flow(x, T, p)
         events = ca.vertcat(*[way_out.event.function(end, T, p) for way_out in exits])
-        function = ca.Function("flow", [x, T, p], [ca.densify(end), ca.densify(events)])
-        self._caller = caller(function, [n, 1, parameters], [n, len(exits)])
+        holds = ca.SX(0) if mode.admissible is None else ca.SX(mode.admissible(end, p, mode.sign))
+        outputs = [ca.densify(end), ca.densify(events), ca.densify(holds) + mode.slack + PASSED]
+        self._caller = caller(ca.Function("flow", [x, T, p], outputs), [n, 1, parameters], [n, len(exits), 1])
 
-    def __call__(self, x: Array, T: float, p: Array) -> tuple[Array, Array]:
-        """(state after T, value of each exit's event there)."""
+    def __call__(self, x: Array, T: float, p: Array) -> tuple[Array, Array, Array]:
+        """(state after T, value of each exit's event there, what is >= 0 where the mode holds)."""
         buffers = self._caller.buffers
         state, time, parameters = buffers.inputs
         state[:], time[0], parameters[:] = x, T, p
         buffers.trigger()
-        end, events = buffers.outputs
-        return end, events
+        end, events, holds = buffers.outputs
+        return end, events, holds
 
 
 @kept(maxsize=16)
@@ -92,26 +94,36 @@ def _flow_map(mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int
     return _FlowMap(mode, exits, n, parameters)
 
 
-def end_of_flow(mode: VectorMode, exits: tuple[Exit, ...], x: Array, p: Array) -> tuple[float, Exit, Array] | None:
+def end_of_flow(
+    mode: VectorMode, exits: tuple[Exit, ...], x: Array, p: Array
+) -> tuple[float, Exit, Array, bool] | None:
     """The first exit of a mode in closed form whose events are linear in time.
 
     x, p: (n,) state at its start; parameter vector.
-    Returns duration [s], exit, (n,) state there; None where no exit is met.
+    Returns duration [s], exit, (n,) state there, and whether the mode holds at both ends, and begins next to none of
+    its events; None where no exit is met.
     """
     motion = _flow_map(mode, exits, x.size, p.size)
     best: tuple[float, Exit] | None = None
+    (first, begins), (second, _) = ([out.tolist() for out in motion(x, T, p)[1:]] for T in (0.0, 1.0))
     for i, way_out in enumerate(exits):
+        if not (second[i] - first[i]) * way_out.direction > 0:
+            continue
 
         def h(T: float, i: int = i) -> float:
             return float(motion(x, T, p)[1][i])
 
         T, left = secant(h, 0.0, 1.0, tolerance=EVENT_TOLERANCE)
-        # It is linear: what is left is rounding of what it was, in whatever unit; else it does not change with time.
-        gone = abs(left) <= FLOW_LIMIT * max(abs(h(0.0)), abs(h(1.0)))
+        # It is linear: what is left is rounding of what it was, in whatever unit.
+        gone = abs(left) <= FLOW_LIMIT * max(abs(first[i]), abs(second[i]))
         met = T >= 0 and gone and (h(T + max(T, 1.0)) - left) * way_out.direction > 0
         if met and (best is None or best[0] > T):
             best = (T, way_out)
-    return None if best is None else (*best, motion(x, best[0], p)[0].copy())
+    if best is None:
+        return None
+    end, _, holds = motion(x, best[0], p)
+    clean = begins[0] >= 0 and float(holds[0]) >= 0 and all(abs(event) > NEAR_EVENT for event in first)
+    return *best, end.copy(), clean
 
 
 def flow_to(

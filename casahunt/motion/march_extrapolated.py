@@ -1,8 +1,4 @@
-"""Marching without a mesh: a mode followed to its exit by extrapolated midpoint steps, compiled, many in a call.
-
-    m substeps      y_0 = x,  y_1 = x + d f(x),  y_(i+1) = y_(i-1) + 2 d f(y_i),  d = h/m,    m_j = 2, 4, .., 2 K
-    extrapolation   T_(j,1) = y_m,  T_(j,k) = T_(j,k-1) + (T_(j,k-1) - T_(j-1,k-1)) / ((m_j/m_(j-k))^2 - 1), order 2 K
-    error           |T_(K,K) - T_(K,K-1)| <= tol;  the next step is 0.7 (tol/error)^(1/(2 K - 1)) times as long
+"""Marching without a mesh: a mode followed to its exit by extrapolated midpoint steps (extrapolated_steps.py).
 
 For who only asks what becomes of a motion: states at the ends of steps, and the exit, located by steps that end on its
 event; no stages.  A tenth of the price of power series (march_series.py), which know what lies within a step.
@@ -11,55 +7,45 @@ A step can seem good because it goes past what its field does in between, such a
 is an event: the step that ends there has to be as good, and its substeps have to see the mode's feature come, or a
 shorter one is taken before.
 
-Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, section II.9.
-Symbols: n states, E exits, M steps of a call.
+Symbols: n states, E exits, M steps of a phase.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from .. import effort
-from ..collocation.admissibility import LARGEST_JUMP
-from ..compiled import Caller, caller, kept
-from ..hybrid.system import Exit, Feature, Field, VectorMode, VectorSystem
-from ..hybrid.vector_form import Bound
+from ..collocation.admissibility import PASSED
+from ..hybrid.system import Exit, VectorMode, VectorSystem
 from ..roots import MOST_HALVINGS, Bracket
+from .extrapolated_steps import PLACES_OF_A_CALL, ROUNDING_OF_ONE, STEPS_OF_A_CALL, steps_of
 from .march_exits import EVENT_TOLERANCE, behind
-from .march_watch import ON_EVENT
+from .march_watch import NEAR_EVENT
 from .segment import Segment
 
 Array = np.ndarray
 
-EXTRAPOLATIONS = 5
-"""K: steps of order 10."""
-STEPS_TOGETHER, CALLS_OF_A_SLIP, MOST_CALLS = 16, 10, 40
-"""Steps of a call, and calls of a phase: a slip takes 30 to 110 steps, what rings beside it hundreds.  What does not
-ring any more, by more than the tolerance, and goes on, is stiff, and left to intervals, four times as dear a step."""
+STEPS_OF_A_SLIP, STEPS_OF_A_PHASE = 32, 640
+"""Steps of a phase: a slip takes 15 to 60, what rings beside it hundreds.  What does not ring any more, by more than
+the tolerance, and goes on, is stiff."""
 OF_THE_TOLERANCE = 1e-2
 """Error of a step, as a part of the tolerance of an interval, whose end is as much better than its inside."""
-PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
-"""The next step, in units of the one that would have the tolerance; and in units of this one, at least and at most."""
-FIRST_MOVES = 1e-3
-"""No state moves by a larger part of its size in the first step of a phase."""
 LEAST_PART, ROUNDS_OF_A_CUBIC = 0.1, 3
 """Of a bracket its next place cuts off so much at least; steps to the zero of a cubic, from where others begin."""
-ROUNDING_OF_ONE = float(np.finfo(float).eps)
 TAKEN_FIRST = 0.8
 """Part of a step to an event that is taken first, where the whole one is not good enough."""
-SEEN_BEHIND = 1e-3
-"""Part of the first step after which it is seen to which side an event is left."""
 
 
 class Followed(NamedTuple):
-    """A phase: times (M,) and scaled states (M, n) at the ends of its steps; the exit, None where the time is over."""
+    """A phase: times (M,) and scaled states (M, n) at the ends of its steps; the exit, None where the time is over;
+    whether its mode holds there, and it does not begin on an event of its own to go on through it."""
 
     times: Array
     states: Array
     way_out: Exit | None
+    clean: bool
 
 
 class Place(NamedTuple):
@@ -72,12 +58,11 @@ class Place(NamedTuple):
 
 
 class Landing(NamedTuple):
-    """Where the first exit of some steps is: the step's number; time, state, and the exit.
+    """Where the first exit of a step is: time, state, and the exit.
 
     way_out: None where a step to it is not good enough; time: of the end of a shorter one.
     """
 
-    number: int
     time: float
     state: Array
     way_out: Exit | None
@@ -89,15 +74,16 @@ class Lost(Exception):
 
 def by_steps(
     system: VectorSystem, name: str, x: Array, p: Array, scale: Array, tol: float, max_time: float
-) -> tuple[Segment, str] | None:
-    """(segment, next mode) of a phase without a mesh: its `w` are the states at which steps begin.
+) -> tuple[Segment, str, bool] | None:
+    """(segment, next mode, whether it is surely a motion of its mode) of a phase without a mesh: its `w` are the states
+    at which steps begin.
 
     x, p, scale: (n,) state, parameters, (n,) sizes of the states; tol, max_time: as of `march`.
     Returns None where it has to be followed otherwise: in closed form, by intervals where the mode is stiff, through an
     event that leads back into it.
     """
     mode, exits = system.modes[name], system.exits[name]
-    if mode.stiff or mode.flow is not None:
+    if mode.flow is not None or not mode.smooth:
         return None
     try:
         found = _Steps(mode, exits, p, scale, OF_THE_TOLERANCE * tol).run(x / scale, max_time)
@@ -112,160 +98,107 @@ def by_steps(
         successor = found.way_out.successor(states[-1] if jumped is None else jumped, p)
         if successor == name and jumped is None and not found.way_out.mark:  # it was grazed: the phase goes on
             return None
-    return Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped), successor
-
-
-def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """The end of a step, by how much the last two of its approximations differ, and its shortest substeps."""
-    counts, rows = [2 * j for j in range(1, EXTRAPOLATIONS + 1)], list[list[ca.SX]]()
-    for j, m in enumerate(counts):
-        d, passed = h / m, [x, x + h / m * rate]
-        for _ in range(m - 1):
-            passed.append(passed[-2] + 2 * d * f(passed[-1]))
-        row = [passed[-1]]
-        for k in range(1, j + 1):
-            row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((m / counts[j - k]) ** 2 - 1))
-        rows.append(row)
-    return rows[-1][-1], rows[-1][-1] - rows[-1][-2], passed
-
-
-def _error(off: ca.SX, x: ca.SX, tol: ca.SX) -> ca.SX:
-    """That of a step, in units of what it may be."""
-    return ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(x))) / tol
-
-
-@kept(maxsize=64)
-def _compiled(
-    field: Field, feature: Feature | None, exits: tuple[Exit, ...], n: int, parameters: int
-) -> tuple[Caller, Caller]:
-    """`STEPS_TOGETHER` steps in a row; and one of a given length."""
-    x, sign, p, scale = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
-    t, h, left, tol = (ca.SX.sym(name) for name in ("t", "h", "left", "tol"))
-    field_at = ca.Function("f", [x, sign, p, scale], [ca.densify(ca.SX(field(scale * x, p, sign)) / scale)])
-
-    def f(y: ca.SX) -> ca.SX:
-        return field_at(y, sign, p, scale)
-
-    def watched(y: ca.SX, time: ca.SX) -> list[ca.SX]:
-        """Events, in the direction of their exits, and the rates at which they rise."""
-        at, T = ca.SX.sym("at", n), ca.SX.sym("T")
-        events = ca.densify(ca.vertcat(*[e.direction * e.event.function(scale * at, T, p) for e in exits], ca.SX(0, 1)))
-        rates = ca.jtimes(events, at, f(at)) + ca.jacobian(events, T)
-        return ca.substitute([events, ca.densify(rates)], [at, T], [y, time])
-
-    rate = f(x)
-    first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(rate)), 1e-300)
-    tried = ca.fmin(ca.if_else(h > 0, h, first), left)
-    end, off, _ = _midpoint(f, x, rate, tried)
-    error = _error(off, x, tol)
-    good = ca.logic_and(error <= 1, ca.sum1(end * 0) == 0)
-    factor = PART_OF_A_STEP * ca.fmax(error, 1e-30) ** (-1 / (2 * EXTRAPOLATIONS - 1))
-    factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
-    taken = ca.if_else(good, tried, 0)
-    end = ca.if_else(good, end, x)
-    step = ca.Function("step", [x, t, h, left, tol, sign, p, scale],
-                       [end, t + taken, tried * factor, left - taken, taken, *watched(end, t + taken)])  # fmt: skip
-    X, P, S, G = ca.MX.sym("x", n), ca.MX.sym("p", parameters), ca.MX.sym("scale", n), ca.MX.sym("sign")
-    given = ca.MX.sym("given", 4)
-    state, found = [X, *ca.vertsplit(given)[:3]], list[list[ca.MX]]()
-    for _ in range(STEPS_TOGETHER):
-        *state, taken_, e, r = step(*state, given[3], G, P, S)
-        found.append([state[0], state[1], state[2], taken_, e, r])
-    many = ca.Function("steps", [X, given, G, P, S], [ca.horzcat(*columns) for columns in zip(*found, strict=True)])
-    exact, off, passed = _midpoint(f, x, rate, h)
-    jumps = ca.SX(0)
-    if isinstance(feature, Bound):
-        jumps = ca.mmax(ca.fabs(ca.diff(ca.vertcat(*[feature(scale * y, p) for y in passed])))) / LARGEST_JUMP
-    one = ca.Function("one", [x, ca.vertcat(t, h, tol), sign, p, scale],
-                      [exact, *watched(exact, t + h), ca.fmax(_error(off, x, tol), jumps)])  # fmt: skip
-    M, E = STEPS_TOGETHER, len(exits)
-    return (caller(many, [n, 4, 1, parameters, n], [(M, n), M, M, M, (M, E), (M, E)]),
-            caller(one, [n, 3, 1, parameters, n], [n, E, E, 1]))  # fmt: skip
+    segment = Segment(name, event, duration, found.times / duration, states[:-1], states[-1], jumped)
+    holds = mode.admissible is None or mode.admissible(states[-1], p, mode.sign) >= -mode.slack - PASSED
+    return segment, successor, found.clean and bool(holds)
 
 
 class _Steps:
     """The steps of one mode."""
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
-        many, one = _compiled(mode.field, mode.feature, exits, scale.size, p.size)
-        self._many, self._one, self._exits, self._tol = many.buffers, one.buffers, exits, tol
-        self._fixed = mode.sign, p, scale
+        self._exits, self._tol, self._fixed = exits, tol, (mode.sign, p, scale)
+        self._own = [i for i, way_out in enumerate(exits) if not way_out.mark or way_out.reset is not None]
+        self._compiled = lambda implicit: steps_of(mode, exits, scale.size, p.size, implicit)
+        self._take(mode.stiff)
+
+    def _take(self, implicit: bool) -> None:
+        """Steps of one kind from now on."""
+        self._implicit = implicit
+        self._many, self._one, self._lands = (each.buffers for each in self._compiled(implicit))
+        for buffers in (self._many, self._one, self._lands):
+            for store, value in zip(buffers.inputs[-3:], self._fixed, strict=True):
+                store[:] = value
 
     def run(self, x: Array, max_time: float) -> Followed:
         """From a scaled state (n,) to the first exit, or to the end of the time.  Raises Lost, effort.GivenUp."""
-        times, states, t, h = [np.zeros(1)], [x[None]], 0.0, 0.0
-        e_last, r_last = self._at(x, t, 0.0)[1:3]
-        on = np.abs(e_last) <= ON_EVENT
-        for call in range(MOST_CALLS):
-            if call >= CALLS_OF_A_SLIP and not _rings(states[-1], self._tol / OF_THE_TOLERANCE):
-                break
+        n, E = x.size, len(self._exits)
+        tables, t, h, many, clean = [np.array([[*x, 0.0]])], 0.0, 0.0, 0, True
+        while many < STEPS_OF_A_PHASE:
+            if many >= STEPS_OF_A_SLIP and not self._implicit:
+                if not _rings(np.vstack(tables)[-STEPS_OF_A_CALL:, :n], self._tol / OF_THE_TOLERANCE):
+                    self._take(implicit=True)
             effort.interval()
-            ends, after, lengths, taken, e, r = self._steps(x, t, h, max_time - t)
-            if not (good := taken > 0).all():
-                if not good.any():
-                    raise Lost
-                ends, after, taken, e, r = ends[good], after[good], taken[good], e[good], r[good]
-            if on.any():  # to which side an event is left on which the phase begins; it is not looked at before
-                just = SEEN_BEHIND * float(taken[0])
-                found = self._at(x, t, just)[:3]
-                ends, e, r = (np.vstack(both) for both in zip(found, (ends, e, r), strict=True))
-                after, e_last, on = np.append(t + just, after), np.where(on, np.nan, e_last), on & False
-            ends, after = np.concatenate([x[None], ends]), np.concatenate([[t], after])
-            e, r = np.concatenate([e_last[None], e]), np.concatenate([r_last[None], r])
-            crossing = self._first(ends, after, e, r)
-            last = len(after) - 1 if crossing is None else crossing.number
-            times.append(after[1 : last + 1])
-            states.append(ends[1 : last + 1])
-            if crossing is not None and crossing.way_out is not None:
-                _, place, end, way_out = crossing
-                return Followed(np.append(np.concatenate(times), place), np.vstack([*states, end]), way_out)
-            x, t, e_last, r_last = ends[last], float(after[last]), e[last], r[last]
-            h = float(lengths[-1]) if crossing is None else crossing.time - t
+            table, lows, at_first = self._steps(x, (t, h, max_time - t, self._tol, t == 0))
+            good = table[1:, n + 2] > 0
+            m = int(np.count_nonzero(good))
+            rows = table[1 : m + 1] if good[:m].all() else table[1:][good]
+            if not m:
+                raise Lost
+            if t == 0:
+                h = float(rows[0, n + 2])
+                if h <= max(lows, default=0.0):  # it is not seen yet to which side an event is left
+                    continue
+                near = [i for i in self._own if abs(at_first[i]) <= NEAR_EVENT]
+                clean = table[0, n + 3] >= 0 and not any(rows[:3, n + 4 + i].min() > 0 for i in near)
+            before, last = (rows[-2] if m > 1 else table[0]), rows[-1]
+            start, length = (before[:n], float(before[n])), float(last[n + 2])
+            met = self._first(start, lows if m == 1 else [0.0] * E, before[n + 4 :].tolist(), length,
+                              last[n + 4 :].tolist())  # fmt: skip
+            many += m
+            clean &= bool(rows[: m - (met is not None), n + 3].min(initial=0.0) >= 0)
+            if met is not None:
+                tables.append(rows[:-1, : n + 1])
+                if met.way_out is not None:
+                    states = np.vstack([*tables, [[*met.state, met.time]]])
+                    return Followed(states[:, n], states[:, :n], met.way_out, clean)
+                (x, t), h = start, met.time - start[1]
+                continue
+            tables.append(rows[:, : n + 1])
+            x, t, h = last[:n], float(last[n]), float(last[n + 1])
             if not np.isfinite(x).all():
                 raise Lost
             if t >= max_time * (1 - 4 * ROUNDING_OF_ONE):
-                return Followed(np.concatenate(times), np.vstack(states), None)
+                states = np.vstack(tables)
+                return Followed(states[:, n], states[:, :n], None, clean)
         raise Lost
 
-    def _steps(self, x: Array, t: float, h: float, left: float) -> list[Array]:
-        """The next steps."""
-        for store, value in zip(self._many.inputs, (x, (t, h, left, self._tol), *self._fixed), strict=True):
-            store[:] = value
+    def _steps(self, x: Array, given: tuple[float, ...]) -> tuple[Array, list[float], list[float]]:
+        """The next steps: their table, where each event was seen first, and what it was at the start."""
+        self._many.inputs[0][:], self._many.inputs[1][:] = x, given
         self._many.trigger()
-        return [out.copy() for out in self._many.outputs]
+        table, lows, at_first = self._many.outputs
+        return table.copy(), lows.tolist(), at_first.tolist()
 
     def _at(self, x: Array, t: float, h: float) -> list[Array]:
         """State, events and their rates after one step, and its error in units of what it may be."""
-        for store, value in zip(self._one.inputs, (x, (t, h, self._tol), *self._fixed), strict=True):
-            store[:] = value
+        self._one.inputs[0][:], self._one.inputs[1][:] = x, (t, h, self._tol)
         self._one.trigger()
         return [out.copy() for out in self._one.outputs]
 
-    def _first(self, states: Array, times: Array, e: Array, r: Array) -> Landing | None:
-        """The first exit; None where there is none.  Raises Lost.
+    def _first(
+        self, start: tuple[Array, float], lows: list[float], low: list[float], length: float, high: list[float]
+    ) -> Landing | None:
+        """The first exit within a step, from scaled state and time; None where there is none.  Raises Lost.
 
-        An event that rises towards zero at the start of a step and falls at its end has its top in between.
+        lows, low: where in it each event is known first, events and rates there; high: those at its end.  An event that
+        rises towards zero at the start and falls at the end has its top in between.
         """
-        below = e[:-1] < 0
-        crossed = below & (e[1:] >= 0)
-        tops = below & (e[1:] < 0) & (r[:-1] > 0) & (r[1:] < 0)
-        best: Landing | None = None
-        for k in np.flatnonzero((crossed | tops).any(axis=1)).tolist():
-            start, h = (states[k], float(times[k])), float(times[k + 1] - times[k])
-            for i in np.flatnonzero(crossed[k] | tops[k]).tolist():
-                low = Place(0.0, float(e[k, i]), float(r[k, i]))
-                high = Place(h, float(e[k + 1, i]), float(r[k + 1, i]))
-                above = high if crossed[k, i] else self._above(start, i, low, high)
-                if above is None:
-                    continue
-                s, end, good = self._zero(start, i, low, above)
-                if not good:
-                    return Landing(k, start[1] + TAKEN_FIRST * s, end, None)
-                if best is None or start[1] + s < best.time:
-                    best = Landing(k, start[1] + s, end, self._exits[i])
-            if best is not None:
-                return best
-        return None
+        best, E = None, len(self._exits)
+        for i in range(E):
+            crossed = low[i] < 0 <= high[i]
+            if not (crossed or low[i] < 0 and high[i] < 0 and low[E + i] > 0 and high[E + i] < 0):
+                continue
+            below, beyond = Place(lows[i], low[i], low[E + i]), Place(length, high[i], high[E + i])
+            above = beyond if crossed else self._above(start, i, below, beyond)
+            if above is None:
+                continue
+            s, end, good = self._zero(start, i, below, above)
+            if not good:
+                return Landing(start[1] + TAKEN_FIRST * s, end, None)
+            if best is None or start[1] + s < best.time:
+                best = Landing(start[1] + s, end, self._exits[i])
+        return best
 
     def _above(self, start: tuple[Array, float], i: int, low: Place, high: Place) -> Place | None:
         """Where an event that rises at one place below zero and falls at another is above it; None: nowhere between.
@@ -296,15 +229,18 @@ class _Steps:
         whether that is as good as the end of another step."""
         if high.event == 0:
             return high.s, self._seen(start, i, high.s)[1], True
-        bracket, small = Bracket(low.s, low.event, high.s, high.event), EVENT_TOLERANCE * max(-low.event, high.event)
-        s, before = _cubic_zero(low, high), high.s
-        for _ in range(MOST_HALVINGS):
-            at, end = self._seen(start, i, s)
-            if abs(at.event) <= small or min(abs(s - before), bracket.width) <= 4 * ROUNDING_OF_ONE * s:
-                return s, end, at.error <= 1
-            bracket, before = bracket.told(s, at.event), s
-            s = bracket.newton(s, at.event, at.rate)
-        return s, end, False
+        small, (x, t) = EVENT_TOLERANCE * max(-low.event, high.event), start
+        c: list[float] = [_cubic_zero(low, high), high.s, low.s, low.event, high.s, high.event, np.inf, 0, 0]
+        for _ in range(0, MOST_HALVINGS, PLACES_OF_A_CALL):
+            state, places, given = self._lands.inputs[:3]
+            state[:], places[:], given[:] = x, c, (t, self._tol, small, i)
+            self._lands.trigger()
+            c, end, (event, error) = (out.tolist() for out in self._lands.outputs)
+            if c[-1]:
+                return c[0], np.array(end), error <= 1
+            if not np.isfinite(event):
+                raise Lost
+        return c[0], np.array(end), False
 
 
 def _rings(states: Array, tol: float) -> bool:

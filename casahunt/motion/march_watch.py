@@ -21,6 +21,7 @@ Array = np.ndarray
 
 EVENT_LIMIT = 1e-10  # an event counts as located
 ON_EVENT = EVENT_LIMIT  # a state is on an event, not beside it: where an exit was located to no less
+NEAR_EVENT = 1e-9  # a mode that starts so near to its own event starts on it
 
 
 class TooLong(Exception):

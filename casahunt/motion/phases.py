@@ -22,18 +22,17 @@ from collections.abc import Callable
 import numpy as np
 
 from .. import effort
-from ..collocation.admissibility import PASSED
-from ..collocation.joints import flow_at
 from ..collocation.scheme import Kind, Scheme, scheme
 from ..collocation.successors import at_speed, taken_over
 from ..hybrid.system import Exit, VectorMode, VectorSystem
+from .march_checks import check_phase, leads_on
 from .march_exits import behind, end_of_flow, ends_linear_in_time, flow_to
 from .march_extrapolated import by_steps
 from .march_intervals import Begins, begins_with, collocated
 from .march_series import Following, Reached, intervals_of, most_intervals
 from .march_step import Stepper
-from .march_watch import EventWatch
-from .rest import at_rest, at_rest_since, dies_out_at, is_noise
+from .march_watch import NEAR_EVENT, EventWatch
+from .rest import at_rest, at_rest_since, dies_out_at
 from .segment import MarchFailure, NoEnd, Segment
 from .series import Piece, TooMany, series_of
 
@@ -43,18 +42,6 @@ MARCHED_AT_MOST = 20_000
 """Intervals after which a motion is given up, some ten seconds (effort.py): cycles have some hundreds."""
 MANY_SIZES_AWAY = 1e6
 """A motion that comes to so many times the sizes of its states is told to grow, where it takes too many intervals."""
-CROWD, CROWDED = 100, 1e-7
-"""So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
-HIDES = (
-    ", or a part of the field that changes suddenly was stepped over: a function that shows it, of order one, is named "
-    "as the `feature` of the mode"
-)
-NEAR_EVENT = 1e-9
-"""A mode that starts so near to its own event starts on it."""
-AT_SPEED = 1.5
-"""An event that grows by a lower power of time is left at speed, as by the first one; from rest it is the second."""
-FIRST_MOMENTS = np.array([1e-4, 1e-3, 1e-2])
-"""Parts of a phase in closed form, or of a unit of time, after which it is seen where it goes."""
 UNLIKE_ITS_FIELD = 1e-2
 """A closed form that ends this far off the intervals of its field, in units of the states, is none of it."""
 
@@ -137,7 +124,7 @@ def march(
         phase = None if meshed else by_steps(system, mode, x, p, scale, tol, max_time - time)
         left = (time, used), (max_time, max_intervals)
         try:
-            segment, mode = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
+            segment, mode, clean = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
         except MarchFailure as failure:
             failure.time = time if np.isnan(failure.time) else failure.time
             raise
@@ -145,7 +132,7 @@ def march(
         still = at_rest_since(segments, scale) if strict else len(segments)
         if strict and still == len(segments):
             try:
-                _check(system, segments, p, scale, time, met)
+                check_phase(system, segments, p, scale, time, met, clean)
             except MarchFailure as failure:
                 still = dies_out_at(segments, scale)
                 if still == len(segments):
@@ -172,7 +159,7 @@ def _at_once(system: VectorSystem, name: str, x: Array, p: Array, s: Scheme) -> 
             continue
         jumped = behind(way_out, x, p)
         successor = way_out.successor(x if jumped is None else jumped, p)
-        if at_speed(mode, way_out.event, way_out.direction, x, p) and not _leads_on(system, way_out, x, p):
+        if at_speed(mode, way_out.event, way_out.direction, x, p) and not leads_on(system, way_out, x, p):
             w = np.tile(x, 1 if mode.flow is not None else s.degree + 1)[None]
             return Segment(name, way_out.event.name, 0.0, np.array([0.0, 1.0]), w, x.copy(), jumped), successor
     return None
@@ -190,8 +177,9 @@ def _phase(
     spent: tuple[float, int],
     most: tuple[float, int],
     by_series: bool,
-) -> tuple[Segment, str]:
-    """(segment, next mode) of one phase, in closed form where there is one; time and intervals spent, and allowed."""
+) -> tuple[Segment, str, bool]:
+    """(segment, next mode, whether it is surely a motion of its mode) of one phase, in closed form where there is one;
+    time and intervals spent, and allowed."""
     mode = system.modes[name]
     if mode.flow is not None and ends_linear_in_time(mode, system.exits[name], x.size, p.size):
         return _closed_form(system, name, x, p)
@@ -207,122 +195,18 @@ def _phase(
             size = f"{end[far] * scale[far]:.3g}"
             hint = f"; {system.states[far]!r} has come to {size} there, as where it grows without bound"
         raise NoEnd(f"mode {name!r}: no exit after {took:.3g} s and {most[1]} intervals{hint}", took) from None
-    return segment if mode.flow is None else _polished(system, segment, p, scale), successor
+    return segment if mode.flow is None else _polished(system, segment, p, scale), successor, False
 
 
-def _check(system: VectorSystem, segments: list[Segment], p: Array, scale: Array, time: float, met: str) -> None:
-    """Whether the last phase, begun at `time`, is a motion of its mode.  Raises MarchFailure where it is none."""
-    last = segments[-1]
-    _check_holds(system.modes[last.mode], last, p, time)
-    if len(segments) == 1 or not is_noise(last, last.start, scale):
-        _check_start(system, last, p, time, segments[-2] if len(segments) > 1 else None, met)
-    time += last.duration
-    if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
-        raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
-
-
-def _check_start(
-    system: VectorSystem, segment: Segment, p: Array, time: float, before: Segment | None, met: str
-) -> None:
-    """Whether a mode starts on an event of its own and goes on through it.  Raises MarchFailure where it does.
-
-    No zero of the event is crossed then, and the mode would never end.  An event at which the mode goes on is none, nor
-    is the one that has just been `met`, before or at the end of the phase before, and is left behind at speed, as by a
-    pendulum that is pushed on; or one whose own jump leads there, as a walker begins its step where its foot stands.
-    """
-    met, modes = (met, list(system.exits)) if before is None else (before.event, [before.mode])
-    # modes on both sides of an event may give it one name, and cross it in opposite directions
-    crossed = {(met, one.direction) for name in modes for one in system.ways_out(name, met)}
-    mode, x, n = system.modes[segment.mode], segment.start, segment.end.size
-    for way_out in system.exits[segment.mode]:
-        begins = way_out.direction * float(way_out.event.function(x, 0.0, p))
-        if abs(begins) > NEAR_EVENT or segment.duration == 0:
-            continue
-        if way_out.reset is None and (way_out.mark or way_out.successor(x, p) == segment.mode):
-            continue
-        if segment.w.shape[1] > n:
-            following = segment.w[0].reshape(-1, n)[1:]
-            times = scheme(len(following)).stages
-        elif mode.flow is None:
-            following, times = segment.nodes[1:4], segment.breaks[1:4]  # the first just behind the event
-        else:
-            times = FIRST_MOMENTS
-            following = flow_at(mode, x, min(segment.duration, 1.0) * times, p)
-        values = way_out.direction * np.array([float(way_out.event.function(state, 0.0, p)) for state in following])
-        if len(times) > 1:
-            left = bool(values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1])
-        else:  # a phase of one step
-            left = at_speed(mode, way_out.event, way_out.direction, x, p)
-        same = (way_out.event.name, way_out.direction) in crossed
-        left = left and (same or _leads_on(system, way_out, x, p))
-        if np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)) and not left:
-            raise MarchFailure(_on_its_event(system, segment, way_out, p, time, before))
-
-
-def _leads_on(system: VectorSystem, way_out: Exit, x: Array, p: Array) -> bool:
-    """Whether the jump of an event leads from x to where one is left behind at speed: x may be such a state too."""
-    jumped = behind(way_out, x, p)
-    if jumped is None:
-        return False
-    name = way_out.successor(jumped, p)
-    return any(
-        abs(float(other.event.function(jumped, 0.0, p))) <= NEAR_EVENT
-        and at_speed(system.modes[name], other.event, other.direction, jumped, p)
-        for other in system.exits[name]
-    )
-
-
-def _on_its_event(
-    system: VectorSystem, segment: Segment, way_out: Exit, p: Array, time: float, before: Segment | None
-) -> str:
-    """What is said of a mode that starts on its own event and moves on through it."""
-    name = way_out.event.name
-    if before is not None and before.event != name:
-        for other in system.ways_out(before.mode, name):
-            if abs(float(other.event.function(before.end, 0.0, p))) <= NEAR_EVENT:
-                return (
-                    f"at {time:.6g} the mode {before.mode!r} meets two events at once, {before.event!r} and {name!r}, "
-                    "and which is the first is rounding: state them as one event, casadi.fmin (falling) or fmax "
-                    "(rising) of their functions, whose reset and `to` look at which of them are within 1e-9 of zero; "
-                    "or start where they do not meet"
-                )
-    return (
-        f"at {time:.6g} the mode {segment.mode!r} starts on its own event {name!r} and moves on through it: another "
-        "mode should begin there, one that slides along it where the modes on both sides lead to it; `holds` says "
-        "where a mode is a motion"
-    )
-
-
-def _check_holds(mode: VectorMode, segment: Segment, p: Array, time: float) -> None:
-    """The condition of a mode at the nodes of a segment of it.  Raises MarchFailure where it does not hold."""
-    if mode.admissible is None:
-        return
-    lasts, first = np.isfinite(segment.duration), np.append(0.0, FIRST_MOMENTS)
-    nodes = segment.nodes if lasts else np.array(flow_at(mode, segment.start, first, p))  # for ever: in closed form
-    values = np.asarray(mode.admissible(nodes.T, p, mode.sign))
-    wrong = np.flatnonzero(values < -mode.slack - PASSED)
-    if 0 in wrong:
-        where = f"at {time:.6g} the mode {mode.name!r} does not hold where it begins ({values[0]:.3g})"
-        raise MarchFailure(f"{where}: start in the mode that does, or let the event before lead there")
-    if wrong.size:
-        at = time + (segment.duration * segment.breaks if lasts else first)[wrong[0]]
-        raise MarchFailure(
-            f"at {at:.6g} the mode {mode.name!r} does not hold any more ({values[wrong[0]]:.3g}), and none of its "
-            "exits was met: an exit is missing, the modes on both sides of an event lead to it (then one that slides "
-            "along it is missing), or events follow each other ever faster until they cannot be told apart"
-            f"{'' if mode.feature else HIDES}"
-        )
-
-
-def _closed_form(system: VectorSystem, mode: str, x: Array, p: Array) -> tuple[Segment, str]:
-    """(segment, next mode) of a phase in closed form."""
+def _closed_form(system: VectorSystem, mode: str, x: Array, p: Array) -> tuple[Segment, str, bool]:
+    """(segment, next mode, whether it is surely a motion of its mode) of a phase in closed form."""
     found = end_of_flow(system.modes[mode], system.exits[mode], x, p)
     breaks, w = np.array([0.0, 1.0]), x[None].copy()
     if found is None:
-        return Segment(mode, "", np.inf, breaks, w, x.copy()), mode
-    duration, way_out, end = found
+        return Segment(mode, "", np.inf, breaks, w, x.copy()), mode, False
+    duration, way_out, end, clean = found
     jumped, successor = _led(system.modes[mode], way_out, end, p)
-    return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor
+    return Segment(mode, way_out.event.name, duration, breaks, w, end, jumped), successor, clean
 
 
 def _led(mode: VectorMode, way_out: Exit, end: Array, p: Array) -> tuple[Array | None, str]:

@@ -16,7 +16,7 @@ Array = np.ndarray
 STANDS, STANDS_FOR = 1e-13, 50
 """Of a motion at rest no state moves by more than this part of its size, in so many phases in a row: by rounding."""
 BALANCED = 1e-9
-"""Part of its largest rate before at which each state rests, in the mean of a phase: `phases.NEAR_EVENT`, of forces."""
+"""Part of its largest rate before at which each state rests, in the mean of a phase: as `NEAR_EVENT`, of forces."""
 
 
 def at_rest_since(segments: list[Segment], scale: Array) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -142,7 +143,7 @@ class Segment:
         """Number of its intervals, or of the steps in which it was followed."""
         return int(self.__dict__["_count"]) if "_count" in self.__dict__ else len(self.w)
 
-    @property
+    @cached_property
     def nodes(self) -> Array:
         """(N + 1, n) states between its intervals and at both ends."""
         return np.vstack([self.w[:, : self.end.size], self.end])

@@ -27,9 +27,9 @@ from ..collocation.scheme import scheme
 from ..errors import ComesToRest, NoOrbit, Status
 from ..hybrid.language import Function, System
 from ..motion.closed_forms import check_closed_forms
+from ..motion.march_checks import HIDES
 from ..motion.march_intervals import VANISHED
-from ..motion.phases import HIDES, MarchFailure, Segment
-from ..motion.segment import NoEnd
+from ..motion.segment import MarchFailure, NoEnd, Segment
 from ..motion.simulation import MARCH_DEGREE
 from .adapt import Options, finished, solve_adaptively
 from .closure import Closure, turned, turns, with_sections

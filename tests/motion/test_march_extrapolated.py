@@ -70,15 +70,35 @@ def test_a_slip_that_begins_on_its_own_event_is_left_to_its_side():
     assert slip.duration == pytest.approx(1.0, rel=1e-9)
 
 
-def test_what_takes_too_many_steps_is_left_to_intervals():
+def slaved(stiff: bool) -> System:
     """x' = -1e5 (x - cos t) up to x = 1/2: next to t = pi/3."""
     ends = (Event("half", lambda x, p: x.x - 0.5, -1, to="rests"),)
-    system = System("stiff", ("x", "t"), {"k": 1e5},
-                    (Mode("slaved", lambda x, p: {"x": -p.k * (x.x - ca.cos(x.t)), "t": 1.0}, ends=ends),
-                     Mode("rests", lambda x, p: {"x": 0.0, "t": 1.0})))  # fmt: skip
-    (phase,) = followed(system, "slaved", [1.0, 0.0], 1, meshed=False)
-    assert phase.w.shape[1] > 2
-    assert phase.duration == pytest.approx(np.pi / 3 + 1e-5, abs=1e-9)
+    field = lambda x, p: {"x": -p.k * (x.x - ca.cos(x.t)), "t": 1.0}  # noqa: E731
+    rests = Mode("rests", lambda x, p: {"x": 0.0, "t": 1.0})
+    return System("stiff", ("x", "t"), {"k": 1e5}, (Mode("slaved", field, ends=ends, stiff=stiff), rests))
+
+
+@pytest.mark.parametrize("stiff", [True, False])
+def test_a_stiff_mode_takes_few_steps_whether_it_says_so_or_not(stiff):
+    """x = cos t + sin(t)/k but for terms of k^-2: it is 1/2 at pi/3 + 1/k."""
+    (phase,) = followed(slaved(stiff), "slaved", [1.0, 0.0], 1, meshed=False)
+    assert phase.w.shape[1] == 2 and len(phase.w) < 100  # no stages
+    assert phase.duration == pytest.approx(np.pi / 3 + 1e-5, abs=2e-10)
+
+
+def test_implicit_steps_follow_a_fast_relaxation_exactly():
+    """x' = -k (x - t), y' = x from x = y = 0: x = t - (1 - exp(-k t))/k, and y its integral, up to y = 1/4."""
+    ends = (Event("quarter", lambda x, p: x.y - 0.25, +1, to="rests"),)
+    system = System("relaxes", ("x", "t", "y"), {"k": 1e3},
+                    (Mode("goes", lambda x, p: {"x": -p.k * (x.x - x.t), "t": 1.0, "y": x.x}, ends=ends, stiff=True),
+                     Mode("rests", lambda x, p: {"x": 0.0, "t": 0.0, "y": 0.0})))  # fmt: skip
+    (phase,) = followed(system, "goes", [0.0, 0.0, 0.0], 1, meshed=False, tol=1e-7)
+    t = phase.breaks * phase.duration
+    x = t - (1 - np.exp(-1e3 * t)) / 1e3
+    y = t**2 / 2 - t / 1e3 + (1 - np.exp(-1e3 * t)) / 1e6
+    assert phase.w.shape[1] == 3 and len(phase.w) < 60
+    assert np.abs(phase.nodes - np.stack([x, t, y], axis=1)).max() < 1e-8
+    assert phase.nodes[-1, 2] == pytest.approx(0.25, abs=1e-12)
 
 
 def test_what_rings_for_long_is_no_stiff_mode():

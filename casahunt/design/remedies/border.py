@@ -73,6 +73,8 @@ BRIEFLY = LOOKED_AT_BEYOND[0]
 """Cycles that win their stability back for a smaller part of the size than this are no hunting that would be seen."""
 MOST_UNCLEAR = 2
 """Sizes one after the other with which nobody knows whether motions hunt, behind which no more is looked at."""
+SAME_CYCLE = "the same cycle was not followed so far before"
+"""Why it is not followed again, where motions that come nearer to it lead to no other one."""
 NO_FIRST = "no cycle with a little of it was found"
 """Where nothing can be followed."""
 
@@ -149,7 +151,7 @@ def border(loop: Loop, remedy: Remedy, before: Swing, options: Options) -> Borde
         return first
     swing, size = Swing.of(first), first.problem.value(remedy.size)
     limit, last = _of_stable_loops(loop, remedy, size, remedy.last * unit)
-    folds, evidence, families, rest = list[float](), "", 0, LEFT_OF_A_SWING
+    folds, lost, evidence, families, rest = list[float](), list[SystemOrbit](), "", 0, LEFT_OF_A_SWING
     while True:
         begun, seen = (size, swing), end_of_motions(loop, remedy, swing, size, last, NEAR_ENOUGH, rest)
         if seen.swing is None or math.isnan(seen.ended):
@@ -159,11 +161,11 @@ def border(loop: Loop, remedy: Remedy, before: Swing, options: Options) -> Borde
             if families > MOST_FAMILIES:
                 raise NoOrbit("one kind of cycles follows the other", Status.NOT_FOUND)
             with effort.at_most(MOST_WORK_OF_AN_END):
-                found = _end_of_stable(with_remedy(loop, remedy, size), remedy, swing, last, options)
+                found = _end_of_stable(with_remedy(loop, remedy, size), remedy, swing, last, options, lost)
             if found.kind == "none":
                 return replace(found, first=first, why=_unstable_from(remedy, limit))
         except (NoOrbit, effort.PartGivenUp) as refusal:
-            evidence = str(refusal)
+            evidence = evidence if str(refusal) == SAME_CYCLE else str(refusal)
             if rest != NEARLY_THERE and families <= MOST_FAMILIES:  # it may have left again what it seemed to come to
                 (size, swing), rest, families = begun, NEARLY_THERE, families - 1
                 continue
@@ -298,14 +300,33 @@ def end_of_motions(
     return EndOfMotions(hunts, found, high, kind)
 
 
-def _end_of_stable(loop: Loop, remedy: Remedy, swing: Swing, last: float, options: Options) -> Border:
+def _end_of_stable(
+    loop: Loop, remedy: Remedy, swing: Swing, last: float, options: Options, lost: list[SystemOrbit]
+) -> Border:
     """Where the stable cycle on which a motion settles ends, or loses its stability, with more of the remedy.
 
-    loop: with some of it.  Raises NoOrbit, effort.PartGivenUp: it was not followed so far.
+    loop: with some of it; lost: cycles that were not followed so far, to which this one is added until it is.
+    Raises NoOrbit, effort.PartGivenUp: it was not followed so far.
     """
     cycle = loop_cycle(loop, remedy.size, start=swing.state, options=options)
     if cycle.seen_stable is False:
         raise NoOrbit("the cycle next to a motion that hunts is not stable", Status.NOT_FOUND)
+    if any(_same(cycle, other, remedy) for other in lost):
+        raise NoOrbit(SAME_CYCLE, Status.NOT_FOUND)
+    lost.append(cycle)
+    found = _followed_to_its_end(cycle, remedy, last, options)
+    lost.pop()
+    return found
+
+
+def _same(cycle: SystemOrbit, other: SystemOrbit, remedy: Remedy) -> bool:
+    """Whether two cycles are one, wherever it is cut, but for what they are known to."""
+    one, two = ((each.problem.value(remedy.size), each.period, each.amplitude) for each in (cycle, other))
+    return len(cycle.signature) == len(other.signature) and np.allclose(one, two, rtol=SIZE_KNOWN, atol=0)
+
+
+def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, options: Options) -> Border:
+    """The end of a stable cycle.  Raises NoOrbit, effort.PartGivenUp."""
     losses, at, before = list[SpecialPoint[SystemOrbit]](), cycle, None
     while True:
         branch = _further(at, before, remedy, last, options, MOST_UNSTABLE if losses else MOST_CYCLES)

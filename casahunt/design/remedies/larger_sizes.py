@@ -14,7 +14,7 @@ from ...servo.outcome import Kind
 from ...servo.parts.fate import Swing, fate
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Remedy
-from .border import with_remedy
+from ...servo.parts.table import with_remedy
 from .scan import Scan, scan
 
 STEPS_DOWN, SMALLEST_STEP_DOWN = 4, 2e-3

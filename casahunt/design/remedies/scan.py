@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...servo.outcome import BY_SEVERITY, SETTLES, Kind
-from ...servo.parts.fate import DECADE, NEARLY_THERE, Fate, Swing, fate
+from ...servo.parts.fate import NEARLY_THERE, Fate, Swing, fate
 from ...servo.parts.loop import Loop
+from ...servo.parts.turns import DECADE
 
 Array = np.ndarray
 

@@ -37,6 +37,7 @@ table.py                 all remedies
 plain_loop.py            a servo as a loop
 naming.py                parts by what a file calls them
 file.py                  a loop in a file
+turns.py                 whether the turns of a motion repeat, or its swings become ever smaller
 fate.py                  what becomes of a motion of a loop, event by event
 ahead.py                 what lies ahead of a motion, behind its end
 verbs.py                 cycle and motion of a loop

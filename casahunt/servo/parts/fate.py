@@ -31,6 +31,8 @@ from ...orbits import Orbit
 from ..outcome import Kind
 from .loop import Loop
 from .lugre import LUGRE
+from .part import Edge, Part, PartMode
+from .turns import PATTERN, may_settle, settles, shrinks, width
 
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
@@ -44,11 +46,8 @@ MOVES_NOT = 1e-7
 """A state that moves by less than this part of its size stands still."""
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its size is zero."""
-DECADE, LEAST_SWINGS = 10.0, 5
-"""The way along which swings shrink geometrically, and how many they are at least."""
-PATTERN, REPEATS, ALIKE_PATTERNS, TURNS_OF_A_FATE = 8, 1e-6, 1e-4, 240
-"""Turns of a pattern at most; how well it repeats; how well a shorter one does, which is told instead; turns after
-which a motion repeats in none."""
+ALIKE_PATTERNS, TURNS_OF_A_FATE = 1e-4, 240
+"""How well a shorter pattern repeats which is told instead; turns after which a motion repeats in none."""
 HANDED_ON = 6
 """Of irregular hunting that is handed on to another servo so many times fewer turns are followed: it is there already,
 and hunts on where its swings become no smaller, in a pattern or in none."""
@@ -56,9 +55,8 @@ REPEATS_NOT, DIFFERS, AS_MUCH_AS_BEFORE = 0.1, 1e-3, 2.0
 """Swings that differ by more than the first part for so long, without becoming smaller, repeat in no pattern; or by
 more than the second, and by as much as before but for a factor: of a motion that leaves a cycle, or comes to one, they
 differ by ever more, or ever less."""
-RATIO_KNOWN, LEFT_OF_A_SWING = 0.02, 0.05
-"""Changes shrink geometrically where their ratio r is known to so much of 1 - r; what is left of them, in swings, of
-motions that are handed on."""
+LEFT_OF_A_SWING = 0.05
+"""What is left of the changes of turns that shrink geometrically, in swings, of motions that are handed on."""
 NEARLY_THERE = 1e-5
 """What is left of them elsewhere: on a longer way an event may end hunting, as where a stop becomes as long as the time
 after which an integrator is frozen."""
@@ -70,6 +68,8 @@ NO_TURN = 1e-10
 SPRINGS_BY, MOST_SPRINGS = 3.0, 400
 """A stuck LuGre servo springs on its bristles, which static friction bends by Fs/sigma0: what moves back by no more
 than so many times that is no turn, but for one that does so many times in a row, and no more than that."""
+TURNS = Part("turns", modes=(PartMode("", ends=(Edge("turn", lambda x, s, p: s.motor_rate, 0, ""),)),))
+"""Where nothing else happens, the turns of a motion are events."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +188,9 @@ class _Watched:
         """Time and x1 of the end of a phase, and of where it turns inside."""
         ends = float(segment.start[self.place]), float(segment.end[self.place])
         if segment.w.shape[0] > 1:
-            inside = segment.w[:, self.place]
-            if inside.max() > max(ends) or inside.min() < min(ends):
-                meshed = segment.w.shape[1] > segment.end.size
+            inside, meshed = segment.w[:, self.place], segment.w.shape[1] > segment.end.size
+            by = 0.0 if meshed else NO_TURN * self.scale[self.place]
+            if inside.max() > max(ends) + by or inside.min() < min(ends) - by:
                 times, states = self.motion([segment] if meshed else self._again(segment)).sample()
                 x = states[self.place]
                 return [_top(times, x, i) for i in _tops(x)] + [(segment.duration, ends[1])]
@@ -226,12 +226,11 @@ class _Watched:
         far = np.abs(turns[-2:]).max() > GROWN_BY * max(self.before.amplitude, abs(self.start))
         if far and swings[-1] > FARTHER_BY * swings[0]:
             return "growing"
-        for n in range(1, min(PATTERN, (turns.size - 1) // 4) + 1):
-            for mirror in (-1.0, 1.0):
-                if _settles(self.turns, n, mirror, self.rest):
-                    self.repeats = self._shortest(n, mirror)
-                    return "hunting"
-        if _shrinks(swings):
+        for n, mirror in may_settle(turns):
+            if settles(self.turns, n, mirror, self.rest):
+                self.repeats = self._shortest(n, mirror)
+                return "hunting"
+        if shrinks(swings):
             return "decaying"
         fewer = HANDED_ON if self.before.irregular else 1
         if swings.size < TURNS_OF_A_FATE // fewer:
@@ -251,7 +250,7 @@ class _Watched:
         for n in range(1, most):
             for sign in (-1.0, 1.0):
                 last, before = self.turns[-n:], [sign * x for x in self.turns[-2 * n : -n]]
-                if max(abs(a - b) for a, b in zip(last, before, strict=True)) <= ALIKE_PATTERNS * _width(last, sign):
+                if max(abs(a - b) for a, b in zip(last, before, strict=True)) <= ALIKE_PATTERNS * width(last, sign):
                     return n, sign < 0
         return most, mirror < 0
 
@@ -292,6 +291,8 @@ def fate(
     rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled; work: allowed (effort.py);
     mode: in which it starts, where it goes on from another motion.
     """
+    if not meshed and not any(each.ends or each.flow for each in loop.system.modes):
+        loop = loop.with_parts(TURNS)
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
     watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed)
@@ -349,40 +350,3 @@ def _top(times: Array, x: Array, i: int) -> tuple[float, float]:
     slope, curve = (b * b * d + a * a * e) / (a * b * (a + b)), (e / b - d / a) / (a + b)
     back = -slope / (2 * curve) if curve else 0.0
     return float(times[i] + back), float(x[i] - curve * back * back)
-
-
-def _settles(turns: list[float], n: int, mirror: float, rest: float) -> bool:
-    """Whether turns repeat, n by n, or change by ever less, geometrically, towards some as large as they are.
-
-    In plain numbers: arrays of so few cost ten times as much.
-    """
-    last, *before = ([mirror**k * t for t in turns[len(turns) - (k + 1) * n : len(turns) - k * n]] for k in range(4))
-    changes = [[a - b for a, b in zip(x, y, strict=True)] for x, y in zip((last, *before), before, strict=False)]
-    moved = [max(map(abs, change)) for change in changes]
-    if max(moved[:2]) <= REPEATS * _width(last, mirror):
-        return True
-    if not 0 < moved[0] < moved[1] < moved[2]:
-        return False
-    r, r_before = moved[0] / moved[1], moved[1] / moved[2]
-    if abs(r - r_before) > RATIO_KNOWN * (1 - r):
-        return False
-    left = [change * r / (1 - r) for change in changes[0]]
-    size = _width([a + b for a, b in zip(last, left, strict=True)], mirror)
-    return max(map(abs, left)) <= rest * size
-
-
-def _width(turns: list[float], mirror: float) -> float:
-    """Of turns, and of their mirror images where these follow."""
-    both = [*turns, *(mirror * t for t in turns)]
-    return max(both) - min(both)
-
-
-def _shrinks(swings: Array) -> bool:
-    """Whether swings went down their last decade geometrically, towards nothing: towards anything that is left they
-    would do so ever more slowly.  Of a lopsided motion every second one is compared."""
-    larger = np.flatnonzero(swings >= DECADE * swings[-1])
-    if not larger.size or swings.size < LEAST_SWINGS:
-        return False
-    late = swings[min(larger[-1], swings.size - LEAST_SWINGS) :]
-    ratios = late[2:] / late[:-2]
-    return bool(np.ptp(ratios) <= RATIO_KNOWN * (1 - ratios.max()))

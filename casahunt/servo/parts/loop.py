@@ -105,7 +105,7 @@ class Loop:
         """
         return Loop((*self.parts, *parts), {**self.values, **values}, self.name)
 
-    @property
+    @cached_property
     def system(self) -> System:
         """The loop as a system."""
         return product_of(self.present, tuple(self.parameters.items()), self.name)
@@ -157,7 +157,7 @@ class Loop:
 
     def _asked(self, function: Function, modes: Modes, i: int, state: Mapping[str, float]) -> Any:
         wiring, sign = wiring_of(self.present, modes, None), modes[i].sign
-        return wiring.value(function, sign, SimpleNamespace(**state), Numbers(**self.parameters))
+        return wiring.chosen(function, sign, SimpleNamespace(**state), Numbers(**self.parameters))
 
     def signal(self, name: str, mode: str, x: Array) -> Array:
         """A signal at states of one mode.

@@ -126,6 +126,7 @@ class Part:
     upon : event of any part: the states that jump there; of another part's, x3 of the integrator alone.
     follows : event of any part: the mode in which this part is behind it.
     made_by : (function, its arguments) of a part that is no global of a module, so that it can be made elsewhere.
+    sampled : the part that a drive runs in its place, which decides at its samples alone; None for itself.
     size : the parameter that measures the part, at whose value `absent` the loop is the one without it; "" for none.
 
     Examples
@@ -149,6 +150,7 @@ class Part:
     upon: Mapping[str, Mapping[str, Function]] = field(default_factory=dict)
     follows: Mapping[str, str] = field(default_factory=dict)
     made_by: tuple[Callable[..., Part], tuple[Any, ...]] | None = None
+    sampled: Part | None = None
     size: str = ""
     absent: float = 0.0
 

@@ -200,7 +200,7 @@ class _To(Compared):
 
     def __call__(self, x: Any, p: Any) -> str:
         wiring, choice, sign, following = self.key
-        chosen: str | _To = dict(following)[wiring.value(choice, sign, x, p)]
+        chosen: str | _To = dict(following)[wiring.chosen(choice, sign, x, p)]
         return chosen if isinstance(chosen, str) else chosen(x, p)
 
 

@@ -8,6 +8,8 @@ Where the command leads beyond the limit with the integrator on, and back with i
 (Filippov): the integrator is on for that share of the time with which the command stays there,
 
     command' = a + b share = 0;     share = 1 lets it go inside,     share = 0 beyond
+
+A drive looks at its samples alone, where it is on or off.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ ON_THE_LIMIT = 1e-9
 """A command that is off its limit by no more than this part of it is on it."""
 
 
-def _limited(name: str, at_the_limit: Mapping[str, Function], *, slides: bool = False, **more: float) -> Part:
+def _limited(
+    name: str, at_the_limit: Mapping[str, Function], *, slides: bool = False, sampled: Part | None = None, **more: float
+) -> Part:
     free = {signal: UNGIVEN[signal] for signal in at_the_limit}
     (upper, *at_upper), (lower, *at_lower) = (
         _side(word, sign, at_the_limit, slides) for word, sign in (("upper", +1), ("lower", -1))
@@ -35,7 +39,7 @@ def _limited(name: str, at_the_limit: Mapping[str, Function], *, slides: bool = 
 
     return Part(
         name, (), {"torque_limit": math.inf, **more}, ranges={"torque_limit": (SMALLEST, math.inf)},
-        size="torque_limit", absent=math.inf,
+        size="torque_limit", absent=math.inf, sampled=sampled,
         modes=(
             PartMode("", Law(gives={"torque": lambda x, s, p: s.command, **free}), (upper, lower),
                      where=lambda x, s, p: not again(x, s, p), again=again),
@@ -86,8 +90,9 @@ def _side(word: str, sign: int, gives: Mapping[str, Function], slides: bool) -> 
     return Edge(f"{word} limit", off, sign, on_it if slides else at), stays, *([slide] if slides else [])
 
 
+_CLAMPED = {"integrates": lambda x, s, p: 0.0}
 TORQUE_LIMIT = _limited("torque limit", {})
-CLAMPING = _limited("torque limit with clamping", {"integrates": lambda x, s, p: 0.0}, slides=True)
+CLAMPING = _limited("torque limit with clamping", _CLAMPED, slides=True, sampled=_limited("clamping", _CLAMPED))
 BACK_CALCULATION = _limited(
     "torque limit with back calculation",
     {"unwinding": lambda x, s, p: (s.command - s.torque) / (s.ki * p.unwinding_time)}, unwinding_time=1.0,

@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 
-from ...compiled import kept
+from ...compiled import Caller, caller, kept
 from ...errors import InputError
 from .addresses import packed, unpacked
 from .part import Function, Law, Part
@@ -93,6 +93,22 @@ class Signals:
         return self._wiring.affine_rate(name, by, self._x, self._p)
 
 
+class _Numbers:
+    """The signals at a state of numbers: those that are known, and others as they are asked for."""
+
+    def __init__(self, known: dict[str, float], others: Signals) -> None:
+        self.__dict__.update(known)
+        self._others, self._missed = others, list[str]()
+
+    def __getattr__(self, name: str) -> Any:
+        self._missed.append(name)
+        return getattr(self._others, name)
+
+    def affine_rate(self, name: str, by: str) -> tuple[Any, Any]:
+        """As of the signals."""
+        return self._others.affine_rate(name, by)
+
+
 class Wiring:
     """The parts of a loop with their laws, in one mode of each.  One object for one combination: see `wired`.
 
@@ -103,6 +119,7 @@ class Wiring:
         self.active = active
         self._affine_rates: dict[tuple[str, str], ca.Function] = {}
         self._givers: dict[str, tuple[Function, float | None]] = {n: (f, None) for n, f in UNGIVEN.items()}
+        self._read: dict[Function, tuple[str, ...]] = {}
         taken: dict[str, str] = {}
         for part, law, sign in active:
             for name, function in {**part.gives, **law.gives}.items():
@@ -129,6 +146,16 @@ class Wiring:
     def value(self, function: Function, sign: float | None, x: Any, p: Any) -> Any:
         """A function of a part."""
         return function(x, Signals(self, x, p), p if sign is None else SignedParameters(p, sign))
+
+    def chosen(self, function: Function, sign: float | None, x: Any, p: Any) -> Any:
+        """A function of a part, of numbers, that may branch: what it reads is compiled once that is known."""
+        names = self._read.get(function, ())
+        known = _read(self, names, x, p) if names else {}
+        s = _Numbers(known, Signals(self, x, p))
+        value = function(x, s, p if sign is None else SignedParameters(p, sign))
+        if s._missed:
+            self._read[function] = (*names, *dict.fromkeys(s._missed))
+        return value
 
     def field(self, x: Any, p: Any) -> dict[str, Any]:
         """The derivative of every state."""
@@ -174,6 +201,30 @@ class Wiring:
             for state in part.states:
                 rates[state] = law.rates[state](x, s, seen) if state in law.rates else 0.0
         return rates
+
+
+def _read(wiring: Wiring, names: tuple[str, ...], x: Any, p: Any) -> dict[str, float]:
+    """Signals at a state, by name."""
+    compiled, states, parameters = _compiled(wiring, names)
+    buffers = compiled.buffers
+    buffers.inputs[0][:] = [getattr(x, name) for name in states]
+    buffers.inputs[1][:] = [getattr(p, name) for name in parameters]
+    buffers.trigger()
+    return dict(zip(names, buffers.outputs[0].tolist(), strict=True))
+
+
+@kept(maxsize=512)
+def _compiled(wiring: Wiring, names: tuple[str, ...]) -> tuple[Caller, tuple[str, ...], tuple[str, ...]]:
+    """Signals, and the states and parameters that they are compiled for."""
+    states = tuple(state for part in wiring.parts for state in part.states)
+    values = {name: ca.SX.sym(name) for part in wiring.parts for name in part.parameters} | {"sign": ca.SX.sym("sign")}
+    x, p = SimpleNamespace(**{name: ca.SX.sym(name) for name in states}), Numbers(**values)
+    s = Signals(wiring, x, p)
+    signals = ca.densify(ca.vertcat(*[getattr(s, name) for name in names]))
+    needed = tuple(name for name, value in values.items() if ca.depends_on(signals, value))
+    given = ca.vertcat(*vars(x).values()), ca.vertcat(*[values[name] for name in needed], ca.SX(0, 1))
+    function = ca.Function("signals", [*given], [signals])
+    return caller(function, [len(states), len(needed)], [len(names)]), states, needed
 
 
 @kept(maxsize=512)

@@ -23,7 +23,7 @@ USUAL_FILTER = 0.1
 def as_run(loop: Loop, drive: Drive) -> Loop:
     """The loop with what its drive adds.  Raises InputError: parts that do not go together."""
     model = "lugre" if LUGRE in loop.present else "switch"
-    run = loop
+    run = Loop(tuple(part.sampled or part for part in loop.parts), loop.values, loop.name)
     for name, key in DRIVE_PARTS.items():
         if getattr(drive, key) != getattr(Drive, key):
             run = with_remedy(run, remedy_of(name, model), float(getattr(drive, key)))

@@ -12,8 +12,9 @@ from casahunt import Controller, Friction, NoOrbit, Options, Pid, Servo, Uncerta
 from casahunt.design.remedies import border
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies import scan as scans
+from casahunt.errors import Status
 from casahunt.servo.outcome import SETTLES
-from casahunt.servo.parts import fate
+from casahunt.servo.parts import fate, turns
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of
 from scripts.random_servos import draw
@@ -76,12 +77,28 @@ def test_a_smaller_cycle_is_hunting_and_what_dies_out_is_not():
 
 def test_turns_that_shrink_towards_a_cycle_do_not_die_out():
     signs = (-1.0) ** np.arange(120)
-    assert not fate._shrinks(np.abs(np.diff(signs * (1e-4 + 0.9 ** np.arange(120)))))
-    assert fate._shrinks(np.abs(np.diff(signs * 0.9 ** np.arange(120))))
-    assert not fate._settles(list(signs * 0.9 ** np.arange(120)), 1, -1.0, 0.05)
-    for left, turns in ((0.05, 40), (1e-5, 120)):  # 0.9^40 is 0.015: beside the cycle, and not yet on it
-        assert fate._settles(list(signs[:turns] * (1 + 0.9 ** np.arange(turns))), 1, -1.0, left)
-    assert not fate._settles(list(signs[:40] * (1 + 0.9 ** np.arange(40))), 1, -1.0, 1e-5)
+    assert not turns.shrinks(np.abs(np.diff(signs * (1e-4 + 0.9 ** np.arange(120)))))
+    assert turns.shrinks(np.abs(np.diff(signs * 0.9 ** np.arange(120))))
+    assert not turns.settles(list(signs * 0.9 ** np.arange(120)), 1, -1.0, 0.05)
+    for left, many in ((0.05, 40), (1e-5, 120)):  # 0.9^40 is 0.015: beside the cycle, and not yet on it
+        assert turns.settles(list(signs[:many] * (1 + 0.9 ** np.arange(many))), 1, -1.0, left)
+    assert not turns.settles(list(signs[:40] * (1 + 0.9 ** np.arange(40))), 1, -1.0, 1e-5)
+
+
+def test_no_pattern_that_settles_is_left_out():
+    """Patterns of 1 to 4 turns, plain or mirrored, with changes that shrink and noise, of every size."""
+    random, settled = np.random.default_rng(1), 0
+    for _ in range(1000):
+        many, n = random.integers(4, 60), random.integers(1, 5)
+        mirror, r = random.choice([-1.0, 1.0]), random.random() ** random.integers(1, 4)
+        places = np.resize(random.normal(size=n), many) * mirror ** (np.arange(many) // n)
+        places += random.normal() * 10.0 ** random.integers(-8, 1) * r ** np.arange(many) * (-1.0) ** np.arange(many)
+        places += random.normal(size=many) * 10.0 ** random.integers(-16, -3)
+        every = [(k, sign) for k in range(1, min(turns.PATTERN, (many - 1) // 4) + 1) for sign in (-1.0, 1.0)]
+        settle = [each for each in every if turns.settles(places.tolist(), *each, 1e-3)]
+        settled += bool(settle)
+        assert set(settle) <= set(turns.may_settle(places))
+    assert settled > 300
 
 
 @pytest.mark.slow
@@ -221,12 +238,32 @@ def test_a_branch_that_comes_back_to_its_first_size_has_not_reached_the_last(mon
     back = SimpleNamespace(special=(), orbits=[cycle, cycle], end=SimpleNamespace(kind="range", error=math.nan))
     monkeypatch.setattr(border, "follow", lambda *_, **__: back)
     last = 0.01 if at_the_end else 0.05
-    asked = loop, remedy_of("dead band", "switch"), fate.Swing.of(cycle), last, Options(tol=1e-6)
+    asked = loop, remedy_of("dead band", "switch"), fate.Swing.of(cycle), last, Options(tol=1e-6), []
     if at_the_end:
         assert border._end_of_stable(*asked).kind == "none"
     else:
         with pytest.raises(NoOrbit):
             border._end_of_stable(*asked)
+
+
+def test_a_cycle_that_could_not_be_followed_is_not_followed_again(monkeypatch):
+    """From another state of the same motion, but at its own size alone."""
+    remedy, tried = remedy_of("dead band", "switch"), []
+
+    def refused(cycle, *_, **__):
+        tried.append(cycle.problem.value("dead_band"))
+        raise NoOrbit("it leads nowhere", Status.NOT_FOUND)
+
+    monkeypatch.setattr(border, "follow", refused)
+    lost, whys = [], []
+    for size, start in ((0.01, -0.05), (0.01, -0.06), (0.02, -0.05)):
+        loop = border.with_remedy(loop_of(Servo(), "switch", 0.04), remedy, size)
+        swing = fate.Swing(loop.at_rest(start), 0.05, 10.0)
+        with pytest.raises(NoOrbit) as refusal:
+            border._end_of_stable(loop, remedy, swing, 0.05, Options(tol=1e-8), lost)
+        whys.append(str(refusal.value))
+    assert tried == [0.01, 0.02]
+    assert whys == ["it leads nowhere", border.SAME_CYCLE, "it leads nowhere"]
 
 
 @pytest.mark.parametrize(("again", "known"), [(math.inf, True), (0.5, False)])

@@ -1,0 +1,235 @@
+"""Extrapolated midpoint steps, compiled: many in a call, or those that lead to the zero of an event.
+
+    m substeps      y_0 = x,  y_1 = x + d f(x),  y_(i+1) = y_(i-1) + 2 d f(y_i),  d = h/m,    m_j = 2, 4, .., 2 K
+    implicit ones   y_1 = x + D_0,  D_0 = W d f(x),  D_i = D_(i-1) + 2 W (d f(y_i) - D_(i-1)),  y_(i+1) = y_i + D_i,
+                    the last one y_m + W (d f(y_m) - D_(m-1)),  W = (1 - d f'(x))^-1,    m_j = 2, 6, 10, 14, 22
+    extrapolation   T_(j,1) = y_m,  T_(j,k) = T_(j,k-1) + (T_(j,k-1) - T_(j-1,k-1)) / ((m_j/m_(j-k))^2 - 1), order 2 K
+    error           |T_(K,K) - T_(K,K-1)| <= tol;  the next step is 0.7 (tol/error)^(1/(2 K - 1)) times as long
+
+The implicit ones are for stiff fields, at three times the price of a step; both are of order 10.
+
+Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, section II.9; II, section IV.9 (Bader and
+Deuflhard, Numer. Math. 41 (1983) 373-398).
+Symbols: n states, E exits, M steps of a call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from ..collocation.admissibility import LARGEST_JUMP, PASSED
+from ..compiled import Caller, caller, kept
+from ..hybrid.system import Exit, Feature, VectorMode
+from ..hybrid.vector_form import Bound
+from .march_exits import EVENT_TOLERANCE
+from .march_watch import ON_EVENT
+
+EXTRAPOLATIONS = 5
+"""K: steps of order 10."""
+EXPLICIT, IMPLICIT = (2, 4, 6, 8, 10), (2, 6, 10, 14, 22)
+"""m_j of explicit substeps, and of implicit ones."""
+STEPS_OF_A_CALL, PLACES_OF_A_CALL = 32, 8
+"""Steps of a call, at most, and places of an event."""
+PART_OF_A_STEP, LEAST_GROWTH, MOST_GROWTH = 0.7, 0.1, 3.0
+"""The next step, in units of the one that would have the tolerance; and in units of this one, at least and at most."""
+FIRST_MOVES = 1e-3
+"""No state moves by a larger part of its size in the first step of a phase."""
+SEEN_BEHIND = 1e-3
+"""Part of the first step after which it is seen to which side an event is left."""
+ROUNDING_OF_ONE = float(np.finfo(float).eps)
+IDLE_PLACES = 3
+"""Places in a row at which an event that is zero but for rounding becomes no smaller: it is that of its terms."""
+
+
+def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX, A: ca.SX | None) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """The end of a step, by how much the last two of its approximations differ, and its shortest substeps.
+
+    A: the Jacobian of f at x, by which the substeps are implicit; None for explicit ones.
+    """
+    counts, rows = EXPLICIT if A is None else IMPLICIT, list[list[ca.SX]]()
+    for j, m in enumerate(counts):
+        d = h / m
+        if A is None:
+            passed = [x, x + d * rate]
+            for _ in range(m - 1):
+                passed.append(passed[-2] + 2 * d * f(passed[-1]))
+            row = [passed[-1]]
+        else:
+            solved = _solver(ca.SX.eye(x.numel()) - d * A)
+            moved = solved(d * rate)
+            passed = [x, x + moved]
+            for _ in range(m - 1):
+                moved = moved + 2 * solved(d * f(passed[-1]) - moved)
+                passed.append(passed[-1] + moved)
+            row = [passed[-1] + solved(d * f(passed[-1]) - moved)]
+        for k in range(1, j + 1):
+            row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((m / counts[j - k]) ** 2 - 1))
+        rows.append(row)
+    return rows[-1][-1], rows[-1][-1] - rows[-1][-2], passed
+
+
+def _solver(M: ca.SX) -> Callable[[ca.SX], ca.SX]:
+    """b -> the solution of M x = b, eliminated without pivots: M is near 1, or the step not good."""
+    n = M.size1()
+    left = [[M[i, k] for k in range(n)] for i in range(n)]
+    factors = list[tuple[int, int, ca.SX]]()
+    for k in range(n):
+        for i in range(k + 1, n):
+            if not left[i][k].is_zero():
+                factors.append((i, k, left[i][k] / left[k][k]))
+                left[i] = [a if c.is_zero() else a - factors[-1][2] * c for a, c in zip(left[i], left[k], strict=True)]
+
+    def solved(b: ca.SX) -> ca.SX:
+        y = [b[i] for i in range(n)]
+        for i, k, factor in factors:
+            y[i] = y[i] - factor * y[k]
+        for i in reversed(range(n)):
+            for k in range(i + 1, n):
+                y[i] = y[i] if left[i][k].is_zero() else y[i] - left[i][k] * y[k]
+            y[i] = y[i] / left[i][i]
+        return ca.vertcat(*y)
+
+    return solved
+
+
+class _Formulas:
+    """A mode's field and events at scaled states, in symbols."""
+
+    def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool) -> None:
+        self.x, self.sign, self.p = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters)
+        self.scale, self.t, self.h, self.tol = ca.SX.sym("scale", n), *(ca.SX.sym(name) for name in ("t", "h", "tol"))
+        self.fixed = self.sign, self.p, self.scale
+        rate = ca.densify(ca.SX(mode.field(self.scale * self.x, self.p, self.sign)) / self.scale)
+        self.f = ca.Function("f", [self.x, *self.fixed], [rate])
+        self.rate = rate
+        f, A = (lambda y: self.f(y, *self.fixed)), ca.jacobian(rate, self.x) if implicit else None
+        end, off, passed = _midpoint(f, self.x, rate, self.h, A)
+        error = ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(self.x)))
+        jumps = _jumps(mode.feature, [self.scale * y for y in passed], self.p)
+        self.stepped = ca.Function("stepped", [self.x, self.h, *self.fixed], [end, error, jumps])
+        events = [e.direction * e.event.function(self.scale * self.x, self.t, self.p) for e in exits]
+        e = ca.densify(ca.vertcat(*events, ca.SX(0, 1)))
+        r = ca.densify(ca.jtimes(e, self.x, rate) + ca.jacobian(e, self.t))
+        self.events = ca.Function("events", [self.x, self.t, *self.fixed], [e, r])
+        holds = ca.SX(0) if mode.admissible is None else mode.admissible(self.scale * self.x, self.p, self.sign)
+        self.holds = ca.Function("holds", [self.x, *self.fixed], [ca.densify(ca.SX(holds)) + mode.slack + PASSED])
+
+    def step(self, h: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Its end, error and largest jump of the feature, both in units of what they may be."""
+        end, error, jumps = self.stepped(self.x, h, *self.fixed)
+        return end, error / self.tol, jumps
+
+    def watched(self, y: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Events, in the direction of their exits, and the rates at which they rise."""
+        e, r = self.events(y, time, *self.fixed)
+        return e, r
+
+
+@kept(maxsize=64)
+def steps_of(
+    mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool
+) -> tuple[Caller, Caller, Caller]:
+    """`STEPS_OF_A_CALL` steps in a row, but none behind one in which an event may be met; one of a given length; and
+    those that lead to the zero of an event.
+
+    Rows of the first one's table: state, time, length of the next step and of this one, whether the mode holds (>= 0),
+    events, rates.
+    """
+    E, of = len(exits), _Formulas(mode, exits, n, parameters, implicit)
+    x, t, h, tol, left, over = of.x, of.t, of.h, of.tol, ca.SX.sym("left"), ca.SX.sym("over")
+    e, r = ca.SX.sym("e", E), ca.SX.sym("r", E)
+    first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(of.rate)), 1e-300)
+    tried = ca.fmin(ca.if_else(h > 0, h, first), left)
+    at_first = of.watched(x, t)
+    begins = ca.Function("begins", [x, t, h, left, tol, *of.fixed],
+                         [tried, *at_first, ca.SX.zeros(E, 1), at_first[0], ca.SX(0)])  # fmt: skip
+    just = SEEN_BEHIND * tried
+    on = ca.fabs(at_first[0]) <= ON_EVENT
+    sides = (ca.if_else(on, *both) for both in zip(of.watched(of.step(just)[0], t + just), at_first, strict=True))
+    leaves = ca.Function("leaves", [x, t, h, left, tol, *of.fixed],
+                         [tried, *sides, ca.if_else(on, just, 0), at_first[0], of.holds(x, *of.fixed)])  # fmt: skip
+    tried = ca.fmin(h, left)
+    end, error, _ = of.step(tried)
+    good = ca.logic_and(error <= 1, ca.sum1(end * 0) == 0)
+    factor = PART_OF_A_STEP * ca.fmax(error, 1e-30) ** (-1 / (2 * EXTRAPOLATIONS - 1))
+    factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
+    taken, end = ca.if_else(good, tried, 0), ca.if_else(good, end, x)
+    e_end, r_end = (ca.if_else(good, a, b) for a, b in zip(of.watched(end, t + taken), (e, r), strict=True))
+    rises = ca.logic_and(r > 0, r_end < 0)
+    met = ca.logic_and(e < 0, ca.logic_or(e_end >= 0, rises))  # what was not taken meets nothing
+    ends = [end, t + taken, tried * factor, left - taken, ca.logic_or(ca.sum1(met) > 0, left <= taken), e_end, r_end]
+    known = [x, t, h, left, over, e, r]
+    step = ca.Function("step", [*known, tol, *of.fixed], [*ends, taken, of.holds(end, *of.fixed)])
+    same = ca.Function("same", [*known, tol, *of.fixed], [*known, ca.SX(0), ca.SX(0)])
+    end, error, jumps = of.step(h)
+    outputs = [end, *of.watched(end, t + h), ca.fmax(error, jumps)]
+    one = ca.Function("one", [x, ca.vertcat(t, h, tol), *of.fixed], outputs)
+    many = _in_a_row(begins, leaves, step, same, (n, E, parameters))
+    M = STEPS_OF_A_CALL + 1
+    return (caller(many, [n, 5, 1, parameters, n], [(M, n + 4 + 2 * E), E, E]),
+            caller(one, [n, 3, 1, parameters, n], [n, E, E, 1]),
+            caller(_to_a_zero(of, one, E), [n, 9, 4, 1, parameters, n], [9, n, 2]))  # fmt: skip
+
+
+def _to_a_zero(of: _Formulas, one: ca.Function, exits: int) -> ca.Function:
+    """(x, places, (t, tol, what is zero, number of the event), sign, p, scale) -> places, state, event and error.
+
+    Places: length of the next step and of the last one; a bracket, lengths and events; the smallest event, and how
+    often in a row it has become no smaller; whether the zero is found.  Newton's method, kept in the bracket.
+    """
+    c, given, end, told = ca.SX.sym("c", 9), ca.SX.sym("given", 4), ca.SX.sym("end", of.x.numel()), ca.SX.sym("told", 2)
+    s, before, a, f_a, b, f_b, least, idle, _ = ca.vertsplit(c)
+    t, tol, small, i = ca.vertsplit(given)
+    state, events, rates, error = one(of.x, ca.vertcat(t, s, tol), *of.fixed)
+    chosen = ca.DM(list(range(exits))) == i
+    e, r = ca.dot(chosen, events), ca.dot(chosen, rates)
+    halved = ca.fabs(e) <= least / 2
+    least, idle = ca.if_else(halved, ca.fabs(e), least), ca.if_else(halved, 0, idle + 1)
+    is_noise = ca.logic_and(idle >= IDLE_PLACES, least <= EVENT_TOLERANCE)
+    narrow = ca.fmin(ca.fabs(s - before), ca.fabs(b - a)) <= 4 * ROUNDING_OF_ONE * s
+    over = ca.logic_or(ca.logic_or(is_noise, narrow), ca.fabs(e) <= small)
+    moves_b = (e > 0) == (f_b > 0)
+    a, f_a = ca.if_else(moves_b, a, s), ca.if_else(moves_b, f_a, e)
+    b, f_b = ca.if_else(moves_b, s, b), ca.if_else(moves_b, e, f_b)
+    newton = s - e / r
+    inside = ca.logic_and(newton > ca.fmin(a, b), newton < ca.fmax(a, b))
+    following = ca.if_else(over, s, ca.if_else(inside, newton, (a + b) / 2))
+    after = ca.vertcat(following, s, a, f_a, b, f_b, least, idle, over)
+    known = [c, end, told]
+    look = ca.Function("look", [*known, of.x, given, *of.fixed], [after, state, ca.vertcat(e, error)])
+    same = ca.Function("same", [*known, of.x, given, *of.fixed], known)
+    looks = ca.Function.if_else("looks", look, same)
+    x, places, what = (ca.MX.sym(name, m) for name, m in (("x", of.x.numel()), ("places", 9), ("what", 4)))
+    fixed = ca.MX.sym("sign"), ca.MX.sym("p", of.p.numel()), ca.MX.sym("scale", of.x.numel())
+    found = [places, x, ca.MX.zeros(2)]
+    for _ in range(PLACES_OF_A_CALL):
+        found = looks(found[0][8] == 0, *found, x, what, *fixed)
+    return ca.Function("to_a_zero", [x, places, what, *fixed], list(found))
+
+
+def _jumps(feature: Feature | None, passed: list[ca.SX], p: ca.SX) -> ca.SX:
+    """The largest jump of a feature from one state to the next, in units of what it may be."""
+    if not isinstance(feature, Bound):
+        return ca.SX(0)
+    return ca.mmax(ca.fabs(ca.diff(ca.vertcat(*[feature(y, p) for y in passed])))) / LARGEST_JUMP
+
+
+def _in_a_row(
+    begins: ca.Function, leaves: ca.Function, step: ca.Function, same: ca.Function, sizes: tuple[int, int, int]
+) -> ca.Function:
+    """(x, (t, h, left, tol, whether a phase begins), sign, p, scale) -> table of the steps; where in its first one each
+    event was seen first, and what it was at the start."""
+    n, _, parameters = sizes
+    x, given = ca.MX.sym("x", n), ca.MX.sym("given", 5)
+    fixed = ca.MX.sym("sign"), ca.MX.sym("p", parameters), ca.MX.sym("scale", n)
+    t, h, left, tol, first = ca.vertsplit(given)
+    h, e, r, low, at_first, holds = ca.Function.if_else("start", leaves, begins)(first, x, t, h, left, tol, *fixed)
+    goes_on = ca.Function.if_else("goes_on", step, same)
+    known, table = [x, t, h, left, ca.MX(0), e, r], [ca.vertcat(x, t, h, 0, holds, e, r)]
+    for _ in range(STEPS_OF_A_CALL):
+        *known, taken, holds = goes_on(known[4] == 0, *known, tol, *fixed)
+        table.append(ca.vertcat(*known[:3], taken, holds, *known[5:]))
+    return ca.Function("steps", [x, given, *fixed], [ca.horzcat(*table), low, at_first])
