@@ -157,11 +157,19 @@ def test_a_wrong_key_is_refused_by_every_command(capsys, tmp_path, command):
     assert code == 2 and "unknown key 'drive.encodr'; did you mean 'drive.encoder'?" in err
 
 
-def test_a_loop_of_parts_has_no_drive(capsys, tmp_path):
+def test_a_loop_of_parts_is_run_as_the_servo_of_its_parts_is(capsys, tmp_path):
+    """By options, and by its table [drive]: Table 1 as a file of parts."""
     path = tmp_path / "loop.toml"
-    path.write_text('[loop]\nparts = ["one inertia", "Switch friction", "PID by times", "integrator"]\n')
-    code, _, err = run(capsys, "simulate", path, "--gain", 0.04, "--sample-time", 0.001)
-    assert code == 2 and "sample-time: must be left out" in err
+    text = '[loop]\nparts = ["one inertia", "Switch friction", "PID by times", "integrator"]\n[values]\ngain = 0.04\n'
+    path.write_text(text)
+    asked = ["--sample-time", 0.002, "--encoder", 2000, "--time", 20, "--json"]
+    _, servo, _ = run(capsys, "simulate", "--gain", 0.04, *asked)
+    code, loop, _ = run(capsys, "simulate", path, *asked)
+    path.write_text(f"{text}[drive]\nsample_time = 0.002\nencoder = 2000\n")
+    _, table, _ = run(capsys, "simulate", path, "--time", 20, "--json")
+    keys = ("position", "velocity", "integral", "peak_torque", "number_of_stops")
+    servo, loop, table = ({key: one_json(text)[key] for key in keys} for text in (servo, loop, table))
+    assert code == 0 and loop == table == pytest.approx(servo, rel=1e-9)
 
 
 @pytest.mark.parametrize("words", ["orbit --gain 1", "orbit --gain 50", "fold", "map --gain 1", "equilibria --gain 1"])

@@ -1,5 +1,6 @@
 """Which remedy stops the hunting, how large, at what price.
 
+sizes.py         what sizes are measured by, and what is more of one
 scan.py          of motions from many starts, the worst
 price.py         what it costs: errors at rest, a step simulated
 border.py        the smallest size that ends it: where stable cycles in that size end, behind which no motion hunts

@@ -35,6 +35,7 @@ from ...servo.parts.remedy import Remedy
 from ...servo.parts.table import with_remedy
 from ...servo.parts.verbs import loop_cycle
 from .scan import scan
+from .sizes import more_of, scale_of
 
 Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
@@ -105,22 +106,6 @@ class Border:
     evidence: str = ""
     swing: Swing | None = None
     fold: float = math.nan
-
-
-def scale_of(remedy: Remedy, loop: Loop, hunting: Swing) -> float:
-    """What the sizes of a remedy are measured by: the loop without it, and its hunting."""
-    if remedy.scale == "own":
-        return loop.value(remedy.size)
-    by_name = {"amplitude": hunting.amplitude, "rate": 1 / hunting.period, "period": hunting.period, "one": 1.0}
-    return by_name[remedy.scale] if remedy.scale in by_name else loop.value(remedy.scale)
-
-
-def more_of(remedy: Remedy, size: float, factor: float) -> float:
-    """More of a remedy: farther from its absence, which may be at infinity or, where less is more, at zero."""
-    absent = remedy.part.absent if remedy.part is not None and remedy.part.size else 0.0
-    if absent == 0:
-        return size * factor if remedy.sense > 0 else size / factor
-    return size / factor if math.isinf(absent) else absent + (size - absent) * factor
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from ...servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from ...servo.parts.plain_loop import FRICTIONS, by_gains, loop_of
 from ...servo.parts.remedy import Corners, Remedy
 from ...servo.parts.switch import SWITCH
-from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of
+from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of, with_remedy
 from ...servo.parts.verbs import loop_cycle
 from ...servo.parts.with_exponent import WITH_EXPONENT
 from ...servo.servo import Servo, a_servo
@@ -43,13 +43,11 @@ from .border import (
     Border,
     border,
     end_of_motions,
-    more_of,
-    scale_of,
-    with_remedy,
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
 from .larger_sizes import stays
 from .price import task
+from .sizes import more_of, scale_of
 
 NEVER_SETTLES = 30.0
 """Periods of the hunting that count for a step that does not settle."""

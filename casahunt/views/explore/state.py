@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode
 
 from ...checks import choice_of, number, quoted, sensible, typed
-from ...design.remedies.border import scale_of
+from ...design.remedies.sizes import scale_of
 from ...errors import InputError
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, drive_of_table
 from ...servo.hunting import MODELS, Model

@@ -16,7 +16,7 @@ from casahunt.errors import Status
 from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts import fate, turns
 from casahunt.servo.parts.plain_loop import loop_of
-from casahunt.servo.parts.table import remedy_of
+from casahunt.servo.parts.table import remedy_of, with_remedy
 from scripts.random_servos import draw
 
 CREEPS = Servo(
@@ -65,7 +65,7 @@ def test_a_motion_that_creeps_to_the_set_point_is_over_there():
 def test_a_smaller_cycle_is_hunting_and_what_dies_out_is_not():
     """DOP853 with events finds the cycle of 0.0032756 rad and 3.0045 s that motions end in, 0.45 of that today."""
     orbit, loop = find_orbit(SMALLER, "switch", 21.904276553476613), loop_of(SMALLER, "switch", 21.904276553476613)
-    filtered = border.with_remedy(loop, remedy_of("error filter", "switch"), 0.0107260658)
+    filtered = with_remedy(loop, remedy_of("error filter", "switch"), 0.0107260658)
     before = fate.Swing.of(orbit)
     for start in (0.003, 0.0073):
         seen = fate.fate(filtered, filtered.at_rest(-start), before)
@@ -183,7 +183,7 @@ def test_no_size_with_which_the_loop_is_unstable_is_looked_at():
 
     up_to, limit = (float(number) for number in re.findall(r"(\d[\d.e-]*) s", row.why))
     assert left(0.999 * limit) > 0 > left(1.001 * limit) and up_to == pytest.approx(0.99 * limit, rel=1e-3)
-    loop = border.with_remedy(loop_of(SMALLER, "switch", gain), remedy_of("error filter", "switch"), 1.3 * limit)
+    loop = with_remedy(loop_of(SMALLER, "switch", gain), remedy_of("error filter", "switch"), 1.3 * limit)
     assert fate.fate(loop, loop.at_rest(-5.0), fate.Swing.of(find_orbit(SMALLER, "switch", gain))).kind == "growing"
 
 
@@ -233,7 +233,7 @@ def test_what_grows_beside_what_nobody_knows_is_not_over(monkeypatch):
 @pytest.mark.parametrize("at_the_end", [False, True])
 def test_a_branch_that_comes_back_to_its_first_size_has_not_reached_the_last(monkeypatch, at_the_end):
     """As behind a fold that was passed without being located: its end is one of the range as well."""
-    loop = border.with_remedy(loop_of(Servo(), "switch", 0.04), remedy_of("dead band", "switch"), 0.01)
+    loop = with_remedy(loop_of(Servo(), "switch", 0.04), remedy_of("dead band", "switch"), 0.01)
     cycle = border.loop_cycle(loop, "dead_band", start=loop.at_rest(-0.05), options=Options(tol=1e-6))
     back = SimpleNamespace(special=(), orbits=[cycle, cycle], end=SimpleNamespace(kind="range", error=math.nan))
     monkeypatch.setattr(border, "follow", lambda *_, **__: back)
@@ -257,7 +257,7 @@ def test_a_cycle_that_could_not_be_followed_is_not_followed_again(monkeypatch):
     monkeypatch.setattr(border, "follow", refused)
     lost, whys = [], []
     for size, start in ((0.01, -0.05), (0.01, -0.06), (0.02, -0.05)):
-        loop = border.with_remedy(loop_of(Servo(), "switch", 0.04), remedy, size)
+        loop = with_remedy(loop_of(Servo(), "switch", 0.04), remedy, size)
         swing = fate.Swing(loop.at_rest(start), 0.05, 10.0)
         with pytest.raises(NoOrbit) as refusal:
             border._end_of_stable(loop, remedy, swing, 0.05, Options(tol=1e-8), lost)

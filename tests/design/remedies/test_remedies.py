@@ -22,13 +22,13 @@ from casahunt import (
     remedies,
 )
 from casahunt.design.remedies import remedies as module
-from casahunt.design.remedies.border import MOTIONS_KNOW, with_remedy
+from casahunt.design.remedies.border import MOTIONS_KNOW
 from casahunt.design.remedies.cures import Cure
 from casahunt.design.remedies.price import task
 from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts.fate import Swing
 from casahunt.servo.parts.plain_loop import loop_of
-from casahunt.servo.parts.table import remedy_of
+from casahunt.servo.parts.table import remedy_of, with_remedy
 from casahunt.views.commands.remedies import advice_of
 
 

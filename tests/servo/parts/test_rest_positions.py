@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from casahunt import Servo
-from casahunt.design.remedies.border import with_remedy
 from casahunt.motion import simulate
 from casahunt.servo.parts import REMEDIES, loop_of
+from casahunt.servo.parts.table import with_remedy
 
 GAIN, LONG = 0.04, 2e4
 """Gain [V/rad]; seconds after which a stuck servo that can break away has."""
