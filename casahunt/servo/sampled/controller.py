@@ -60,7 +60,7 @@ STUCK_AHEAD = 32, 128, 512
 MOST_CHANGES = 8
 """Modes that end at one sample."""
 ON_ITS_EDGE = 1e-12
-"""An event, of order one, that is no larger is below zero: a reading on the edge of a band is inside."""
+"""An event, of order one, that is no larger is zero: what has two edges stays as it is there, what has one is below."""
 EVENTS_SETTLED = 1e-9
 """Events, of order one, that differ by less are where they will be for ever."""
 ZERO_ERROR = Edge("centre", lambda x, s, p: s.error, 0, "")
@@ -85,7 +85,14 @@ class Sample(NamedTuple):
     one: Caller
     many: tuple[Caller, ...]
     linear: Caller | None
-    edges: tuple[tuple[int, Edge], ...]
+    edges: tuple[tuple[int, Edge, float], ...]
+
+
+def _met_from(part: Part, edge: Edge) -> float:
+    """What an event must be beyond to be met; 0 where it is by a change of its sign."""
+    back = next((mode for mode in part.modes if mode.name == edge.to), None)
+    one_edge = back is not None and any(other.function is edge.function for other in back.ends)
+    return abs(edge.direction) * ON_ITS_EDGE * (1 if edge.direction > 0 or one_edge else -1)
 
 
 @kept(maxsize=256)
@@ -93,7 +100,7 @@ def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> 
     """The sample of parts in these modes; numbers: names of the parameters of the loop."""
     wiring = Wiring(tuple((part, mode.law, mode.sign) for part, mode in zip(parts, modes, strict=True)), FROM_READINGS)
     states = tuple(state for part in parts for state in part.states)
-    edges = tuple((i, edge) for i, mode in enumerate(modes) for edge in mode.ends)
+    edges = tuple((i, edge, _met_from(parts[i], edge)) for i, mode in enumerate(modes) for edge in mode.ends)
     n = len(states)
     Y, read, p = ca.SX.sym("Y", n + 2), ca.SX.sym("read", len(READ)), ca.SX.sym("p", len(numbers) + len(RUN))
     c = ca.SX.sym("c", n)
@@ -121,7 +128,7 @@ def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> 
         raise InputError(f"{named}: what one of them does is not linear, and no drive is known that runs it")
     following = Y[:n] - ca.solve(J, ca.substitute(equations, c, Y[:n])) if n else ca.SX(0, 1)
     torque = ca.SX(signals.torque + signals.compensation)
-    asked = ca.vertcat(torque, at(_error), at(_integrand), *(at(edge.function) for _, edge in edges))
+    asked = ca.vertcat(torque, at(_error), at(_integrand), *(at(edge.function) for _, edge, _ in edges))
     asked = ca.substitute(asked, c, following)
     out = [ca.densify(each) for each in (ca.vertcat(following, asked[1:3]), asked[0], asked[3:])]
     after = out[0]
@@ -216,9 +223,9 @@ class Controller:
     def _changes(self) -> bool:
         """Whether a mode ends at this sample, or a state jumps: then it is to be computed again."""
         values = [*self._out[2].tolist(), float(self._out[0][-2])]
-        for (i, edge), value in zip((*self._compiled.edges, (None, ZERO_ERROR)), values, strict=True):
+        for (i, edge, beyond), value in zip((*self._compiled.edges, (None, ZERO_ERROR, 0.0)), values, strict=True):
             if edge.direction:
-                if edge.direction * (value - ON_ITS_EDGE) <= 0:
+                if edge.direction * (value - beyond) <= 0:
                     continue
             else:
                 side, before = math.copysign(1.0, value) if value else 0.0, self._sides.get(edge.name, 0.0)
@@ -255,7 +262,7 @@ class Controller:
     @property
     def sides(self) -> list[float]:
         """The signs that events had which are met where these change: of those of the modes, and of the error."""
-        return [self._sides.get(edge.name, 0.0) for _, edge in (*self._compiled.edges, (None, ZERO_ERROR))]
+        return [self._sides.get(edge.name, 0.0) for _, edge, _ in (*self._compiled.edges, (None, ZERO_ERROR, 0.0))]
 
     @property
     def compiled(self) -> Sample:
@@ -277,9 +284,9 @@ class Controller:
         buffers.trigger()
         Y, u, events = buffers.outputs
         count = len(u)
-        for (_, edge), values in zip(self._compiled.edges, events.T, strict=True):
+        for (_, edge, beyond), values in zip(self._compiled.edges, events.T, strict=True):
             side = edge.direction or -self._sides.get(edge.name, 0.0)
-            ends = np.flatnonzero(side * (values - abs(edge.direction) * ON_ITS_EDGE) > 0)
+            ends = np.flatnonzero(side * (values - beyond) > 0)
             count = min(count, int(ends[0])) if ends.size else count
         if self.waits:
             ends = np.flatnonzero(self._sides.get(ZERO_ERROR.name, 0.0) * Y[:, -2] < 0)

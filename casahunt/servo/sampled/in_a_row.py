@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from ...compiled import Caller, caller, kept
-from .controller import ON_ITS_EDGE, Controller, Sample
+from .controller import Controller, Sample
 from .plant import SHOWS, TOO_SMALL_TO_SHOW, Plant
 from .steps import LAST_COEFFICIENTS, Stepped, step_of
 
@@ -47,8 +47,8 @@ def _compiled(
     moved = a != a_last
     after, u, events = sample.step(Y, ca.vertcat(a, a_last, moved, ca.sign(a - a_last)), own)
     good = [
-        edge.direction * (events[i] - ON_ITS_EDGE) <= 0 if edge.direction else sides[i] * events[i] > 0
-        for i, (_, edge) in enumerate(sample.edges)
+        edge.direction * (events[i] - beyond) <= 0 if edge.direction else sides[i] * events[i] > 0
+        for i, (_, edge, beyond) in enumerate(sample.edges)
     ]
     good += [moved == moved_last, sides[-1] * after[-2] > 0] if waits else []
     u = smallest * ca.floor(u / smallest + 0.5) if in_steps else u
