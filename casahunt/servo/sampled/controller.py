@@ -304,13 +304,16 @@ class Controller:
             for store, value in zip(each.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
                 store[:] = value
             each.trigger()
-        (following, u, events), (matrix, row) = compiled.one.buffers.outputs, buffers.outputs
+        (_, u, events), (matrix, row) = compiled.one.buffers.outputs, buffers.outputs
+        events, now = events.copy(), float(u[0])
+        self._from[:], self._read[:], self._p[:] = 0.0, (self.a, self.a, 0.0, 0.0), self.p
+        self._run()
         factors, directions = np.linalg.eig(matrix)
         if np.linalg.cond(directions) > MAP_CONDITION:
             return False
-        there = np.linalg.solve(directions, np.column_stack([self.Y, following - matrix @ self.Y]))
+        there = np.linalg.solve(directions, np.column_stack([self.Y, self._out[0]]))
         once_more = np.abs(factors - 1) <= ONCE_MORE
-        driven = np.abs(there[:, 1]) > ONCE_MORE * np.abs(there).max()
+        driven = np.abs(there[:, 1]) > ONCE_MORE * np.abs(there[:, 1]).max()
         if np.any(once_more & driven):
             return False
         last = np.where(once_more, there[:, 0], there[:, 1] / np.where(once_more, 1, 1 - factors))
@@ -319,7 +322,7 @@ class Controller:
         if lasting.any() or not self._same_modes(np.real(directions @ last), events):
             return False
         one_way = (np.imag(factors) == 0) & (np.real(factors) >= 0)
-        parts, steady = np.real(dies), float(u[0]) - float(np.real(dies.sum()))
+        parts, steady = np.real(dies), now - float(np.real(dies.sum()))
         up = float(np.where(one_way, np.maximum(parts, 0), np.abs(dies)).sum())
         down = float(np.where(one_way, np.minimum(parts, 0), -np.abs(dies)).sum())
         ends = steady + down, steady + up
@@ -330,11 +333,9 @@ class Controller:
         """Whether no event is met on the way to the last Y: it is there already, as far as events see it."""
         if not events.size:
             return True
-        before = events.copy()
         self._from[:] = last
         self._run()
-        at = self._out[2]
-        return bool(np.all(np.abs(at - before) <= EVENTS_SETTLED * np.maximum(np.abs(before), 1)))
+        return bool(np.all(np.abs(self._out[2] - events) <= EVENTS_SETTLED * np.maximum(np.abs(events), 1)))
 
     def _to_step(self, u: float) -> float:
         return self.step * math.floor(u / self.step + 0.5)
