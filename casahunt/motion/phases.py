@@ -112,17 +112,15 @@ def march(
     s = scheme(degree, kind)
     at_once = _at_once(system, mode, x, p, s) if strict and after is None else None
     segments: list[Segment] = [] if at_once is None else [at_once[0]]
-    time, used = 0.0, 0
+    time, used, by_intervals = 0.0, 0, meshed
     if at_once is not None:
         (after, mode), x = at_once, at_once[0].behind
         if until(after):
             return segments
     while True:
-        if not np.all(np.isfinite(x)):
-            wrong = system.states[int(np.argmin(np.isfinite(x)))]
-            raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
-        phase = None if meshed else by_steps(system, mode, x, p, scale, tol, max_time - time)
-        left = (time, used), (max_time, max_intervals)
+        _check_finite(system, mode, x, time)
+        phase = None if by_intervals else by_steps(system, mode, x, p, scale, tol, max_time - time)
+        begun, left = mode, ((time, used), (max_time, max_intervals))
         try:
             segment, mode, clean = phase or _phase(system, mode, x, p, s, scale, tol, after, *left, meshed)
         except MarchFailure as failure:
@@ -135,17 +133,28 @@ def march(
                 check_phase(system, segments, p, scale, time, met, clean)
             except MarchFailure as failure:
                 still = dies_out_at(segments, scale)
+                if still == len(segments) and phase is not None:  # steps may have passed what intervals meet
+                    segments.pop()
+                    mode, by_intervals = begun, True
+                    continue
                 if still == len(segments):
                     failure.time = time
                     raise
         if still < len(segments):
             return [*segments[:still], at_rest(segments[still:], max_time - time)]
-        time, used, after = time + segment.duration, used + segment.count, segment
+        time, used, after, by_intervals = time + segment.duration, used + segment.count, segment, meshed
         if segment.event == "" or until(segment) or (used < max_intervals and time >= max_time):
             return segments
         if used >= max_intervals:
             raise NoEnd(f"no end after {time:.3g} s and {used} intervals", time)
         x = segment.behind
+
+
+def _check_finite(system: VectorSystem, mode: str, x: Array, time: float) -> None:
+    """Refuse a phase that begins with a state that is no number.  Raises MarchFailure."""
+    if not np.all(np.isfinite(x)):
+        wrong = system.states[int(np.argmin(np.isfinite(x)))]
+        raise MarchFailure(f"mode {mode!r}: the state {wrong!r} with which it begins at {time:.6g} s is not finite")
 
 
 def _at_once(system: VectorSystem, name: str, x: Array, p: Array, s: Scheme) -> tuple[Segment, str] | None:

@@ -297,14 +297,16 @@ def fate(
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
     watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed)
-    x, mode, length = np.array(list(state.values())), mode or loop.mode_at(**state), LOOK_OF_A_FATE * before.period
+    x, name, length = np.array(list(state.values())), mode or loop.mode_at(**state), LOOK_OF_A_FATE * before.period
     try:
         with effort.at_most(work):
             for _ in range(MOST_LOOKS):
-                x, mode, length = _look(watched, x, mode, length)
+                x, name, length = _look(watched, x, name, length)
                 if watched.outcome is not None:
                     break
-    except (MarchFailure, effort.PartGivenUp):
+    except (MarchFailure, effort.PartGivenUp) as failure:
+        if mode and not watched.phases and isinstance(failure, MarchFailure):  # rounding of an end contradicts its mode
+            return fate(loop, start, before, rest, meshed, work)
         watched.outcome = None
     kind = watched.outcome or "undecided"
     swing = watched.swing() if kind == "hunting" else None
