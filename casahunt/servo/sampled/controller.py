@@ -147,6 +147,25 @@ def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> 
     return Sample(step, caller(step, sizes, shapes), tuple(many), linear, edges)
 
 
+class LinearMap(NamedTuple):
+    """Y -> M Y + c by M's factors and directions: (m,) what is there of each, what each is driven by, and whether that
+    drives one that stays for ever; u = row Y + at_zero."""
+
+    factors: Array
+    directions: Array
+    there: Array
+    drive: Array
+    driven: Array
+    row: Array
+    at_zero: float
+
+    @property
+    def last(self) -> Array:
+        """Where each goes."""
+        stays = self.factors == 1
+        return np.where(stays, self.there, self.drive / np.where(stays, 1, 1 - self.factors))
+
+
 class Controller:
     """The controller of a drive, with its memory.
 
@@ -162,7 +181,8 @@ class Controller:
         self._numbers, self.p = tuple(loop.parameters), np.array([own[name] for name in (*loop.parameters, *RUN)])
         self._own = own
         self.a, self.moved = self.reading(x), False
-        self._sides = dict[Edge | str, float]()
+        self._sides = dict[str, float]()
+        self._directions = dict[Modes, tuple[Array, Array, Array, Array] | None]()
         self._waited = {name for part in parts for name in (*part.upon, *part.follows)}
         self.waits = bool(self._waited)
         self.Y = np.array([start.get(name, 0.0) for name in self.names] + [0.0, 0.0])
@@ -273,8 +293,36 @@ class Controller:
         """Whether the next sample reads what the last one did, and the one before."""
         return not self.moved and self.reading(x) == self.a
 
-    def ahead(self, before: int) -> tuple[Array, Array]:
-        """(count, n + 2) Y and (count,) u of the next samples if the reading stays, as long as no mode ends.
+    def _map(self) -> LinearMap | None:
+        """How Y goes on while the reading stays; None where it is not linear, or its directions nearly dependent."""
+        if self.modes not in self._directions:
+            self._directions[self.modes] = self._directions_of_the_map()
+        if (known := self._directions[self.modes]) is None:
+            return None
+        factors, directions, inverse, row = known
+        self._from[:], self._read[:], self._p[:] = 0.0, (self.a, self.a, 0.0, 0.0), self.p
+        self._run()
+        there, drive = inverse @ self.Y, inverse @ self._out[0]
+        driven = (factors == 1) & (np.abs(drive) > ONCE_MORE * np.abs(drive).max())
+        return LinearMap(factors, directions, there, drive, driven, row, float(self._out[1][0]))
+
+    def _directions_of_the_map(self) -> tuple[Array, Array, Array, Array] | None:
+        """(factors, directions, their inverse, row of u) of the map in these modes."""
+        if self._compiled.linear is None:
+            return None
+        buffers = self._compiled.linear.buffers
+        for store, value in zip(buffers.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
+            store[:] = value
+        buffers.trigger()
+        factors, directions = np.linalg.eig(buffers.outputs[0])
+        if np.linalg.cond(directions) > MAP_CONDITION:
+            return None
+        factors = np.where(np.abs(factors - 1) <= ONCE_MORE, 1.0, factors)
+        return factors, directions, np.linalg.inv(directions), buffers.outputs[1].copy()
+
+    def ahead(self, before: int) -> tuple[Array, Array, bool]:
+        """(count, n + 2) Y and (count,) u of the next samples if the reading stays, as long as no mode ends; whether
+        none does.
 
         before: how often it was asked in a row.
         """
@@ -283,43 +331,34 @@ class Controller:
             store[:] = value
         buffers.trigger()
         Y, u, events = buffers.outputs
-        count = len(u)
+        count = self._ends(events, Y[:, -2])
+        complete, u = count == len(u), u[:count, 0]
+        return Y[:count].copy(), self.step * np.floor(u / self.step + 0.5) if self.step else u.copy(), complete
+
+    def _ends(self, events: Array, errors: Array) -> int:
+        """The first of samples at which a mode ends, or a state jumps; as many as there are where none does."""
+        count = len(errors)
         for (_, edge, beyond), values in zip(self._compiled.edges, events.T, strict=True):
             side = edge.direction or -self._sides.get(edge.name, 0.0)
             ends = np.flatnonzero(side * (values - beyond) > 0)
             count = min(count, int(ends[0])) if ends.size else count
         if self.waits:
-            ends = np.flatnonzero(self._sides.get(ZERO_ERROR.name, 0.0) * Y[:, -2] < 0)
+            ends = np.flatnonzero(self._sides.get(ZERO_ERROR.name, 0.0) * errors < 0)
             count = min(count, int(ends[0])) if ends.size else count
-        u = u[:count, 0]
-        return Y[:count].copy(), self.step * np.floor(u / self.step + 0.5) if self.step else u.copy()
+        return count
 
     def stays_within(self, low: float, high: float) -> bool:
         """Whether u stays between two limits for ever if the reading stays."""
-        compiled = self._compiled
-        if compiled.linear is None:
+        linear = self._map()
+        if linear is None or linear.driven.any():
             return False
-        buffers = compiled.linear.buffers
-        for each in (buffers, compiled.one.buffers):
-            for store, value in zip(each.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
-                store[:] = value
-            each.trigger()
-        (_, u, events), (matrix, row) = compiled.one.buffers.outputs, buffers.outputs
-        events, now = events.copy(), float(u[0])
-        self._from[:], self._read[:], self._p[:] = 0.0, (self.a, self.a, 0.0, 0.0), self.p
+        self._from[:] = self.Y
         self._run()
-        factors, directions = np.linalg.eig(matrix)
-        if np.linalg.cond(directions) > MAP_CONDITION:
-            return False
-        there = np.linalg.solve(directions, np.column_stack([self.Y, self._out[0]]))
-        once_more = np.abs(factors - 1) <= ONCE_MORE
-        driven = np.abs(there[:, 1]) > ONCE_MORE * np.abs(there[:, 1]).max()
-        if np.any(once_more & driven):
-            return False
-        last = np.where(once_more, there[:, 0], there[:, 1] / np.where(once_more, 1, 1 - factors))
-        dies = (row @ directions) * (there[:, 0] - last)
-        lasting = (np.abs(factors) >= 1) & ~once_more & (np.abs(dies) > 0)
-        if lasting.any() or not self._same_modes(np.real(directions @ last), events):
+        now, events = float(self._out[1][0]), self._out[2].copy()
+        last, factors = linear.last, linear.factors
+        dies = (linear.row @ linear.directions) * (linear.there - last)
+        lasting = (np.abs(factors) >= 1) & (factors != 1) & (np.abs(dies) > 0)
+        if lasting.any() or not self._same_modes(np.real(linear.directions @ last), events):
             return False
         one_way = (np.imag(factors) == 0) & (np.real(factors) >= 0)
         parts, steady = np.real(dies), now - float(np.real(dies.sum()))

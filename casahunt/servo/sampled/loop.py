@@ -23,7 +23,7 @@ from ... import effort
 from ...errors import InputError
 from ..drive import Drive
 from ..parts.loop import Loop
-from .controller import STUCK_AHEAD, Controller
+from .controller import Controller
 from .in_a_row import TRIED_AT_ONCE, in_a_row
 from .plant import HELD, Plant, plant_of
 
@@ -163,7 +163,7 @@ class SampledLoop:
         """Go on to the sample in which the mode ends or the controller changes, or to the last one; returns which."""
         asked, kept = 0, len(self.waiting)
         while k < samples:
-            Y, u = self.controller.ahead(asked)
+            Y, u, complete = self.controller.ahead(asked)
             there, asked = len(u), asked + 1
             Y, u = Y[: samples - k], u[: samples - k]
             if not u.size:
@@ -183,7 +183,7 @@ class SampledLoop:
             self.plant.x[:], self.controller.Y[:] = states[n - 1], Y[n - 1]
             k += n
             effort.pieces(1)
-            if n < there or there not in STUCK_AHEAD:
+            if n < there or not complete:
                 return k
             if not for_ever and asked & (asked - 1) == 0 and self.rests():  # what dies out may have done so
                 return k

@@ -135,8 +135,8 @@ class Plant:
     def _between(self) -> tuple[float, float]:
         """The torques between which nothing moves, where nothing does."""
         if self._limits is None:
-            _, low, high = self.ahead(0.0, 1)
-            self._limits = float(low[0]), float(high[0])
+            self.ahead(0.0, 1)
+        assert self._limits is not None
         return self._limits
 
     def left_alone(self, seen: int) -> bool:
@@ -156,6 +156,8 @@ class Plant:
         mode, dying = self._mode, self._mode.dying
         last, off = self.x, np.zeros((len(mode.exits), 1))
         states = np.broadcast_to(self.x, (count, self.x.size))
+        if mode.still and self._limits is not None:
+            return states, np.full(count, self._limits[0]), np.full(count, self._limits[1])
         if not mode.still and dying is not None:
             now = dying.left(self.x)
             left = np.exp(T * np.arange(count + 1)[:, None] * dying.factors) * now
@@ -169,6 +171,8 @@ class Plant:
             ends = -(at + more) / rise if rise else np.where(at + more >= 0, -math.inf, math.inf)
             side = int(rise >= 0)
             limits[side] = np.minimum(limits[1], ends) if side else np.maximum(limits[0], ends)
+        if mode.still:
+            self._limits = float(limits[0, 0]), float(limits[1, 0])
         return states, limits[0], limits[1]
 
     def _event(self, way: Any, x: Array, torque: float) -> float:
