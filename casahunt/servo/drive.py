@@ -129,11 +129,6 @@ class Drive:
         """Whether it quantises anything."""
         return bool(self.encoder or self.quantise_torque)
 
-    @property
-    def remedied(self) -> bool:
-        """Whether it has a remedy other than a dead band of the integrator and a leak."""
-        return any(getattr(self, key) != getattr(Drive, key) for key in REMEDIES)
-
     def filter_of(self, controller: Controller | Pid) -> float:
         """Time of the filter of the derivative [s]; 0 without one."""
         if self.derivative != "filtered":
