@@ -314,7 +314,7 @@ def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, option
     """The end of a stable cycle.  Raises NoOrbit, effort.PartGivenUp."""
     losses, at, before = list[SpecialPoint[SystemOrbit]](), cycle, None
     while True:
-        branch = _further(at, before, remedy, last, options, MOST_UNSTABLE if losses else MOST_CYCLES)
+        branch = _further(at, before, remedy, last, options, losses)
         passed = [] if branch is None else [each for each in branch.special if _may_end(each)]
         for special in passed:
             if special.kind == "fold":
@@ -333,30 +333,32 @@ def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, option
         if branch is None or not passed or branch.orbits[-1].problem.value(remedy.size) == last:
             break
         before, at = branch.orbits[-2:]
-    if losses and (branch is None or branch.orbits[-1].seen_stable is False):
+    if branch is None or (losses and branch.orbits[-1].seen_stable is False):
         return _lost(losses, math.nan)
-    reached = branch is not None and branch.orbits[-1].problem.value(remedy.size) == last
-    if branch is not None and reached and branch.orbits[-1].seen_stable:
+    if branch.orbits[-1].problem.value(remedy.size) == last and branch.orbits[-1].seen_stable:
         return Border("none", last, swing=Swing.of(branch.orbits[-1]))
-    if branch is None or branch.end.kind not in ("grazing", "Hopf"):
-        raise NoOrbit("" if branch is None else str(branch.end), Status.NOT_FOUND)
+    if branch.end.kind not in ("grazing", "Hopf"):
+        raise NoOrbit(str(branch.end), Status.NOT_FOUND)
     end = branch.end
     error = max(end.error, 10 * FINER_FOR_GRAZINGS * options.tol * abs(end.value))
     return Border(cast(Kind, end.kind), end.value, error, orbit=branch.orbits[-1], why=str(end))
 
 
 def _further(
-    at: SystemOrbit, before: SystemOrbit | None, remedy: Remedy, last: float, options: Options, most: int
-) -> Branch[SystemOrbit] | None:
-    """The branch up to the next point at which stable cycles may end or begin.
+    at: SystemOrbit, before: SystemOrbit | None, remedy: Remedy, last: float, options: Options,
+    losses: list[SpecialPoint[SystemOrbit]],
+) -> Branch[SystemOrbit] | None:  # fmt: skip
+    """The branch up to the next point at which stable cycles may end or begin; losses: of stability, so far.
 
-    None where cycles that have lost their stability could not be followed.  Raises NoOrbit: stable ones could not.
+    None where cycles that have lost their stability could not be followed, or not within the work of an end: where they
+    lost it is known.  Raises NoOrbit, effort.PartGivenUp: stable ones could not.
     """
     finer = replace(options, tol=FINER_FOR_GRAZINGS * options.tol)
+    most = MOST_UNSTABLE if losses else MOST_CYCLES
     try:
         return follow(at, remedy.size, to=last, previous=before, options=finer, until=_may_end, max_points=most)
-    except NoOrbit:
-        if before is None:
+    except (NoOrbit, effort.PartGivenUp):
+        if not losses:
             raise
         return None
 
