@@ -72,8 +72,8 @@ if TYPE_CHECKING:
     from .servo.sampled.motion import SampledMotion, simulate_sampled
     from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
     from .servo.servo import Servo, load, load_drive
-    from .servo.simulation.simulate import simulate
-    from .servo.simulation.trajectory import Trajectory
+    from .servo.simulate import simulate
+    from .servo.trajectory import Trajectory
     from .views.explore.notebook import explore
 
 _HOMES = {
@@ -121,8 +121,8 @@ _HOMES = {
     "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
     "servo.servo": ("Servo", "load", "load_drive"),
-    "servo.simulation.simulate": ("simulate",),
-    "servo.simulation.trajectory": ("Trajectory",),
+    "servo.simulate": ("simulate",),
+    "servo.trajectory": ("Trajectory",),
     "views.explore.notebook": ("explore",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -130,7 +130,8 @@ def cases(rng: np.random.Generator, model: str, motions: int) -> list[Case]:
 
 def rest_of(motion: Trajectory) -> float:
     """Within which a servo is at rest [rad]."""
-    unit = motion.servo.friction.static / motion.servo.torque_gains(motion.gain)[0]
+    numbers = motion.loop.parameters
+    unit = numbers["static"] / (motion.gain * numbers["motor_gain"] * numbers["kp"])
     return max(1e-6 * unit, 1e-7 * float(np.abs(motion.states[0]).max()), float(motion.state_errors[0]))
 
 

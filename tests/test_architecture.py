@@ -271,7 +271,6 @@ LONG = {
     "casahunt/continuation/following.py follow": "a docstring of fifty lines; the rest is checks and one call",
     "casahunt/continuation/walk.py walk": "a docstring of forty lines; the rest is one loop",
     "casahunt/motion/phases.py march": "a docstring of forty lines; the rest is one loop",
-    "casahunt/servo/simulation/simulate.py simulate": "a docstring of forty lines; the rest is checks and one call",
 }
 """Files, and functions (behind the file), that may be longer, and why."""
 

@@ -73,7 +73,7 @@ def test_the_library_is_not_watched():
 
 
 def test_a_motion_of_very_many_events_ends_early(capsys, monkeypatch):
-    monkeypatch.setattr("casahunt.servo.simulation.simulate.MOST_EVENTS", 5)
+    monkeypatch.setattr("casahunt.servo.simulate.MOST_EVENTS", 5)
     assert cli.main([*SIMULATE, "--json"]) == 1
     out, err = capsys.readouterr()
     found = json.loads(out)

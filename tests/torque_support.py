@@ -19,7 +19,8 @@ from casahunt.compiled import alone
 from casahunt.hybrid.system import VectorMode
 from casahunt.servo.cycles import system_of
 from casahunt.servo.friction import Friction, stribeck
-from casahunt.servo.simulation.trajectory import Trajectory
+from casahunt.servo.parts.plain_loop import servo_of_loop
+from casahunt.servo.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -32,7 +33,7 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
     """
     t = np.asarray(times, float).ravel()
     x = trajectory.sample(t)
-    servo, gain = trajectory.servo, trajectory.gain
+    servo, _, gain = servo_of_loop(trajectory.loop)
     p = servo.parameters(gain)
     system = system_of(trajectory.model, p.size).vector_form
     modes = np.array(trajectory.mode_at(t))
@@ -40,7 +41,7 @@ def friction_torque(trajectory: Trajectory, times: Array) -> Array:
     for name in dict.fromkeys(modes.tolist()):
         mode, here = system.modes[name], np.flatnonzero(modes == name)
         acceleration[here] = _rates(mode, x[:, here], p)[1]
-    return trajectory.torque(x) - servo.inertia * acceleration
+    return trajectory.signal("torque", t) - servo.inertia * acceleration
 
 
 @alone

@@ -18,6 +18,7 @@ march_intervals.py a stiff mode to its exit, interval by interval
 march_checks.py    whether a phase is a motion of its mode
 phases.py          phase by phase: by series, or interval by interval; what comes out is a mesh with stages
 closed_forms.py  a closed form against the field of its mode
+motion.py          a motion as data
 simulation.py      the motion of a user's system, with its events and its error
 """
 
@@ -26,13 +27,17 @@ from typing import TYPE_CHECKING
 from ..lazy import lazily
 
 if TYPE_CHECKING:
+    from .motion import Motion
     from .phases import march
     from .recursion import taylor_coefficients
     from .segment import MarchFailure, Segment
     from .sensitivity import forward_sensitivity
-    from .simulation import Motion, simulate
+    from .simulation import follow_for, simulate
 
-__all__ = ["MarchFailure", "Motion", "Segment", "forward_sensitivity", "march", "simulate", "taylor_coefficients"]
+__all__ = [
+    "MarchFailure", "Motion", "Segment", "follow_for", "forward_sensitivity", "march", "simulate",
+    "taylor_coefficients",
+]  # fmt: skip
 __getattr__ = lazily(
     __name__,
     {
@@ -40,6 +45,7 @@ __getattr__ = lazily(
         "recursion": ("taylor_coefficients",),
         "segment": ("MarchFailure", "Segment"),
         "sensitivity": ("forward_sensitivity",),
-        "simulation": ("Motion", "simulate"),
+        "motion": ("Motion",),
+        "simulation": ("follow_for", "simulate"),
     },
 )

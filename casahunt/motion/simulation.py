@@ -14,23 +14,21 @@ Symbols: n states, d stages, N intervals of a phase, m sample points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+import itertools
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from ..checks import choice_of, given_once, of_kind, require
 from ..collocation.interval import field_at
 from ..collocation.joints import event_rate, flow_at
-from ..collocation.scheme import Kind, scheme
+from ..collocation.scheme import Kind
 from ..errors import NotFollowed, Status
-from ..export import Columns
 from ..hybrid import system as engine
 from ..hybrid.language import System
 from ..hybrid.vector_form import TURNS
-from ..results import Result
 from .closed_forms import check_closed_forms
+from .motion import Motion, sampled
 from .phases import MARCHED_AT_MOST, MarchFailure, Segment, march
 from .rest import before_rest, far_after, far_from
 from .segment import NoEnd
@@ -48,117 +46,6 @@ HALVED_DIGITS, AS_ITS_RATE, NO_SPEED = 50, 0.5, 1e-6
 by which it has to change on them; part of what its rate is the sum of, to which that is zero."""
 LOOK_TOLERANCE = 1e-4
 """Error of an interval in a look: it shows sizes, and where to begin."""
-
-
-class Crossing(NamedTuple):
-    """An event that was met: time, its name, the mode that it ends, the states in front of it and behind (n,)."""
-
-    time: float
-    event: str
-    mode: str
-    before: Array
-    behind: Array
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Motion(Result):
-    """A motion, as far as it was followed.
-
-    Attributes
-    ----------
-    system : whose it is.
-    p : (np,) parameters.
-    phases : its phases, one after the other; the last one ends where the time is over.
-    error : estimated error of states and times of events at the end, relative to the sizes of the states and to the
-        duration.
-    scale : (n,) sizes of the states.
-    kind : collocation scheme.
-
-    Examples
-    --------
-    >>> from casahunt.hybrid.examples import belt
-    >>> from casahunt.motion import simulate
-    >>> motion = simulate(belt, "slip", x=0.0, v=0.0, duration=5.0)
-    >>> motion.duration, round(motion.end["x"], 4)
-    (5.0, 0.9719)
-    """
-
-    _quantities = ("duration ~ error", "number_of_events = events.size", "end")
-    _details = ("error", "events", "p", "kind")
-
-    system: System
-    p: Array
-    phases: tuple[Segment, ...]
-    error: float
-    scale: Array
-    kind: Kind
-
-    @property
-    def duration(self) -> float:
-        """Time that was followed."""
-        return float(sum(phase.duration for phase in self.phases))
-
-    @property
-    def sizes(self) -> dict[str, float]:
-        """The sizes of the states that its error is relative to, by name."""
-        return dict(zip(self.system.names.states, map(float, self.scale), strict=False))
-
-    @property
-    def end(self) -> dict[str, float]:
-        """The states at the end, by name; in a forced system the time."""
-        x, names = self.phases[-1].end, self.system.names
-        found = dict(zip(names.states, map(float, x), strict=False))
-        return found | ({"t": float(x[-1]) * float(names.turn(self.p))} if names.forcing_period else {})
-
-    @property
-    def events(self) -> tuple[Crossing, ...]:
-        """The events on the way."""
-        times = np.cumsum([phase.duration for phase in self.phases])
-        return tuple(
-            Crossing(float(t), phase.event, phase.mode, phase.end, phase.behind)
-            for t, phase in zip(times, self.phases, strict=True)
-            if phase.event
-        )
-
-    def sample(self, per_interval: int = 8) -> tuple[Array, Array]:
-        """Dense where the motion is fast.
-
-        Returns
-        -------
-        times : (m,) from the start; twice the same where the state jumps.
-        states : (n, m), in the order of `system.names.entries`.
-        """
-        return sampled(self.system.vector_form, self.phases, self.p, self.kind, per_interval)
-
-    def _columns(self) -> Columns:
-        times, states = self.sample()
-        return dict(zip(("t", *self.system.names.states), (times, *states), strict=False))
-
-
-def sampled(
-    system: engine.VectorSystem, phases: tuple[Segment, ...] | list[Segment], p: Array, kind: Kind, per_interval: int
-) -> tuple[Array, Array]:
-    """Marched phases at points.
-
-    p, kind: parameter vector and collocation scheme of the march; per_interval: points in an interval; both ends of a
-    phase are there besides. Returns times (m,) from the start, states (n, m).
-    """
-    tau = np.linspace(0, 1, per_interval, endpoint=False)
-    times, states, start = [], [], 0.0
-    for phase in phases:
-        n = phase.end.size
-        if phase.w.shape[1] == n:
-            times.append(start + phase.duration * tau)
-            states.append(flow_at(system.modes[phase.mode], phase.start, phase.duration * tau, p))
-        else:
-            matrix = scheme(phase.w.shape[1] // n - 1, kind).interpolation(tau)
-            lengths = np.diff(phase.breaks)
-            times.append((start + phase.duration * (phase.breaks[:-1, None] + lengths[:, None] * tau)).ravel())
-            states.append(np.einsum("kj,ijn->ikn", matrix, phase.w.reshape(len(phase.w), -1, n)).reshape(-1, n))
-        start += phase.duration
-        times.append(np.array([start]))
-        states.append(phase.end[None])
-    return np.concatenate(times), np.concatenate(states).T
 
 
 def simulate(
@@ -248,24 +135,47 @@ def follow_for(
     kind: Kind,
     duration: float,
     tol: float,
-    events: float = np.inf,
+    until: Callable[[Segment], bool] | None = None,
     most: int = MARCHED_AT_MOST,
 ) -> list[Segment]:
-    """The phases of a motion for exactly this time, or until so many events.
+    """The phases of a motion for exactly this time, or until something holds at the end of one.
 
-    form, mode: the hybrid system and the mode that it starts in; x, p, scale: (n,) state at the start; parameter
-    vector; (n,) sizes of the states; tol, most: error of an interval, relative to the sizes; how many there may be.
-    Returns the phases; their durations sum up to `duration`. Raises MarchFailure: see `march`.
+    Parameters
+    ----------
+    form, mode
+        the hybrid system (`System.vector_form`), and the mode that it starts in.
+    x, p, scale
+        (n,) state at the start; (np,) parameters; (n,) sizes of the states.
+    kind
+        collocation scheme.
+    duration
+        how long [s].
+    tol, most
+        error of an interval, relative to the sizes; how many there may be.
+    until
+        called with every phase; True ends the motion.
+
+    Returns
+    -------
+    The phases; their durations sum up to `duration`.
+
+    Raises
+    ------
+    MarchFailure : as of `march`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.motion import follow_for
+    >>> p = np.array(list(belt.parameters.values()))
+    >>> phases = follow_for(belt.vector_form, "slip", np.zeros(2), p, np.ones(2), "gauss", 5.0, 1e-6)
+    >>> [phase.mode for phase in phases], sum(phase.duration for phase in phases)
+    (['slip', 'stick'], 5.0)
     """
-    met: list[Segment] = []
-
-    def enough(segment: Segment) -> bool:
-        met.append(segment)
-        return len(met) >= events
-
     phases = march(
-        form, mode, x, p, scale=scale, until=enough, tol=tol, degree=MARCH_DEGREE, kind=kind, max_time=duration,
-        max_intervals=most, strict=True,
+        form, mode, x, p, scale=scale, until=until or (lambda segment: False), tol=tol, degree=MARCH_DEGREE, kind=kind,
+        max_time=duration, max_intervals=most, strict=True,
     )  # fmt: skip
     left = duration - sum(phase.duration for phase in phases[:-1])
     last = phases[-1]
@@ -328,11 +238,11 @@ def look(
     for _ in range(LOOKS_AT_MOST):
         asked = form, mode, x, p, scale, kind
         try:
-            phases = follow_for(*asked, duration, LOOK_TOLERANCE, events, most)
+            phases = follow_for(*asked, duration, LOOK_TOLERANCE, _after(events), most)
         except NoEnd as ended:
             if most == MARCHED_AT_MOST:
                 raise
-            phases = follow_for(*asked, ended.time, LOOK_TOLERANCE, events)
+            phases = follow_for(*asked, ended.time, LOOK_TOLERANCE, _after(events))
         times, states = sampled(form, phases, p, kind, 4)
         found = np.maximum(np.max(np.abs(states), axis=1), least)
         found = np.where(found > 0, found, 1.0)
@@ -342,6 +252,12 @@ def look(
         if not rough.any():
             break
     return scale, phases, (times, states)
+
+
+def _after(events: float) -> Callable[[Segment], bool]:
+    """What holds behind so many phases."""
+    count = itertools.count(1)
+    return lambda segment: next(count) >= events
 
 
 def _difference(coarse: list[Segment], fine: list[Segment], scale: Array, tol: float) -> float:

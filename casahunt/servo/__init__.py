@@ -18,7 +18,8 @@ denial.py         what proves that a servo has no cycle
 outcome.py        what becomes of a motion: the words, and the record
 parts/            controllers, frictions, loads and remedies, of which a loop is made
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
-simulation/       the motion from any initial state
+trajectory.py     a motion as data: its events, what becomes of it
+simulate.py       the motion from any initial state
 linear/           the loop without dry friction: response, poles, margins, with delay or as built
 sampled/          the loop as built: its motion, and quantisation told apart from stiction
 refused.py        what is refused before any cycle is sought: no problem, times too far apart, proofs

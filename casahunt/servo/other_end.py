@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +23,11 @@ from .basin import stick_position
 from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
 from .outcome import SETTLES
+from .parts.plain_loop import servo_of_loop
 from .problem import HuntingOrbit
-from .simulation.simulate import simulate
-from .simulation.trajectory import Trajectory
+from .servo import Servo
+from .simulate import simulate
+from .trajectory import Trajectory
 
 START_DIGITS, DIGITS_ON_IT = (2, 4), 10
 """Digits of the distance from the set point that starts are tried with, the first that leads to hunting being given;
@@ -58,30 +61,31 @@ class OtherEnd:
 
 
 def other_end(motion: Trajectory) -> OtherEnd | None:
-    """The cycle that a servo at rest could be on, and a start; None for a motion whose verdict names another end."""
-    if motion.verdict.kind not in SETTLES:
+    """The cycle that a servo at rest could be on, and a start.
+
+    None for a motion whose verdict names another end, and of a loop with other parts than those of a servo.
+    """
+    asked = servo_of_loop(motion.loop)
+    if motion.verdict.kind not in SETTLES or asked is None:
         return None
     try:
-        orbit = find_orbit(motion.servo, motion.model, motion.gain)
+        orbit = find_orbit(*asked)
     except NoOrbit as error:
         return OtherEnd(None, str(error), error.status is None)
     time = max(motion.duration, math.ceil(FOLLOWED * orbit.period))
     for start in _starts(motion, orbit):
         with suppress(NoOrbit):
-            again = simulate(
-                motion.servo, motion.model, motion.gain, set_point=motion.set_point, tol=motion.tol, time=time,
-                **start,
-            )  # fmt: skip
+            again = simulate(motion.loop, set_point=motion.set_point, tol=motion.tol, time=time, **start)
             if again.verdict.kind == "hunting":
                 return OtherEnd(orbit, start={**start, "time": time})
     return OtherEnd(orbit)
 
 
-def _starts(motion: Trajectory, orbit: HuntingOrbit) -> Iterator[dict[str, float]]:
+def _starts(motion: Trajectory, orbit: HuntingOrbit) -> Iterator[dict[str, Any]]:
     """Where motions are let go: beside the set point, in ever more digits; then on the cycle, where it turns round."""
     with suppress(NoOrbit):
         a = stick_position(orbit)
-        yield from (_stuck(motion, a, digits) for digits in START_DIGITS)
+        yield from (_stuck(orbit.servo, orbit.gain, motion.set_point, a, digits) for digits in START_DIGITS)
     _, x = orbit.sample()
     turn = x[:, np.argmax(np.abs(x[0]))]
     names = ("position", "velocity", "integral", "bristle")[: len(turn)]
@@ -89,10 +93,10 @@ def _starts(motion: Trajectory, orbit: HuntingOrbit) -> Iterator[dict[str, float
     yield {name: float(f"{value:.{DIGITS_ON_IT}g}") for name, value in zip(names, values, strict=True)}
 
 
-def _stuck(motion: Trajectory, a: float, digits: int) -> dict[str, float]:
+def _stuck(servo: Servo, gain: float, set_point: float, a: float, digits: int) -> dict[str, Any]:
     """Stuck at the distance a from the set point, the distance rounded to so many digits."""
-    kp, _, ki = motion.servo.torque_gains(motion.gain)
+    kp, _, ki = servo.torque_gains(gain)
     decimals = digits - 1 - math.floor(math.log10(a))
-    position = round(motion.set_point - round(a, decimals), max(decimals, 0))
-    integral = (kp * (motion.set_point - position) - SECTION * motion.servo.friction.static) / ki
+    position = round(set_point - round(a, decimals), max(decimals, 0))
+    integral = (kp * (set_point - position) - SECTION * servo.friction.static) / ki
     return {"position": position, "integral": float(f"{max(0.0, integral):.{digits + 1}g}")}

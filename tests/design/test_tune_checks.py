@@ -23,7 +23,7 @@ from casahunt.servo.event_map.fixed_points import FixedPoint, FixedPoints
 from casahunt.servo.event_map.scan import Scan
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.linear.margins import Margins
-from casahunt.servo.simulation.simulate import simulate
+from casahunt.servo.simulate import simulate
 
 
 def undecided(motion):

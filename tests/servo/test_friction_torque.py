@@ -26,14 +26,15 @@ def test_lugre_follows_its_bristle():
 
 def test_switch_slides_on_its_curve_and_sticks_below_static_friction():
     motion = simulate(Servo(), "switch", 0.1, time=6)
-    t, x = motion.dense()
+    t = motion.dense()[0]
+    x = motion.sample(t)
     torque, modes = friction_torque(motion, t), np.array(motion.mode_at(t))
     slip = np.isin(modes, ("slip+", "slip-")) & (np.abs(x[1]) > 1e-5)
     assert slip.sum() > 50
     assert torque[slip] == pytest.approx(sliding_torque(F, x[1, slip]), abs=1e-12)
     stick = modes == "stick"
     assert stick.sum() > 5
-    assert torque[stick] == pytest.approx(motion.torque(x)[stick], abs=1e-12)
+    assert torque[stick] == pytest.approx(motion.signal("torque", t)[stick], abs=1e-12)
     assert np.all(np.abs(torque[stick]) <= F.static + 1e-6)
 
 

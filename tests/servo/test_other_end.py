@@ -49,7 +49,7 @@ def test_a_start_with_an_integral():
     """Beyond Fs/kp a servo without an integral does not stick: the start is given one that holds it."""
     servo = Servo().replace(**{"friction.stribeck_velocity": 0.5, "friction.viscous": 0.0})
     motion = simulate(servo, "switch", 0.04, set_point=0.0, position=1e-9)
-    start = module._stuck(motion, 2 * servo.friction.static / servo.torque_gains(0.04)[0], 4)
+    start = module._stuck(servo, 0.04, motion.set_point, 2 * servo.friction.static / servo.torque_gains(0.04)[0], 4)
     kp, _, ki = servo.torque_gains(0.04)
     torque = -(kp * start["position"] + ki * start["integral"])
     assert start["integral"] > 0 and abs(torque) == pytest.approx(0.9 * servo.friction.static, rel=1e-3)

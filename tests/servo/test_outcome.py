@@ -10,7 +10,6 @@ import pytest
 from casahunt import Servo, cli, find_orbit, simulate
 from casahunt.servo.parts import loop_of
 from casahunt.servo.parts.ahead import Moved, ahead
-from casahunt.servo.simulation.simulate import escapes
 from problems import taylor
 from scripts import verdicts
 
@@ -96,7 +95,7 @@ def test_a_servo_that_has_crept_to_the_set_point_is_at_rest():
     """Its slip ends 1e-16 rad beside it, and no march says where."""
     for gain in 0.88383 * (1 + 1e-3 * np.arange(12)):
         motion = simulate(DAMPED, "switch", gain, position=1.0048, time=380.0)
-        assert motion.modes[-1] == "slip+" and motion.verdict.kind == "at rest", motion.verdict.sentence
+        assert motion.verdict.kind == "at rest", motion.verdict.sentence
     assert simulate(DAMPED, "switch", 0.88383, position=1.0048, time=1.0).verdict.kind != "at rest"
 
 
@@ -105,28 +104,7 @@ def test_a_stuck_servo_waits_until_the_next_event():
     start = {"set_point": 0.0, "position": -0.01}
     stuck, longer = (simulate(TABLE_1, "switch", 0.04, time=time, **start) for time in (1.0, 90.0))
     away = next(e.time for e in longer.events if e.name.startswith("breakaway"))
-    assert stuck.modes[-1] == "stick" and 1.0 + stuck.verdict.waits == pytest.approx(away, abs=1e-6)
-
-
-def test_growth_is_what_no_friction_can_hold_back():
-    """The worst friction the bound allows, F = Fs sgn(..) against growth, exactly integrated: y grows beyond it."""
-    gain = 0.1
-    J, Fs = UNDAMPED.inertia, UNDAMPED.friction.static
-    kp, kd, ki = UNDAMPED.torque_gains(gain)
-    A = np.array([[0, 1, 0], [-kp / J, -kd / J, -ki / J], [1, 0, 0]])
-    values, vectors = np.linalg.eig(A.T)
-    i = int(np.argmax(values.real))
-    w, growth = vectors[:, i], values[i].real
-    bound = abs(w[1]) * Fs / (J * growth)
-    direction = np.linalg.lstsq(np.array([w.real, w.imag]), np.array([1.0, 0.0]), rcond=None)[0]
-    assert escapes(UNDAMPED, "switch", gain, 1.1 * bound * direction)
-    assert not escapes(UNDAMPED, "switch", gain, 0.9 * bound * direction)
-    assert not escapes(TABLE_1, "switch", gain, 1e6 * bound * direction)  # a stable loop does not grow for ever
-    y, h = 1.1 * bound + 0j, 1e-3
-    for _ in range(2000):
-        phase = np.conj(y) * w[1]
-        y = np.exp(values[i] * h) * y - h * w[1] / J * Fs * np.sign(phase.real)
-    assert abs(y) > 1.2 * bound
+    assert stuck.motion.phases[-1].mode == "stick" and 1.0 + stuck.verdict.waits == pytest.approx(away, abs=1e-6)
 
 
 def test_a_fast_start_is_not_thrown_out():
@@ -189,7 +167,7 @@ def test_the_comparison_sees_a_wrong_verdict():
     hunts, rests, hunts_on = (simulate(TABLE_1, "switch", gain, time=t, tol=1e-5) for gain, t in
                               ((0.04, 60.0), (0.8, 120.0), (0.04, 120.0)))  # fmt: skip
     assert hunts.verdict.kind == "hunting" and verdicts.contradiction(hunts, rests)
-    later = replace(hunts_on, times=hunts_on.times * 9)
+    later = simulate(TABLE_1, "switch", 0.04, time=9 * 120.0, tol=1e-5)
     assert rests.verdict.kind == "at rest" and verdicts.contradiction(rests, later)
     assert not verdicts.contradiction(hunts, hunts_on)
     for wrong in ("decaying", "growing"):

@@ -130,7 +130,7 @@ def test_table_and_picture(capsys, tmp_path, built):
     (("--sample-time", 0, "--enter-ratio", 0.3), "enter-ratio: must be left out without hysteresis"),
     (("--sample-time", 0, "--dwell", 1, "--model", "lugre"), "dwell: must be left out, in the continuous loop it goes"),
     (("--sample-time", 0, "--leak", -1), "leak = -1: must be at least 0 (leak)"),
-    (("--bristle", "1e-6"), "bristle = 1e-06: must be 0 with the model 'switch'"),
+    (("--bristle", "1e-6"), "bristle = 1e-06: must be 0, as the switch servo has no bristle"),
     (("--time", "1e6"), "between 1 and 5000000 samples"),
 ])  # fmt: skip
 def test_refusals(capsys, built, words, said):

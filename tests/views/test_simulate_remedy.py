@@ -13,8 +13,8 @@ def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
     code, out, _ = run(capsys, "simulate", "--gain", 0.04, "--hysteresis", 0.2, "--enter-ratio", 0.25)
     assert code == 0 and out.startswith("switch servo at gain 0.04 V/rad, set point 1 rad, 100 s: at rest")
     assert "when followed on it stays there" in " ".join(out.split())
-    assert "rad from the set point, velocity" in out
-    assert "with a remedy it may hunt from nearer" in " ".join(out.split())
+    assert "short of the set point, velocity 0 rad/s" in out
+    assert "it may hunt from nearer to the set point; casahunt orbit and remedies look there" in " ".join(out.split())
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from ...servo.drive import Drive
 from ...servo.hunting import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
-from ...servo.simulation.trajectory import Trajectory
+from ...servo.trajectory import Trajectory
 from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import as_record

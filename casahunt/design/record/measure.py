@@ -34,7 +34,7 @@ from ...checks import number, of_kind
 from ...errors import InputError
 from ...export import Columns
 from ...results import Result
-from ...servo.simulation.trajectory import Trajectory
+from ...servo.trajectory import Trajectory
 from .file import Record, read_record
 from .period import FEWEST_PERIODS, Grid, find_period, gridded, in_blocks, off_line, usual_distance
 from .period_marks import Marks, level_of, mark, means_between

@@ -15,10 +15,11 @@ import numpy as np
 from ...servo.outcome import Kind
 from ...servo.parts.fate import Swing, fate
 from ...servo.parts.loop import Loop
-from ...servo.parts.verbs import along
 
 TASK_STEP, SETTLED_WITHIN = 1.0, 0.02
 """The step [rad], and the part of it within which it has settled."""
+TASK_POINTS = 4
+"""Of an interval, at which torque and error are looked at."""
 HALF_OF_IT = 0.5
 """Part of the hunting before within which a servo that hunts no more is."""
 
@@ -47,12 +48,12 @@ def task(loop: Loop, before: Swing, rest_error: float) -> Task:
     ended = fate(loop, loop.at_rest(-TASK_STEP), before, meshed=True)
     if ended.kind in ("undecided", "growing"):
         return Task(math.nan, math.nan, ended.kind)
-    seen = along(loop, ended.motion)
-    x, times, within = seen.states[loop.system.states.index("x1")], seen.times, settled_within(before.amplitude)
+    times, states = ended.motion.sample(TASK_POINTS)
+    x, within = states[loop.system.states.index("x1")], settled_within(before.amplitude)
     within = float(np.fmax(rest_error, within))
     if math.isnan(rest_error) and ended.kind == "at rest":
         within = max(within, abs(float(x[-1])))
     outside = np.flatnonzero(np.abs(x) > within)
     last = int(outside[-1]) if outside.size else 0
     settled = float(times[last]) if last < times.size - 1 and ended.kind != "hunting" else math.nan
-    return Task(float(np.abs(seen.torque).max()), settled, ended.kind)
+    return Task(float(np.abs(loop.along("torque", ended.motion, times)).max()), settled, ended.kind)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ...results import Result
 from ...servo.hunting import Model
 from ...servo.servo import Servo
-from ...servo.simulation.simulate import simulate
-from ...servo.simulation.trajectory import Trajectory
+from ...servo.simulate import simulate
+from ...servo.trajectory import Trajectory
 
 TASK_STEPS = (1.0, 0.1)
 """Sizes [rad] of the steps of the set point."""
@@ -60,7 +61,7 @@ def regulator_tasks(
     ]
 
 
-def stated(servo: Servo, gain: float, amplitude: float) -> dict[str, dict[str, float]]:
+def stated(servo: Servo, gain: float, amplitude: float) -> dict[str, dict[str, Any]]:
     """How the tasks start, in words and as `simulate` takes it: two steps of the set point, the breakaway [rad]."""
     kp, _, ki = servo.torque_gains(gain)
     brink = (kp * amplitude - servo.friction.static) / ki

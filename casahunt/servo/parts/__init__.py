@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from .tabulated import friction_table
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
-    from .verbs import LoopMotion, fold_in, loop_cycle, loop_motion, unstable_cycle
+    from .verbs import fold_in, loop_cycle, unstable_cycle
     from .with_exponent import WITH_EXPONENT
 
 __all__ = [
@@ -83,8 +83,8 @@ __all__ = [
     "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER", "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR",
     "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES",
     "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
-    "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "WITH_EXPONENT", "Edge", "Law", "Loop", "LoopMotion", "Part", "PartMode",
-    "Remedy", "fold_in", "friction_table", "from_object", "load_loop", "loop_cycle", "loop_motion", "loop_of", "series",
+    "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "WITH_EXPONENT", "Edge", "Law", "Loop", "Part", "PartMode",
+    "Remedy", "fold_in", "friction_table", "from_object", "load_loop", "loop_cycle", "loop_of", "series",
     "state_space", "transfer_function", "unstable_cycle",
 ]  # fmt: skip
 __getattr__ = lazily(
@@ -117,7 +117,7 @@ __getattr__ = lazily(
         "tabulated": ("friction_table",),
         "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
         "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
-        "verbs": ("LoopMotion", "fold_in", "loop_cycle", "loop_motion", "unstable_cycle"),
+        "verbs": ("fold_in", "loop_cycle", "unstable_cycle"),
         "with_exponent": ("WITH_EXPONENT",),
     },
 )

@@ -69,6 +69,8 @@ class Moved(NamedTuple):
 def ahead(loop: Loop, moved: Moved) -> Outcome:
     """What becomes of a motion behind its end."""
     names, place = loop.system.states, loop.system.states.index("x1")
+    # from a mode that two others are parts of it goes on in one of these
+    begun = "" if moved.mode in [each.unsplit for each in loop.system.modes] else moved.mode
     error = float(moved.errors[place])
     if not math.isfinite(error):
         return Outcome("undecided", "two computations of the motion do not agree; ask for a larger tolerance")
@@ -86,7 +88,7 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
     sizes = {name: max(first.sizes[name], float(size)) for name, size in zip(names, alive, strict=True)}
     # a look that is shorter than what the servo does would take the verge of a slip for rest
     before = replace(first, period=max(first.period, PERIOD * float(moved.times[-1])), sizes=sizes)
-    found = fate(loop, known, before, work=WORK_AHEAD, mode=moved.mode)
+    found = fate(loop, known, before, work=WORK_AHEAD, mode=begun)
     floor = max(REST * unit, error, TOLERANCE_OF_A_FATE * sizes["x1"])
     moves = np.flatnonzero(np.abs(moved.states[place] - end[place]) > floor)
     way = np.concatenate([end[[place]], *(phase.nodes[:, place] for phase in found.motion.phases)])
@@ -98,7 +100,7 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
     if error > np.finfo(float).eps * unit and not irregular:
         farther = end + np.sign(end) * moved.errors  # of what stands nothing is in doubt
         beyond = dict(zip(names, farther.tolist(), strict=True))
-        other = fate(loop, beyond, before, rest=LEFT_OF_A_SWING, work=WORK_AHEAD, mode=moved.mode)
+        other = fate(loop, beyond, before, rest=LEFT_OF_A_SWING, work=WORK_AHEAD, mode=begun)
         if other.kind != "undecided" and not _alike(found, other):
             either = f"as far as the motion is known it {_said(found)}, or {_said(other)}"
             return Outcome("undecided", f"{either}; ask for a smaller tolerance")

@@ -18,6 +18,7 @@ import numpy as np
 from ...checks import choice_of, number
 from ...errors import InputError
 from ...hybrid import System
+from ...motion import Motion
 from .part import Function, Part
 from .product import Modes, mode_name, product_of, wiring_of
 from .wiring import Numbers, Signals
@@ -178,3 +179,21 @@ class Loop:
         named = SimpleNamespace(**dict(zip(states, x, strict=True)))
         value = getattr(Signals(wiring, named, Numbers(**self.parameters)), name)
         return np.broadcast_to(np.asarray(value, float), x.shape[1:])
+
+    def along(self, name: str, motion: Motion, times: Array) -> Array:
+        """A signal along a motion of the loop.
+
+        Parameters
+        ----------
+        name, motion, times
+            the signal, the motion, and (m,) times in it [s].
+
+        Returns
+        -------
+        (m,) values; at an event those behind it.
+        """
+        values, states = np.empty(times.size), motion.at(times)
+        modes = np.array([phase.mode for phase in motion.phases])[motion.phase_at(times)]
+        for mode in dict.fromkeys(modes.tolist()):
+            values[modes == mode] = self.signal(name, mode, states[:, modes == mode])
+        return values

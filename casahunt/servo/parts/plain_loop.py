@@ -5,16 +5,23 @@ The controller is given by its gains, which are those of any PID: kp, ki and kd 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from ...checks import COMPUTED, choice_of, sensible
 from ..controller import torque_gains_of
-from ..hunting import Model, called
-from ..servo import Servo, flatten
+from ..hunting import MODELS, Model, called
+from ..servo import PID_PARAMETERS, Servo, a_servo, flatten, unflatten
 from .inertia import INERTIA
 from .loop import Loop
 from .lugre import LUGRE
+from .part import Part
 from .pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from .switch import SWITCH
 
-FRICTIONS = {"switch": SWITCH, "lugre": LUGRE}
+FRICTIONS: Mapping[str, Part] = {"switch": SWITCH, "lugre": LUGRE}
+PID_KEYS = PID_PARAMETERS[:-1]
+"""Of a servo whose controller is given by its gains, without the gain of the loop."""
 
 
 def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
@@ -48,6 +55,28 @@ def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
     parts = (INERTIA, FRICTIONS[model], PID_BY_GAINS, INTEGRATOR)
     wanted = {name for part in parts for name in part.parameters}
     return Loop(parts, {name: value for name, value in numbers.items() if name in wanted}, f"{model} servo")
+
+
+def loop_asked(servo: Servo | Loop, model: Model | None, gain: float | None) -> Loop:
+    """What is asked about as a loop: a servo with a friction model at a gain, or a loop at its own gain or another.
+
+    Raises InputError: it is neither, or model or gain are none.
+    """
+    if isinstance(servo, Loop):
+        return servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
+    a_servo(servo)
+    friction: Any = choice_of("model", str(model), MODELS)
+    return loop_of(servo, friction, sensible("gain", gain, power=COMPUTED))
+
+
+def servo_of_loop(loop: Loop) -> tuple[Servo, Model, float] | None:
+    """The servo that a loop is, its friction model and its gain; None where it has other parts."""
+    model: Any = next((model for model, part in FRICTIONS.items() if part in loop.present), None)
+    if model is None or {*by_gains(loop).present} != {INERTIA, FRICTIONS[model], PID_BY_GAINS, INTEGRATOR}:
+        return None
+    numbers = by_gains(loop).parameters
+    keys = {key: name for key, name in zip(PID_KEYS, called(PID_KEYS), strict=True) if name in numbers}
+    return unflatten({key: numbers[name] for key, name in keys.items()}), model, numbers["gain"]
 
 
 def by_gains(loop: Loop) -> Loop:

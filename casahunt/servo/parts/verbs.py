@@ -1,4 +1,4 @@
-"""What is asked of a loop as of a servo: its hunting cycle, its motion, a signal along that.
+"""What is asked of a loop as of a servo: its hunting cycle, the other one, a fold.
 
     cycle     motions from rest beside the set point, by 1, 1/2, 1/4, ... rad: the cycle on which the first one settles
               (where turns are events, a state of it is known from fate.py, and no motion that rests is searched)
@@ -12,22 +12,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from ... import effort
 from ...checks import choice_of
 from ...continuation import FOLD, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
-from ...motion import Motion, simulate
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
 from .ahead import LAST_TURNS, measured, ranges
 from .fate import Fate, Swing, fate
 from .loop import Loop
-
-Array = np.ndarray
 
 FIRST_OFF, STARTS_HALVED = 1.0, 12
 """Off the set point by so much a motion starts first [rad], and by so many times half as much: to 0.2 mrad."""
@@ -290,87 +285,3 @@ def fold_in(
     """
     extremum, far = (largest if sense > 0 else smallest), sense * math.inf if to is None else to
     return extremum(cycle, vary, to=far, options=options, max_points=max_points, progress=progress)
-
-
-@dataclass(frozen=True, eq=False)
-class LoopMotion:
-    """A motion of a loop at points, with the torque of its motor.
-
-    Attributes
-    ----------
-    motion : as the engine has it.
-    times, states : (m,) [s], (n, m).
-    modes : (m,) names.
-    torque, moving : (m,) [N m], and whether the friction slips.
-
-    Examples
-    --------
-    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_motion
-    >>> step = loop_motion(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR)), 10.0)
-    >>> round(float(abs(step.torque[0])), 2)  # 2 * 16 * 0.04 V/rad * 1 rad
-    1.28
-    """
-
-    motion: Motion
-    times: Array
-    states: Array
-    modes: Array
-    torque: Array
-    moving: Array
-
-
-def loop_motion(
-    loop: Loop, duration: float, *, start: Mapping[str, float] | None = None, tol: float = 1e-8,
-    sizes: Mapping[str, float] | None = None, mode: str | None = None, per_interval: int = 4,
-) -> LoopMotion:  # fmt: skip
-    """The motion of a loop.
-
-    Parameters
-    ----------
-    loop, duration
-        the loop, and how long it is followed [s].
-    start
-        states at the start, by name, all others zero; default: at rest 1 rad before the set point, a step.
-    tol, sizes
-        as of `casahunt.motion.simulate`.
-    mode
-        in which it starts, where it goes on from another one; default that of the start.
-    per_interval
-        points in an interval.
-
-    Returns
-    -------
-    LoopMotion.
-
-    Raises
-    ------
-    InputError : a name or number is wrong.
-    NoOrbit : the motion cannot be followed, with the time and the reason.
-
-    Examples
-    --------
-    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_motion
-    >>> step = loop_motion(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR)), 100.0)
-    >>> [crossing.event for crossing in step.motion.events][:3]
-    ['stop', 'breakaway-', 'stop']
-    """
-    state = loop.at_rest(-FIRST_OFF) if start is None else loop.state(**start)
-    motion = simulate(
-        loop.system, mode or loop.mode_at(**state), start=state, duration=duration, sizes=sizes, tol=tol
-    )
-    return along(loop, motion, per_interval)
-
-
-def along(loop: Loop, motion: Motion, per_interval: int = 4) -> LoopMotion:
-    """A motion of a loop that has been followed, at points, with its torque."""
-    times, states = motion.sample(per_interval)
-    # (m,) modes of a motion at its sampled times: of two equal times the second one is behind the event
-    ends = np.cumsum([phase.duration for phase in motion.phases])
-    of = np.searchsorted(ends, times, side="left").clip(max=len(ends) - 1)
-    of[1:] += (times[1:] == times[:-1]) & (times[1:] == ends[of[1:]]) & (of[1:] < len(ends) - 1)
-    modes = np.array([phase.mode for phase in motion.phases])[of]
-    torque, moving = np.empty((2, times.size))
-    for name in set(modes.tolist()):
-        at = modes == name
-        torque[at], moving[at] = (loop.signal(signal, name, states[:, at]) for signal in ("torque", "moving"))
-    return LoopMotion(motion, times, states, modes, torque, moving > 0)

@@ -15,17 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import COMPUTED, choice_of, moderate, of_kind, sensible
+from ...checks import COMPUTED, moderate, of_kind, sensible
 from ...errors import InputError
 from ...export import Columns
 from ...results import Result
 from ..drive import Drive
-from ..hunting import MODELS, Model
+from ..hunting import Model
 from ..outcome import Outcome
 from ..parts.loop import Loop
 from ..parts.lugre import LUGRE
-from ..parts.plain_loop import loop_of
-from ..servo import Servo, a_servo
+from ..parts.plain_loop import loop_asked
+from ..servo import Servo
+from ..simulate import start_of
+from ..trajectory import told_first
 from .as_run import as_run
 from .loop import SampledLoop
 from .turning_points import Ending, judge
@@ -38,8 +40,6 @@ AT_A_STOP = ("dwell", "reset_at_stop")
 """Remedies that wait for a reading to stay."""
 FAR_AWAY = 1e3
 """A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
-FIRST_STATES = ("x1", "x2", "x3")
-"""Position and velocity of the motor, and the integral: the states that come first."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -232,25 +232,10 @@ def simulate_sampled(
     """
     drive = of_kind("drive", drive, Drive, "such as Drive(sample_time=1e-3, encoder=2000)")
     sensible("time", time, power=COMPUTED)
-    if isinstance(servo, Loop):
-        loop = servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
-    else:
-        a_servo(servo)
-        choice_of("model", model, MODELS)
-        loop = loop_of(servo, model, sensible("gain", gain, power=COMPUTED))
-    states, known = loop.system.states, "lugre" if LUGRE in loop.present else "switch"
-    _check_stops(known, drive)
-    if bristle != 0 and known != "lugre":
-        raise InputError(f"bristle = {bristle!r}: must be 0 with the model 'switch', which has no bristle")
-    given = {"set_point": set_point, "position": position, "velocity": velocity, "integral": integral,
-             "bristle": bristle}  # fmt: skip
-    numbers = {key: moderate(key, value) for key, value in given.items()}
-    named = {"x2": numbers["velocity"], "x3": numbers["integral"], "x4": numbers["bristle"]}
-    there = loop.at_rest(numbers["position"] - numbers["set_point"]) | {
-        name: value for name, value in named.items() if name in states
-    }
-    others = {choice_of("state", name, states): moderate(name, value) for name, value in (start or {}).items()}
-    return followed(loop, drive, numbers["set_point"], time, there | others)
+    loop = loop_asked(servo, model, gain)
+    _check_stops("lugre" if LUGRE in loop.present else "switch", drive)
+    theta_d, given = moderate("set_point", set_point), {"velocity": velocity, "integral": integral, "bristle": bristle}
+    return followed(loop, drive, theta_d, time, start_of(loop, theta_d, position, given, start))
 
 
 def followed(loop: Loop, drive: Drive, set_point: float, time: float, start: Mapping[str, float]) -> SampledMotion:
@@ -263,8 +248,7 @@ def followed(loop: Loop, drive: Drive, set_point: float, time: float, start: Map
     motion = SampledLoop(as_run(loop, drive), drive, set_point, start)
     farthest = FAR_AWAY * max(abs(start.get("x1", 0.0)), static_of(loop)[0] / torque_gain(loop, "kp"))
     found = motion.run(samples, farthest)
-    first = [name for name in FIRST_STATES if name in found.names]
-    names = (*first, *(name for name in found.names if name not in first))
+    names = told_first(found.names)
     states, n = found.states[[found.names.index(name) for name in names]], found.states.shape[1]
     return SampledMotion(
         loop=loop, drive=drive, set_point=set_point, names=names, times=T * np.arange(n), states=states,

@@ -5,6 +5,6 @@
 
 answer.py     the form of all of them: plain lines, details, numbers
 orbit.py, fold.py, diagram.py, map.py, basin.py, equilibria.py, simulate.py
-sampled.py, loops.py   simulate of the loop as built, and of a loop of parts
+sampled.py   simulate of the loop as built
 loop.py, fold_curve.py, fold_map.py, uncertainty.py, tune.py, remedy_columns.py
 """

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
-import numpy as np
-
 from ...design.remedies.cures import Cures
 from ...design.remedies.price import SETTLED_WITHIN, TASK_STEP, settled_within
 from ...errors import NoOrbit
-from ...servo.parts import loop_motion
+from ...servo.simulate import simulate
 from .answer import short
 
 DITHER_SIZE = (
@@ -18,8 +16,6 @@ DITHER_SIZE = (
     "mean square too, is the inertia times that times 2 pi times its frequency"
 )
 """What to set."""
-PEAK_TOLERANCE = 1e-6
-"""Of the motion whose peak is told."""
 
 
 def columns_meant(found: Cures, own: Mapping[str, str], *, of_a_set: bool) -> Iterator[str]:
@@ -48,8 +44,7 @@ def today(found: Cures, most: float | None) -> str:
     if most is None:
         return ""
     with suppress(NoOrbit):
-        start = found.loop.at_rest(-TASK_STEP)
-        peak = float(np.abs(loop_motion(found.loop, found.period, start=start, tol=PEAK_TOLERANCE).torque).max())
+        peak = simulate(found.loop, set_point=TASK_STEP, time=found.period).peak_torque
         already = ", which is above that limit already" if peak > most else ""
         return f"; the present controller asks for {short(peak)} N m on a step of {TASK_STEP:g} rad{already}"
     return ""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ...servo.parts.loop import Loop
 from .answer import Answer, angle, item, short
-from .simulate import HEADS
+from .simulate import HEADS, called
 
 if TYPE_CHECKING:
     from ...servo.drive import Drive
@@ -32,11 +32,10 @@ def sampled_answer(found: SampledMotion, cause: Cause | None) -> Answer:
 
 def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     verdict, q = found.verdict, found.drive.count
-    of_a_file = found.loop.name == Loop.name  # which gives a loop of parts no name
-    name = f"{'loop' if of_a_file else found.loop.name} as built at gain {found.gain:.10g} V/rad"
+    name = f"{called(found.loop)} as built at gain {found.gain:.10g} V/rad"
     yield f"{name}, set point {found.set_point:.10g} rad, {found.duration:.10g} s: {HEADS[verdict.kind]}"
     yield item("because", verdict.sentence)
-    if of_a_file:
+    if found.loop.name == Loop.name:
         yield item("parts", ", ".join(found.parts))
     yield item("drive", "; ".join(drive_said(found.drive)))
     if verdict.kind == "hunting":

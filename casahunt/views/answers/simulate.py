@@ -9,8 +9,10 @@ import numpy as np
 
 from ...checks import error_text, to_absolute_error, to_error
 from ...servo.other_end import OtherEnd
-from ...servo.outcome import Outcome
-from ...servo.simulation.trajectory import Trajectory
+from ...servo.outcome import SETTLES, Outcome
+from ...servo.parts.loop import Loop
+from ...servo.simulate import NAMED
+from ...servo.trajectory import Trajectory
 from .answer import Answer, angle, item, rhythm, short, within
 
 HEADS = {
@@ -26,6 +28,8 @@ EVENT_WORDS = {
     "reversal": "reversals", "centre": "times the bristle slack",
 }  # fmt: skip
 """How many of an event are told."""
+NOT_LOOKED_AT = "not looked at: it may hunt from nearer to the set point; casahunt orbit and remedies look there"
+"""Said of a loop with other parts than those of a servo that comes to rest."""
 AT = 1e-6
 """Part of its largest distance from the set point within which a servo is at it."""
 
@@ -43,8 +47,8 @@ def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) 
 def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     seen = found.verdict
     partly = ", but not from every start" if other is not None and other.hunts else ""
-    name = f"{found.model} servo at gain {found.gain:.10g} V/rad"
-    where = f"set point {found.set_point:.10g} rad, {found.times[-1]:.10g} s"
+    name = f"{called(found.loop)} at gain {found.gain:.10g} V/rad"
+    where = f"set point {found.set_point:.10g} rad, {found.duration:.10g} s"
     waits = "" if seen.kind != "decaying" or math.isnan(seen.waits) else "stuck for now, "
     yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
     yield item("because", _because(found))
@@ -53,9 +57,28 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
         yield item("period", rhythm(seen.period))
     if other is not None:
         yield item("other starts", elsewhere(other, found.duration))
-    x = found.end
-    yield item("at the end", f"{_near(found)} the set point, velocity {within(x[1], found.state_errors[1])} rad/s")
-    yield item("largest torque", f"{short(found.peak_torque)} N m, by {short(found.peak_voltage)} V")
+    elif seen.kind in SETTLES:
+        yield item("other starts", NOT_LOOKED_AT)
+    if found.loop.name == Loop.name:
+        yield item("parts", ", ".join(found.parts))
+    end = [f"{_near(found)} the set point", f"velocity {within(found.end[1], found.state_errors[1])} rad/s"]
+    yield item("at the end", ", ".join([*end, *_others(found)]))
+    by = "" if math.isnan(found.peak_voltage) else f", by {short(found.peak_voltage)} V"
+    yield item("largest torque", f"{short(found.peak_torque)} N m{by}")
+
+
+def called(loop: Loop) -> str:
+    """What a loop is called; a file gives it no name."""
+    return "loop" if loop.name == Loop.name else loop.name
+
+
+def _others(found: Trajectory) -> Iterator[str]:
+    """The states of other parts than those of a servo, at the end."""
+    for state, value, error in zip(found.names, found.end, found.state_errors, strict=True):
+        if state in found.loop.angles and state != "x1":
+            yield f"{within(value, error)} rad from the set point ({state})"
+        elif state not in ("x1", *NAMED.values()):
+            yield f"{state} {within(value, error)}"
 
 
 def _near(found: Trajectory) -> str:
@@ -109,11 +132,11 @@ def _details(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterat
         yield item("hunting", f"{seen.amplitude:.6g} rad, {seen.period:.6g} s; {of}")
     end = (found.set_point + x[0], errors[0]), (x[1], errors[1])
     position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
-    yield item("at the end", f"position {position} rad, velocity {velocity} rad/s")
+    yield item("at the end", ", ".join([f"position {position} rad", f"velocity {velocity} rad/s", *_others(found)]))
     yield item("events", counted([event.name for event in found.events]))
     times = f"{error_text(found.time_error)} s of event times"
     yield item("error estimate", f"{times}, {error_text(found.end_error)} of the final state")
-    yield item("status", f"{found.status.name.lower()}, {len(found.modes)} intervals, {wall_s:.2f} s")
+    yield item("status", f"{found.status.name.lower()}, {found.intervals} intervals, {wall_s:.2f} s")
 
 
 def counted(names: Sequence[str]) -> str:

@@ -20,10 +20,10 @@ from ...errors import NoOrbit
 from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
 from ...servo.parts.loop import Loop
 from ...servo.sampled.border import below_border, by_counts
-from ...servo.servo import Servo, assigned
+from ...servo.servo import Servo
 from ..answers.answer import item
 from ..answers.sampled import sampled_answer
-from .arguments import CONTINUOUS, Parser, drive_of, gain_of, left_out, model_of
+from .arguments import CONTINUOUS, Parser, drive_of, left_out
 from .output import give
 
 if TYPE_CHECKING:
@@ -60,22 +60,18 @@ def add_drive(command: Parser) -> None:
 
 
 def of_drive(
-    options: argparse.Namespace, servo: Servo | Loop, drive: Drive, length: float, numbers: Mapping[str, float]
+    options: argparse.Namespace, loop: Loop, drive: Drive, length: float, numbers: Mapping[str, Any]
 ) -> int:
     """Simulate and print; returns the exit code.
 
-    servo: or a loop of parts; numbers: of the command line: set_point, position, velocity, integral, bristle.
+    numbers: of the command line: set_point, position, velocity, integral, bristle, start.
     """
     from ...servo.sampled.cause import cause_of  # not read for the continuous loop
     from ...servo.sampled.motion import simulate_sampled
 
     left_out(options, "of the loop as built --csv has a row for each sample", "step")
-    start = {key: numbers[key] for key in ("set_point", "position", "velocity", "integral", "bristle")}
-    if isinstance(servo, Loop):
-        states = assigned(options.state, "state", servo.system.states, "name=value")
-        found = simulate_sampled(servo, None, drive, time=length, start=states, **start)  # type: ignore[arg-type]
-    else:
-        found = simulate_sampled(servo, gain_of(options), drive, model=model_of(options), time=length, **start)  # type: ignore[arg-type]
+    start = {key: number for key, number in numbers.items() if key != "tol"}
+    found = simulate_sampled(loop, None, drive, time=length, **start)
     cause = cause_of(found)
     record = {**found.to_dict(table=False), "cause": cause}
     table = found._columns() if options.csv else None

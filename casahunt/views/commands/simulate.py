@@ -1,17 +1,20 @@
 """casahunt simulate: the motion of the closed loop from an initial state.
 
-Keys of the JSON object, the `to_dict` of the motion and what was found besides: model, gain, set_point, time (reached),
-tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude [rad], period [s] (null where
-it does not hunt) and pattern (swings after which it repeats, 0: irregularly); ahead: swings [rad], lasts [s], the last
-ones seen behind its end, followed_for [s], waits [s] (until it breaks away, or null); rests_since [s] or null;
-position, velocity, integral and bristle (null for Switch) at the end; other_end, where a motion comes to rest: the
-cycle at the same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted) and
-start, from which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself,
-velocity and bristle (null where none hunts); null without such a cycle, of which other_end_reason says why; events, a
-list of [time, name, mode before, mode after, estimated error of the time or null]; time_error [s], end_error,
-state_errors (null where unknown); status, advice (null where converged), ended (why it stopped early, or null),
-intervals, wall_s.
-Those of a loop of parts: loops/simulate.py; of the loop as built: sampled.py.
+    start   angles: position - set point; velocity x2, integral x3, bristle x4; any other by its name; else zero
+
+Keys of the JSON object, the `to_dict` of the motion and what was found besides: model, gain, parts, parameters,
+set_point, time (reached), tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude
+[rad], period [s] (null where it does not hunt) and pattern (swings after which it repeats, 0: irregularly); ahead:
+swings [rad], lasts [s], the last ones seen behind its end, followed_for [s], waits [s] (until it breaks away, or null);
+rests_since [s] or null; position, velocity, integral and bristle (null where there is none) at the end; start, end:
+states by name; peak_torque [N m], peak_voltage [V] (null without a motor gain); other_end, where a servo comes to rest:
+the cycle at the same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted)
+and start, from which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself,
+velocity and bristle (null where none hunts); null without such a cycle, of which other_end_reason says why, and of a
+loop with other parts; events, a list of [time, name, mode before, mode after, estimated error of the time or null];
+time_error [s], end_error, state_errors (by name, null where unknown); status, advice (null where converged), ended (why
+it stopped early, or null), intervals, wall_s.
+Those of the loop as built: sampled.py.
 """
 
 from __future__ import annotations
@@ -27,13 +30,13 @@ from ... import effort
 from ...checks import error_text, moderate
 from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
-from ...servo.simulation.simulate import simulate
-from ...servo.simulation.trajectory import Trajectory
+from ...servo.servo import assigned
+from ...servo.simulate import simulate
+from ...servo.trajectory import Trajectory
 from ..answers.simulate import simulation_answer
-from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
+from .arguments import add_command, drive_of, finite, gain_of, loop_of, model_of, positive, servo_of
 from .console import complain
 from .loops.remedied import remedies_given, with_remedies
-from .loops.simulate import of_loop
 from .output import give
 from .sampled import add_drive, of_drive
 
@@ -52,7 +55,7 @@ def add(commands: Any) -> None:
     command.add_argument("--integral", default=0.0, help="integral of theta - theta_d so far in rad s (default 0)")
     command.add_argument("--bristle", default=0.0, help="bristle deflection at the start in rad (lugre, default 0)")
     command.add_argument(
-        "--state", action="append", default=[], metavar="NAME=VALUE", help="a state of a loop of parts at the start"
+        "--state", action="append", default=[], metavar="NAME=VALUE", help="any other state of the loop at the start"
     )
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
     add_drive(command)
@@ -63,11 +66,11 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong; NoOrbit: the motion could not be computed.
     """
-    model, loop = model_of(options), loop_of(options)
+    model, of_file = model_of(options), loop_of(options)
     gain = gain_of(options)
     length = positive("time", options.time)
     keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
-    numbers = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
+    numbers: dict[str, Any] = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
     step = None if options.step is None else positive("step", options.step)
     if step is not None and options.csv is None:
         raise InputError("step: must be left out without --csv")
@@ -75,30 +78,23 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     remedies = remedies_given(options)
     drive = drive_of(options, by_options=True)
-    if loop is not None:
-        if drive is not None:
-            return of_drive(options, loop, drive, length, numbers)
-        if remedies:
-            first = next(iter(remedies)).replace("_", "-")
-            raise InputError(f"{first}: must be left out, a loop has its remedies as parts")
-        left_out(options, "the table of a loop is dense where its motion is fast", "step")
-        return of_loop(options, loop, length, numbers)
-    servo = servo_of(options)
-    left_out(options, "it is of a loop of parts", "state")
-    if remedies:
-        left_out(options, "with a remedy the motion is one of a loop of parts", "step")
-        return of_loop(options, with_remedies(servo, model, gain, remedies), length, numbers, f"{model} servo")
+    if of_file is not None and remedies and drive is None:
+        first = next(iter(remedies)).replace("_", "-")
+        raise InputError(f"{first}: must be left out, a loop has its remedies as parts")
+    loop = with_remedies(servo_of(options), model, gain, remedies) if of_file is None else of_file
+    numbers["start"] = assigned(options.state, "state", loop.system.states, "name=value")
     if drive is not None:
-        return of_drive(options, servo, drive, length, numbers)
+        return of_drive(options, loop, drive, length, numbers)
     began = time.perf_counter()
-    found = simulate(servo, model, gain, time=length, **numbers)
+    found = simulate(loop, time=length, **numbers)
     kind = found.verdict.kind
     try:
         other = other_end(found)
     except effort.GivenUp as error:
         other = OtherEnd(None, str(error))
     wall_s = time.perf_counter() - began
-    advice = None if found.status.ok else _advice(found)
+    sure = found.status.ok or kind == "growing"  # as what errors are relative to, they grow with it
+    advice = None if sure else _advice(found)
     record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
     answer, picture = simulation_answer(found, other, wall_s), ("simulation.motion", found)
     give(options, record, answer, table=found.table(_times(found, step)) if options.csv else None, picture=picture)
@@ -107,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
     cut = bool(found.ended) and kind != "growing"
     if cut:
         complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
-    return 0 if found.status.ok and not cut else 1
+    return 0 if sure and not cut else 1
 
 
 def _size(key: str, text: Any) -> float:

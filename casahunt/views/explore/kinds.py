@@ -27,11 +27,11 @@ from ...servo.linear.margins import margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
 from ...servo.outcome import SETTLES
-from ...servo.parts import Loop, Remedy, fold_in, loop_cycle, loop_motion
+from ...servo.parts import Loop, Remedy, fold_in, loop_cycle
 from ...servo.parts.fate import Swing, on_the_cycle
 from ...servo.parts.verbs import FIRST_OFF
-from ...servo.simulation.simulate import simulate
-from ...servo.simulation.trajectory import Trajectory
+from ...servo.simulate import simulate
+from ...servo.trajectory import Trajectory
 from ...servo.units import GAIN_UNIT
 from ..answers.simulate import HEADS
 from .curves import branches_shown, friction_curve, left_open, loop_torque
@@ -130,12 +130,17 @@ class ServoAnswers:
         servo, model, gain, step = self.problem[:4]
         assert servo is not None
         motion = simulate(servo, model, gain, set_point=step, time=self._duration(), tol=DRAWN_MOTION_TOLERANCE)
+        return self._shown(motion, "x1") | self._end_of(motion)
+
+    def _shown(self, motion: Trajectory, state: str) -> dict[str, Any]:
+        """A step; state: its angle."""
         times, states = motion.dense(MOTION_POINTS)
-        torque = motion.torque(states)
+        angle = summed(motion.set_point, states[motion.names.index(state)])
+        voltage = motion.peak_voltage
         return {
-            "motion": curve(time=times, angle=summed(motion.set_point, states[0]), torque=torque),
-            "peak": seen_number(motion.peak_torque), "voltage": seen_number(motion.peak_voltage),
-            **self._end_of(motion),
+            "motion": curve(time=times, angle=angle, torque=motion.signal("torque", times)),
+            "peak": seen_number(motion.peak_torque),
+            **({} if math.isnan(voltage) else {"voltage": seen_number(voltage)}),
         }  # fmt: skip
 
     def _end_of(self, motion: Trajectory) -> dict[str, Any]:
@@ -290,20 +295,8 @@ class LoopAnswers(ServoAnswers):
     def step(self) -> dict[str, Any]:
         """A step of the set point."""
         duration = PERIODS_OF_A_STEP * self.orbit.period if self.orbit is not None else self._longest()
-        found = loop_motion(
-            self.loop, duration, start=self.loop.at_rest(-self.problem.step), tol=DRAWN_MOTION_TOLERANCE,
-            per_interval=MOTION_POINTS,
-        )  # fmt: skip
-        angle = found.states[self.loop.system.states.index(self.loop.angles[-1])]
-        peak = float(np.abs(found.torque).max())
-        numbers = self.loop.parameters
-        shown = {
-            "motion": curve(time=found.times, angle=summed(self.problem.step, angle), torque=found.torque),
-            "peak": seen_number(peak), "ends": "",
-        }
-        if "motor_gain" in numbers:
-            shown["voltage"] = seen_number(peak / numbers["motor_gain"])
-        return shown
+        motion = simulate(self.loop, set_point=self.problem.step, time=duration, tol=DRAWN_MOTION_TOLERANCE)
+        return self._shown(motion, self.loop.angles[-1]) | {"ends": ""}
 
     def _longest(self) -> float:
         """How long a motion is followed where there is no cycle."""

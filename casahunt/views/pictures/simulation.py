@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...design.record.measure import Measurement
-from ...servo.hunting import MODELS
+from ...servo.parts.plain_loop import servo_of_loop
 from ...servo.problem import HuntingOrbit
-from ...servo.simulation.trajectory import Trajectory
+from ...servo.trajectory import Trajectory
 from .orbits import rolled
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Array, Line2D, align, legend, panels
 
 if TYPE_CHECKING:
-    from ...servo.parts import LoopMotion
     from ...servo.sampled.motion import SampledMotion
 
 PER_INTERVAL = 8
@@ -42,7 +41,7 @@ LEVEL_COLOUR = "#b03020"
 def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     """Position, velocity and motor torque of a simulated motion against time [s].
 
-    Where the Switch servo sticks the background is grey; the torque is shown with the static friction +-Fs.
+    Where the motor sticks the background is grey; the torque is shown with its static friction +-Fs, if it has any.
 
     Parameters
     ----------
@@ -67,16 +66,16 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     'time [s]'
     """
     t, x = trajectory.dense(PER_INTERVAL)
-    sticks = [(a, b) for mode, a, b in zip(trajectory.modes, trajectory.times, trajectory.times[1:], strict=False)
-              if mode == "stick"]  # fmt: skip
     verdict = trajectory.verdict
-    name = f"{NAMES[trajectory.model]}, K = {trajectory.gain:.4g}"
+    called = NAMES[trajectory.model] if servo_of_loop(trajectory.loop) is not None else ", ".join(trajectory.parts)
+    name = f"{called}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}{', irregularly' if verdict.irregular else ''}"
     if verdict.kind == "hunting":
         name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
-    curves = trajectory.set_point + x[0], x[1], trajectory.torque(x)
-    colour, static = LOOKS[trajectory.model].colour, trajectory.servo.friction.static
-    return _three(ax, t, curves, sticks, name, colour, trajectory.set_point, (-static, static))
+    curves = trajectory.set_point + x[0], x[1], trajectory.signal("torque", t)
+    colour, static = LOOKS[trajectory.model].colour, trajectory.loop.parameters.get("static")
+    levels = () if static is None else (-static, static)
+    return _three(ax, t, curves, trajectory.sticks, name, colour, trajectory.set_point, levels)
 
 
 def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
@@ -114,18 +113,6 @@ def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     curves = found.set_point + x[0, kept], x[1, kept], torque[kept]
     levels = (-found.static, found.static)
     return _three(ax, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, levels)
-
-
-def loop_motion(step: LoopMotion, set_point: float, title: str, *, ax: Any = None) -> Array:
-    """As `motion`, of a loop of parts: its first angle.
-
-    step, set_point, title: the motion, the set point [rad], and what stands above; ax: as there.
-    """
-    edges = np.flatnonzero(np.diff(step.moving)) + 1
-    pieces = np.split(np.arange(step.times.size), edges)
-    sticks = [(step.times[i[0]], step.times[i[-1]]) for i in pieces if not step.moving[i[0]]]
-    curves = set_point + step.states[0], step.states[1], step.torque
-    return _three(ax, step.times, curves, sticks, title, LOOKS[MODELS[0]].colour, set_point, ())
 
 
 def _goes_on_until(t: Array, curves: Sequence[Array]) -> float:

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from servo_files import ROTARY
 
-from casahunt import Friction, Pid, Servo
+from casahunt import Friction, Pid, Servo, simulate
 from casahunt.servo.outcome import Outcome
-from casahunt.servo.parts import loop_motion
-from casahunt.servo.parts.ahead import Moved, ahead
 from casahunt.views.commands.loops.remedied import with_remedies
 
 STIFF = Servo(
@@ -22,9 +20,9 @@ STIFF = Servo(
 def test_a_slip_creeps_to_the_edge_of_the_errors_at_rest(leak):
     """Its torque there tends to static friction, which it neither exceeds nor falls below but for rounding."""
     loop = with_remedies(ROTARY, "switch", 1.0, {"leak": leak})
-    found = loop_motion(loop, 100.0, start=loop.at_rest(-1.0), tol=1e-6).motion
-    assert found.duration == pytest.approx(100.0, rel=1e-12) and found.error < 1e-6
-    assert found.end["x1"] == pytest.approx(0.8 / (4 + 30 / leak), rel=1e-9)
+    found = simulate(loop)
+    assert found.duration == pytest.approx(100.0, rel=1e-12) and found.end_error < 1e-6
+    assert found.end[0] == pytest.approx(0.8 / (4 + 30 / leak), rel=1e-9)
 
 
 @pytest.mark.parametrize(("remedy", "at"), [({"reset": 0.7362}, 0.0), ({"shifted_dead_band": 0.004079}, 0.004079)])
@@ -34,18 +32,16 @@ def test_slips_shrink_to_rounding(remedy, at):
     Until 8 s: beside the edge of a band by rounding, the integrator winds up by more than the tolerance in 100 s.
     """
     loop = with_remedies(STIFF, "switch", 0.15, remedy)
-    motion = loop_motion(loop, 8.0, start=loop.at_rest(-0.01), tol=1e-6)
-    assert motion.motion.error < 1e-6 and motion.motion.end["x1"] == pytest.approx(at, abs=1e-8)
-    assert np.abs(motion.torque[-1]) == pytest.approx(0.32, rel=1e-6)  # breakaways follow each other to the end
+    motion = simulate(loop, set_point=0.01, time=8.0)
+    assert motion.end_error < 1e-6 and motion.end[0] == pytest.approx(at, abs=1e-8)
+    assert np.abs(motion.signal("torque", [8.0])) == pytest.approx(0.32, rel=1e-6)  # breakaways follow to the end
     assert np.ptp(motion.states[:, motion.times > 5], axis=1).max() < 1e-9
 
 
 def becomes(loop, time: float, start) -> tuple[float, Outcome]:
     """The largest |x1| of a motion, and what becomes of it."""
-    found = loop_motion(loop, time, start=start, tol=1e-6)
-    errors = found.motion.error * np.array([found.motion.sizes[name] for name in loop.system.states])
-    moved = Moved(found.times, found.states, errors, found.motion.phases[-1].mode)
-    return float(np.abs(found.states[0]).max()), ahead(loop, moved)
+    found = simulate(loop, set_point=0.0, time=time, start=start)
+    return float(np.abs(found.states[0]).max()), found.verdict
 
 
 def test_what_stands_beside_its_set_point_is_at_rest():

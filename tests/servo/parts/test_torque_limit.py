@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from casahunt import simulate
 from casahunt.servo.parts import (
     CLAMPING,
     DEAD_BAND,
@@ -25,7 +26,6 @@ from casahunt.servo.parts import (
     TWO_MASSES,
     Loop,
     loop_cycle,
-    loop_motion,
     series,
     state_space,
 )
@@ -168,7 +168,7 @@ def test_where_the_events_of_other_parts_lead_at_a_limit(limits, more, limit, st
     loop = Loop(parts, {"torque_limit": limit, **more})
     gain = loop.value("gain") * CM
     y = [*start, -(limit / gain + KP * start[0] + KD * start[1]) / KI][:3]
-    motion = loop_motion(loop, 0.4, start=dict(zip(("x1", "x2", "x3"), y, strict=True))).motion
+    motion = simulate(loop, set_point=0.0, time=0.4, start=dict(zip(("x1", "x2", "x3"), y, strict=True))).motion
     if limits is CLAMPING:
         assert [phase.mode for phase in motion.phases] == through
     peer = switched(loop, y, 0.4, more.get("reset_at_stop", 1.0))

@@ -2,6 +2,5 @@
 
 shared.py      what they share: how a loop is called and written, its cycle by its branch, its border in a parameter
 remedied.py    a servo with remedies by options, as a loop
-simulate.py    a motion
 fold_curve.py  a border in two parameters
 """
