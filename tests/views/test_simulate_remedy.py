@@ -56,7 +56,7 @@ def test_a_servo_that_winds_up_to_its_next_breakaway_is_not_at_rest(capsys):
     words = ("simulate", "--gain", 0.04, "--reset", 0.7191, "--json", "--quiet", "--time")
     early, late, longer = (one_json(run(capsys, *words, time)[1]) for time in (20, 40, 100))
     assert early["verdict"] == late["verdict"] == longer["verdict"] == "decaying"
-    assert any(name.startswith("breakaway") and at > 40 for at, name, _ in longer["events"])
+    assert any(name.startswith("breakaway") and at > 40 for at, name, *_ in longer["events"])
     assert abs(longer["end"]["x1"]) < abs(late["end"]["x1"]) < abs(early["end"]["x1"])
 
 

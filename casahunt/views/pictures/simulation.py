@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...design.record.measure import Measurement
+from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import servo_of_loop
 from ...servo.problem import HuntingOrbit
 from ...servo.trajectory import Trajectory
@@ -67,7 +68,8 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     """
     t, x = trajectory.dense(PER_INTERVAL)
     verdict = trajectory.verdict
-    called = NAMES[trajectory.model] if servo_of_loop(trajectory.loop) is not None else ", ".join(trajectory.parts)
+    loop = trajectory.loop
+    called = NAMES[trajectory.model] if servo_of_loop(loop) else "loop" if loop.name == Loop.name else loop.name
     name = f"{called}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}{', irregularly' if verdict.irregular else ''}"
     if verdict.kind == "hunting":
