@@ -281,6 +281,8 @@ class _CycleSearch(Returning):
         except NoOrbit as refusal:
             many = one_of_many(begin) if refusal.status in LEADS_ASTRAY else ""
             if many:
+                if not self.settled and r.distance < EXACTLY and self.rests(r.phases):
+                    raise self.at_rest() from None
                 raise self.not_met(f"the motion repeats after {_phases_of(r)}, but {many}") from None
             unsettled = refusal.status in (Status.TOLERANCE_NOT_REACHED, Status.INADMISSIBLE, Status.NOT_FINITE)
             self.refused(r, str(refusal) + (self.hidden if unsettled else ""))
