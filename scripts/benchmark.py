@@ -49,7 +49,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from casahunt.servo.hunting import MODELS  # noqa: E402
+from casahunt.servo.friction import MODELS  # noqa: E402
 from scripts.race import precision  # noqa: E402
 from scripts.race.gallery import rows_of  # noqa: E402
 from scripts.race.others import diagram_rows, peer_orbits, peers_down_the_branch  # noqa: E402

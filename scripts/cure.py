@@ -43,7 +43,7 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt import NoOrbit, find_orbit  # noqa: E402
 from casahunt.cli import main as casahunt  # noqa: E402
-from casahunt.servo.hunting import Model  # noqa: E402
+from casahunt.servo.friction import Model  # noqa: E402
 from casahunt.servo.outcome import SETTLES  # noqa: E402
 from casahunt.servo.servo import flatten  # noqa: E402
 from scripts.identify import Made  # noqa: E402

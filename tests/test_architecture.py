@@ -142,8 +142,8 @@ def test_the_engine_knows_no_servo():
 
 
 def test_the_servo_is_written_as_a_user_writes_a_system():
-    """Of the engine its definition takes nothing but the public names of `casahunt.hybrid`."""
-    module = "servo.hunting"
+    """Of the engine the product of its parts takes nothing but the public names of `casahunt.hybrid`."""
+    module = "servo.parts.product"
     taken = {t for t in imports(module)[0] if room_of(t) in ENGINE}
     names = {
         alias.name

@@ -40,7 +40,7 @@ def fold(static):
 
 def motion(model, gain):
     m = simulate(servo, model, gain, time=10.0)
-    return [m.sample([1.0, 5.0, 10.0]), m.torque(m.sample([1.0, 5.0, 9.0]))]
+    return [m.sample([1.0, 5.0, 10.0]), m.signal("torque", [1.0, 5.0, 9.0])]
 
 def points(gain):
     seen = fixed_points(servo, gain, 0.02, 0.06, points=4)

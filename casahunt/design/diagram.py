@@ -34,8 +34,8 @@ from ..results import Result
 from ..servo.branch import Branch
 from ..servo.find_fold import HIGHEST, find_fold
 from ..servo.find_orbit import find_orbit
+from ..servo.friction import MODELS, Model
 from ..servo.gains import typical_gain
-from ..servo.hunting import MODELS, Model
 from ..servo.problem import HuntingOrbit
 from ..servo.servo import Servo, a_servo
 

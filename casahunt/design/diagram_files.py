@@ -16,7 +16,7 @@ from ..continuation import SpecialPoint
 from ..files import together, whole_text
 from ..orbits import Archive, Options
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows
-from ..servo.hunting import Model
+from ..servo.friction import Model
 from ..servo.problem import HuntingOrbit
 from ..servo.saved import load_run, of_another_run, same_task, save_branch
 from ..servo.servo import Servo

@@ -31,7 +31,7 @@ from ..orbits import Options, OrbitEnsemble
 from ..orbits import orbit_ensemble as orbits_near
 from ..results import Rows
 from ..servo.find_orbit import BranchName, find_orbit
-from ..servo.hunting import MODELS, Model
+from ..servo.friction import MODELS, Model
 from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
 from ..servo.servo import Servo, a_servo
 from .nearby import expected_gains, fold_near, known_fold, nominal_fold, servo_at, vectors

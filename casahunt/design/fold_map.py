@@ -31,7 +31,7 @@ from ..export import Columns
 from ..orbits import Options
 from ..results import Result
 from ..servo.find_fold import find_fold
-from ..servo.hunting import MODELS, Model
+from ..servo.friction import MODELS, Model
 from ..servo.problem import HuntingFold
 from ..servo.servo import Servo, a_servo
 from .nearby import fold_near, known_fold, values_of, vectors

@@ -24,7 +24,7 @@ from ..servo.cold_start import stable_at
 from ..servo.event_map.half_cycle import StickMap
 from ..servo.event_map.scan import scan
 from ..servo.find_fold import find_fold
-from ..servo.hunting import Model
+from ..servo.friction import Model
 from ..servo.problem import HuntingFold
 from ..servo.servo import Servo, flatten
 from .sensitivity import fold_sensitivities

@@ -8,15 +8,15 @@ drive.py          the drive as built: sample time, delay, encoder, as a record
 units.py          the units of its numbers
 servo.py          the servo record; TOML in and out
 gains.py          gains of the right size, and stability without dry friction, in closed form
-hunting.py        the Switch and LuGre servo as systems like any user's: fields, modes, events
+outcome.py        what becomes of a motion: the words, and the record
+parts/            controllers, frictions, loads and remedies, of which a loop is made
+hunting.py        the Switch and LuGre servo as systems: one inertia, PID, integrator, friction
 cycles.py         the servo in the terms of the engine: its vectors and schemes
 equilibria.py     where the servo can stand still, and what linearising there proves
 problem.py        the hunting servo as a problem for the engine; its orbits and folds
 branch.py         a branch of hunting cycles as data
 saved.py          hunting cycles and branches of them in files
 denial.py         what proves that a servo has no cycle
-outcome.py        what becomes of a motion: the words, and the record
-parts/            controllers, frictions, loads and remedies, of which a loop is made
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 trajectory.py     a motion as data: its events, what becomes of it
 simulate.py       the motion from any initial state

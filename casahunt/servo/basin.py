@@ -37,7 +37,7 @@ from .cycles import motor_torque
 from .event_map.half_cycle import SECTION, half_cycle
 from .event_map.slopes import map_at
 from .find_orbit import find_orbit
-from .hunting import Model
+from .friction import Model
 from .problem import HuntingOrbit
 from .servo import Servo
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..continuation import FOLD, Missed, SpecialPoint
 from ..export import Columns, columns_from
 from ..results import Result
-from .hunting import Model
+from .friction import Model
 from .problem import HuntingOrbit
 from .servo import Servo
 

@@ -40,7 +40,7 @@ from .cycles import SCHEMES, Kind, mirrored
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import SCAN_LOW, Scan, scan
 from .event_map.secant_search import CLOSER, near_stable, near_typical
-from .hunting import Model
+from .friction import Model
 from .problem import Hunting, HuntingOrbit, hunting
 from .servo import Servo
 

@@ -7,15 +7,17 @@ Half a cycle closes by its mirror image, S = -I, the whole of it by itself (prob
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
 
 from ..compiled import kept
 from ..hybrid import System
-from . import hunting
 from .controller import Controller
-from .hunting import Model, hunting_system
+from .friction import Model
+from .hunting import hunting_system
+from .parts.plain_loop import parts_of_servo
 from .servo import Servo
 
 Kind = Literal["gauss", "radau"]
@@ -39,8 +41,10 @@ def motor_torque(x: Any, p: Any) -> Any:
 
     x: (n,) or (n, m) states of either model. Returns m [N m], one number or (m,).
     """
-    names = system_of("switch", p.shape[0]).names
-    return hunting.motor_torque(names.x(x, p), names.p(p))
+    names, (_, pid, *_) = system_of("switch", p.shape[0]).names, parts_of_servo("switch", _FORMS[p.shape[0]])
+    seen = names.x(x, p)
+    signals = SimpleNamespace(error=seen.x1, derivative=seen.x2, integral=seen.x3)
+    return pid.gives["demand"](seen, signals, names.p(p))
 
 
 def slips_back(x: np.ndarray, p: np.ndarray) -> bool:

@@ -33,8 +33,7 @@ of a stiff bristle is said to hold there, and no more (refused.py).
 
 from __future__ import annotations
 
-from .friction import steepest
-from .hunting import Model
+from .friction import Model, steepest
 from .servo import Servo, a_servo
 
 

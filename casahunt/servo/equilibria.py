@@ -50,7 +50,7 @@ import numpy as np
 from ..checks import COMPUTED, choice_of, require, sensible
 from ..export import Columns
 from ..results import Result
-from .hunting import MODELS, Model
+from .friction import MODELS, Model
 from .servo import Servo, a_servo
 from .units import column
 

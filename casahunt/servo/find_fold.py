@@ -33,8 +33,8 @@ from .event_map.fixed_points import fixed_points
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import GROWING, Scan, scan
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, lowered, near_typical
+from .friction import Model
 from .gains import typical_gain
-from .hunting import Model
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
 from .servo import Servo, a_servo

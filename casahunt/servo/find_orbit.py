@@ -29,8 +29,8 @@ from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
 from .find_fold import MOST_WALKED, confirmed_between, find_fold
+from .friction import Model
 from .gains import stable as stable_loop
-from .hunting import Model
 from .lopsided import lopsided_at
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times, stiff_at

@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 
 from ..checks import floated, require, sensible
 
+Model = Literal["switch", "lugre"]
+MODELS: tuple[Model, ...] = ("switch", "lugre")
 
 @dataclass(frozen=True, kw_only=True)
 class Friction:

@@ -16,7 +16,8 @@ from ..continuation.fold import Fold
 from ..hybrid import System
 from ..orbits import Closure, Cycles, Orbit
 from .cycles import SCHEMES, Kind, system_of
-from .hunting import STATES, Model
+from .friction import Model
+from .hunting import STATES
 from .servo import Servo, flatten
 
 Array = np.ndarray

@@ -15,7 +15,7 @@ from ..errors import InputError, NoOrbit, Status
 from .denial import no_cycle
 from .event_map.half_cycle import StickMap
 from .event_map.scan import scan
-from .hunting import MODELS, Model
+from .friction import MODELS, Model
 from .servo import Servo, a_servo
 
 SPREAD = 1 / math.sqrt(np.finfo(float).eps)

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..orbits import Archive, write_archive
 from ..orbits.archive import save_orbit
 from .branch import Branch
-from .hunting import MODELS
+from .friction import MODELS
 from .problem import Hunting, HuntingOrbit
 from .servo import Servo, flatten, unflatten
 

@@ -145,6 +145,11 @@ class Servo:
         return unflatten(own | values)
 
 
+def called(names: Iterable[str]) -> tuple[str, ...]:
+    """What the parameters of a servo are called in functions: the last parts of their names."""
+    return tuple(name.rsplit(".", 1)[-1] for name in names)
+
+
 def a_servo(value: Any) -> Servo:
     """What must be a servo.
 

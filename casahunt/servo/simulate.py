@@ -34,7 +34,7 @@ from ..errors import InputError, NotFollowed, Status
 from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
 from .cycles import Kind
-from .hunting import Model
+from .friction import Model
 from .parts.ahead import measured
 from .parts.fate import fate
 from .parts.loop import Loop

@@ -20,7 +20,7 @@ from ..errors import InputError, Status
 from ..export import Columns
 from ..motion import Motion
 from ..results import Result
-from .hunting import Model
+from .friction import Model
 from .outcome import Outcome
 from .parts.ahead import Moved, ahead
 from .parts.loop import Loop

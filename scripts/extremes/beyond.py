@@ -13,7 +13,7 @@ from casahunt import Options, Servo, find_fold, find_orbit
 from casahunt.continuation.walk import walk
 from casahunt.orbits.adapt import solve_adaptively
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.hunting import MODELS
+from casahunt.servo.friction import MODELS
 from scripts.limits import memory, peak_memory
 
 MEMORY_LIMIT, LEAK_LIMIT, LEAK_GAINS = 400.0, 20.0, 5

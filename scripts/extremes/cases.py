@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from casahunt import Options, Servo
-from casahunt.servo.hunting import MODELS
+from casahunt.servo.friction import MODELS
 
 SOLVED, NONE, REFUSED, UNCHECKED, WRONG = "solved", "no cycle", "refused", "unchecked", "wrong"
 

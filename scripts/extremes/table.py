@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from casahunt.servo.hunting import MODELS
+from casahunt.servo.friction import MODELS
 from scripts.extremes.cases import NONE, REFUSED, SOLVED, UNCHECKED, WRONG, Result
 
 LOOK = {SOLVED: ("#2a7f62", "o"), NONE: ("#8fb3d9", "D"), REFUSED: ("#e0a030", "^"), UNCHECKED: ("#808080", "s"),

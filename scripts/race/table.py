@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from casahunt.servo.hunting import MODELS
+from casahunt.servo.friction import MODELS
 from scripts.race.rows import ALONE, Row
 from scripts.race.taylor import METHOD as TAYLOR
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from casahunt import NoOrbit, Servo, find_orbit
-from casahunt.servo.hunting import Model
+from casahunt.servo.friction import Model
 from casahunt.servo.servo import flatten
 from scripts.report.study import GAIN, MEASURED_AMPLITUDE, MEASURED_PERIOD
 

@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from casahunt.orbits.orbit import Orbit
 from casahunt.servo.branch import Branch
-from casahunt.servo.hunting import Model
+from casahunt.servo.friction import Model
 from casahunt.views.pictures.plotting import GAIN_LABEL, LOOKS, NAMES, SMALL, Figure
 
 from .drawing import DASHED, FIXED, MARK, Axes, below, both_parts, grid, key, line, plain, sheet, with_fold

@@ -8,7 +8,7 @@ import numpy as np
 
 from casahunt.orbits.orbit import Orbit
 from casahunt.servo.equilibria import equilibria
-from casahunt.servo.hunting import Model
+from casahunt.servo.friction import Model
 from casahunt.views.pictures.orbits import rolled
 from casahunt.views.pictures.plotting import LOOKS, MORE_LOOKS, NAMES, Figure
 

@@ -19,25 +19,48 @@ p.stick_rate, are the entries STICK_BAND of the parameter vector, its last.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from casahunt import Servo
 from casahunt.hybrid import Event, Mode, System
-from casahunt.servo.hunting import (
-    BREAKAWAY_DOWN,
-    BREAKAWAY_UP,
-    SLIP_BACK,
-    SLIP_FORWARD,
-    STATES,
-    called,
-    motor_torque,
-)
+from casahunt.servo.controller import torque_gains_of
+from casahunt.servo.friction import stribeck
+from casahunt.servo.hunting import STATES
+from casahunt.servo.servo import called
 
 STICK_BAND = ("friction.stick_band", "friction.stick_rate")
 """Entries of the parameter vector behind those of the servo."""
+
+
+def motor_torque(x: Any, p: Any) -> Any:
+    """m, of a controller by its times [N m]."""
+    kp, kd, ki = torque_gains_of(p.gain * p.motor_gain, p.lead_time, p.integral_time)
+    return -(kp * x.x1 + kd * x.x2 + ki * x.x3)
+
+
+def _slip(x: Any, p: Any) -> dict[str, Any]:
+    """That of the exact servo."""
+    F = p.sign * stribeck(x.x2, p.static, p.coulomb, p.stribeck_velocity) + p.viscous * x.x2
+    return {"x1": x.x2, "x2": (motor_torque(x, p) - F) / p.inertia, "x3": x.x1}
+
+
+def _moves_forward(x: Any, p: Any) -> Any:
+    return p.sign * x.x2 / p.stribeck_velocity
+
+
+def _stribeck_drop(x: Any, p: Any) -> Any:
+    return ca.exp(-((x.x2 / p.stribeck_velocity) ** 2))
+
+
+def _torque_up(x: Any, p: Any) -> Any:
+    return motor_torque(x, p) / p.static - 1
+
+
+def _torque_down(x: Any, p: Any) -> Any:
+    return motor_torque(x, p) / p.static + 1
 
 
 def _stick(x: Any, p: Any) -> dict[str, Any]:
@@ -66,11 +89,14 @@ def _in_band(x: Any, p: Any) -> str:
 _OUT = (Event("slip+", _above, +1, to="slip+"), Event("slip-", _below, -1, to="slip-"))
 
 MODES_WITH_BAND = (
-    replace(SLIP_FORWARD, ends=(Event("band", _above, -1, to=_in_band),)),
-    replace(SLIP_BACK, ends=(Event("band", _below, +1, to=_in_band),)),
-    Mode("stick", _stick, ends=(replace(BREAKAWAY_UP, to="transition+"), replace(BREAKAWAY_DOWN, to="transition-"))),
-    Mode("transition+", _transition, sign=+1, ends=(*_OUT, Event("stick", BREAKAWAY_UP.function, -1, to="stick"))),
-    Mode("transition-", _transition, sign=-1, ends=(*_OUT, Event("stick", BREAKAWAY_DOWN.function, +1, to="stick"))),
+    Mode("slip+", _slip, sign=+1, holds=_moves_forward, feature=_stribeck_drop,
+         ends=(Event("band", _above, -1, to=_in_band),)),
+    Mode("slip-", _slip, sign=-1, holds=_moves_forward, feature=_stribeck_drop,
+         ends=(Event("band", _below, +1, to=_in_band),)),
+    Mode("stick", _stick, ends=(Event("breakaway+", _torque_up, +1, to="transition+"),
+                                Event("breakaway-", _torque_down, -1, to="transition-"))),
+    Mode("transition+", _transition, sign=+1, ends=(*_OUT, Event("stick", _torque_up, -1, to="stick"))),
+    Mode("transition-", _transition, sign=-1, ends=(*_OUT, Event("stick", _torque_down, +1, to="stick"))),
 )
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from casahunt import Branch, Options, Orbit, Servo, Trajectory, diagram, find_fold, find_orbit, simulate, walk
-from casahunt.servo.hunting import Model
+from casahunt.servo.friction import Model
 from casahunt.views.pictures.plotting import Figure
 from problems import table1
 from scripts.report.attraction import Attraction, attraction

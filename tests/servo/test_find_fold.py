@@ -19,8 +19,8 @@ from casahunt.servo.basin import stick_position
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.secant_search import near_stable
 from casahunt.servo.find_fold import _has_fixed_point, find_any_orbit
+from casahunt.servo.friction import Model
 from casahunt.servo.gains import routh_hurwitz_gain
-from casahunt.servo.hunting import Model
 from casahunt.servo.problem import HuntingFold
 from problems import table1, taylor
 

@@ -23,7 +23,7 @@ from casahunt.orbits.adapt import Options
 from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.cycles import system_of
 from casahunt.servo.find_orbit import find_orbit
-from casahunt.servo.hunting import MODES, hunting_system
+from casahunt.servo.hunting import hunting_system
 from casahunt.servo.servo import Servo
 from problems.table1 import REFERENCE, servo
 from scripts.report.stick_band import band_system
@@ -187,7 +187,7 @@ def test_it_is_data(form: Servo, model):
     assert again == system and again.vector_form == system.vector_form
     n = len(system.names.parameters)
     assert system_of(model, n).vector_form.modes == system.vector_form.modes
-    assert {mode.name for mode in MODES[model]} == set(again.vector_form.modes)
+    assert {mode.name for mode in system.modes} == set(again.vector_form.modes)
 
 
 def test_a_softened_slide_is_left_in_the_direction_of_its_motion():

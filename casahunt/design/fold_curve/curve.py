@@ -17,8 +17,7 @@ from ...continuation import Axis, SpecialOrbit, special_walk
 from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options
 from ...servo.find_fold import find_fold
-from ...servo.friction import steepest
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model, steepest
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import NAMES

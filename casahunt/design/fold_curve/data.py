@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import Status
 from ...export import Columns, columns_from
 from ...results import Result
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo
 

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import InputError
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.sampled.motion import simulate_sampled
 from ...servo.servo import Servo

@@ -32,7 +32,7 @@ from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options, StateSensitivity, refined, state_sensitivity
 from ...servo.cold_start import quickly_at
 from ...servo.drive import Drive
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.linear.sampled_loop import as_continuous
 from ...servo.problem import HuntingOrbit
 from ...servo.refused import check_hunts, check_problem, check_times

@@ -21,7 +21,7 @@ from ...export import Columns
 from ...orbits import Options
 from ...results import Result
 from ...servo.drive import Drive
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, a_servo, flatten
 from ...servo.trajectory import Trajectory

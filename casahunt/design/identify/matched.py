@@ -24,7 +24,7 @@ from ...errors import InputError
 from ...motion import MarchFailure
 from ...roots import Bracket
 from ...servo.event_map.half_cycle import HalfCycle, StickMap
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.servo import Servo
 from .fit import Array, Data
 

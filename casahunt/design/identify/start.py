@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError, NoOrbit
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import Servo, flatten
 from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_at

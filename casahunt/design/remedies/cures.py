@@ -12,7 +12,7 @@ from ...export import Columns
 from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
 from ...results import Result
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.outcome import SETTLES, Kind
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Corners

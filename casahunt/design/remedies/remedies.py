@@ -19,7 +19,7 @@ from ...checks import choice_of, require
 from ...errors import HuntsIrregularly, InputError
 from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
-from ...servo.hunting import MODELS, Model, called
+from ...servo.friction import MODELS, Model
 from ...servo.linear.margins import Margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.parts.cascade import P_PI
@@ -35,7 +35,7 @@ from ...servo.parts.switch import SWITCH
 from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of, with_remedy
 from ...servo.parts.verbs import loop_cycle
 from ...servo.parts.with_exponent import WITH_EXPONENT
-from ...servo.servo import Servo, a_servo
+from ...servo.servo import Servo, a_servo, called
 from ..uncertainty.set import Uncertainty, are_servos, check_box
 from .border import (
     BORDERS,

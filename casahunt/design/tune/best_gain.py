@@ -22,8 +22,8 @@ import numpy as np
 
 from ...errors import NoOrbit
 from ...orbits import Options
+from ...servo.friction import Model
 from ...servo.gains import integral_gain
-from ...servo.hunting import Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ..nearby import fold_beside

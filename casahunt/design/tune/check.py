@@ -29,7 +29,7 @@ from ...results import Result
 from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import Scan, scan
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.linear.margins import Margins, margins
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...results import Result
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory

@@ -28,7 +28,7 @@ from ...checks import choice_of, of_kind
 from ...errors import InputError, Status
 from ...orbits import Options
 from ...results import Result
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model
 from ...servo.linear.sampled_loop import Lag
 from ...servo.servo import Servo, a_servo, flatten
 from ..sensitivity import fold_sensitivities

@@ -20,7 +20,7 @@ from ...errors import InputError
 from ...export import Columns
 from ...orbits import Options
 from ...results import Result
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT, column

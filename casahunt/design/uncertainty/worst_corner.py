@@ -27,7 +27,7 @@ from ...errors import InputError, NoOrbit, Status
 from ...orbits import Options
 from ...results import Result
 from ...roots import Bracket
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo
 from ..nearby import expected_gains, fold_near, known_fold, nominal_fold, said, servo_at, values_of, vectors

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...motion import Segment, march
 from ..cycles import SCHEMES, Kind, motor_torque, system_of
-from ..hunting import Model
+from ..friction import Model
 from ..servo import Servo
 
 Array = np.ndarray

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...checks import COMPUTED, choice_of, sensible
-from ..controller import torque_gains_of
-from ..hunting import MODELS, Model, called
-from ..servo import PID_PARAMETERS, Servo, a_servo, flatten, unflatten
+from ..controller import Pid, torque_gains_of
+from ..friction import MODELS, Model
+from ..servo import PID_PARAMETERS, Servo, a_servo, called, flatten, unflatten
 from .inertia import INERTIA
 from .loop import Loop
 from .lugre import LUGRE
@@ -22,6 +22,12 @@ from .switch import SWITCH
 FRICTIONS: Mapping[str, Part] = {"switch": SWITCH, "lugre": LUGRE}
 PID_KEYS = PID_PARAMETERS[:-1]
 """Of a servo whose controller is given by its gains, without the gain of the loop."""
+
+
+def parts_of_servo(model: Model, servo: Servo) -> tuple[Part, ...]:
+    """The parts of a servo, in the order of its states x1, x2, x3, x4."""
+    pid = PID_BY_GAINS if isinstance(servo.controller, Pid) else PID_BY_TIMES
+    return INERTIA, pid, INTEGRATOR, FRICTIONS[model]
 
 
 def loop_of(servo: Servo, model: Model, gain: float) -> Loop:

@@ -20,7 +20,7 @@ from ...errors import InputError
 from ...export import Columns
 from ...results import Result
 from ..drive import Drive
-from ..hunting import Model
+from ..friction import Model
 from ..outcome import Outcome
 from ..parts.loop import Loop
 from ..parts.lugre import LUGRE

@@ -17,7 +17,7 @@ from ...errors import InputError
 from ...orbits import Options
 from ...servo.controller import Pid
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model
 from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_overrides
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs

@@ -23,7 +23,7 @@ from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
 from ...orbits import Options
 from ...servo.branch import Branch
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.lopsided import with_lopsided
 from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED

@@ -16,7 +16,7 @@ from ...export import write_csv
 from ...interrupts import held, word
 from ...orbits import Options
 from ...results import tables_of
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
 from ..answers.fold_curve import fold_curve_answer

@@ -18,8 +18,8 @@ from ...export import Columns
 from ...orbits import Options, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, BranchName, find_orbit
+from ...servo.friction import Model
 from ...servo.gains import stable
-from ...servo.hunting import Model
 from ...servo.servo import Servo
 from ...servo.units import column
 from ..answers.answer import item

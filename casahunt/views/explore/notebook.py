@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from ...checks import require
-from ...servo.hunting import Model
+from ...servo.friction import Model
 from ...servo.parts import Loop
 from ...servo.servo import Servo, a_servo
 from .state import FIRST_GAIN, State, state_of_loop, state_of_servo

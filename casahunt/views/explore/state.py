@@ -27,7 +27,7 @@ from ...checks import choice_of, number, quoted, sensible, typed
 from ...design.remedies.sizes import scale_of
 from ...errors import InputError
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, drive_of_table
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model
 from ...servo.parts import LOADS, Loop, Remedy, loop_of
 from ...servo.parts.fate import Swing
 from ...servo.parts.file import loop_of_tables

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import effort, interrupts
-from ...servo.hunting import MODELS
+from ...servo.friction import MODELS
 from ...servo.parts.table import remedies_for
 from .answers import Answers
 from .state import State, state_of_address

@@ -10,7 +10,7 @@ import numpy as np
 from ...continuation import SpecialCurve
 from ...design.fold_curve.data import FoldCurve, cubic_through_points
 from ...errors import InputError
-from ...servo.hunting import MODELS
+from ...servo.friction import MODELS
 from ...servo.parts.table import unit_of
 from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, logarithmic, panels
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...orbits import Orbit
-from ...servo.hunting import MODELS, Model
+from ...servo.friction import MODELS, Model
 from ...servo.problem import HuntingOrbit
 from .plotting import (
     ALONE,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ....errors import InputError
 from ....servo.drive import DRIVE_KEYS, SHARES
-from ....servo.hunting import Model
+from ....servo.friction import Model
 from ....servo.sampled.as_run import DRIVE_PARTS
 from ....servo.servo import Servo
 from ..arguments import drive_of, finite, left_out
