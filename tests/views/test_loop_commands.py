@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 
 import numpy as np
@@ -297,6 +298,53 @@ def test_a_loop_whose_cycle_rests_on_its_way_hunts_wherever_its_motion_is_cut(ca
     path.write_text("\n".join([f"[loop]\nparts = [{parts}]", "[values]", *lines]))
     found = one_json(run(capsys, "simulate", path, "--gain", 1, "--time", 60, "--json", "--quiet")[1])
     assert found["verdict"] == "hunting" and found["amplitude"] == pytest.approx(0.040751, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_record_beside_the_cycle_of_a_loop(capsys, tmp_path):
+    """Written by scipy's DOP853, event by event, of a servo on whose load there is a spring."""
+    solve_ivp = pytest.importorskip("scipy.integrate").solve_ivp
+    J, spring, K, kp, kd, ki, Fs, Fc, vs, b = 0.026, 0.5, 1.0, 4.0, 0.3, 20.0, 0.53, 0.44, 0.02, 0.1
+
+    def torque(y):
+        return -K * (kp * y[0] + kd * y[1] + ki * y[2]) - spring * y[0]
+
+    def slip(sign):
+        return lambda t, y: [y[1], (torque(y) - sign * (Fc + (Fs - Fc) * math.exp(-((y[1] / vs) ** 2))) - b * y[1]) / J,
+                             y[0]]  # fmt: skip
+
+    def stops(t, y):
+        return y[1]
+
+    stops.terminal = True
+    now, y, times, places = 0.0, np.array([-0.05, 0.0, 0.0]), [], []
+    while now < 60.0:
+        m = torque(y)
+        if abs(m) < Fs:  # the integrator alone moves
+            wait = (Fs + abs(m) * np.sign(m * y[0])) / (K * ki * abs(y[0]))
+            t = np.arange(math.ceil(now / 5e-3), math.ceil((now + wait) / 5e-3)) * 5e-3
+            times, places = [*times, *t], [*places, *np.full(t.size, y[0])]
+            now, y = now + wait, np.array([y[0], 0.0, y[2] + wait * y[0]])
+            m = -np.sign(y[0]) * Fs
+        stops.direction = -float(np.sign(m))
+        way = solve_ivp(slip(np.sign(m)), (now, now + 10), y + [0, 1e-12 * np.sign(m), 0], "DOP853", rtol=1e-10,
+                        atol=1e-13, events=stops, dense_output=True)  # fmt: skip
+        t = np.arange(math.ceil(now / 5e-3), math.ceil(way.t[-1] / 5e-3)) * 5e-3
+        times, places = [*times, *t], [*places, *way.sol(t)[0]]
+        now, y = way.t[-1], np.array([way.y[0, -1], 0.0, way.y[2, -1]])
+    record, loop = tmp_path / "r.csv", tmp_path / "loop.toml"
+    lines = [f"{t:.6f},{x:.9f}\n" for t, x in zip(times, places, strict=True)]
+    record.write_text("".join(["time [s],position [rad]\n", *lines]))
+    values = {"inertia": J, "spring": spring, "gain": K, "motor_gain": 1, "kp": kp, "ki": ki, "kd": kd, "static": Fs,
+              "coulomb": Fc, "stribeck_velocity": vs, "viscous": b}  # fmt: skip
+    parts = '["one inertia", "Switch friction", "PID by gains", "integrator", "loads"]'
+    loop.write_text("\n".join([f"[loop]\nparts = {parts}\n[values]", *(f"{k} = {v}" for k, v in values.items())]))
+    code, out, err = run(capsys, "record", record, "--servo", loop, "--json", "--quiet", "--plot", tmp_path / "r.png")
+    said = one_json(out)
+    assert (code, err, said["kind"], said["prediction_failed"]) == (0, "", "hunting", None)
+    assert said["predicted"]["amplitude_ratio"] == pytest.approx(1, abs=1e-3)
+    assert said["predicted"]["frequency_ratio"] == pytest.approx(1, abs=1e-3)
+    assert is_picture(tmp_path / "r.png")
 
 
 BELT = {

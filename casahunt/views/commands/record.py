@@ -34,6 +34,7 @@ from ...design.record.measure import Measurement, measured
 from ...design.record.waveform import swings_of
 from ...errors import InputError, NoOrbit
 from ...export import columns_from
+from ...orbits import Orbit
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
 from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, rhythm
@@ -43,12 +44,14 @@ from .arguments import (
     finite,
     how_of,
     later_part,
+    loop_of,
     model_of,
     positive,
     reading_of,
     servo_of,
 )
 from .console import complain
+from .loops.shared import cycle_on
 from .output import give
 from .progress import progress, tell
 
@@ -69,7 +72,8 @@ def add(commands: Any) -> None:
         plot="the record, folded, with the prediction",
     )  # fmt: skip
     add_reading(command)
-    command.add_argument("--gain", help="controller gain K of the record; without it nothing is predicted")
+    alone = "without it nothing is predicted of a servo, and a loop of parts at its own"
+    command.add_argument("--gain", help=f"controller gain K of the record; {alone}")
     command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
 
 
@@ -80,10 +84,11 @@ def run(options: argparse.Namespace) -> int:
     """
     if options.file.endswith(".toml"):
         raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
-    model = model_of(options)
+    model, loop = model_of(options), loop_of(options)
     gain = None if options.gain is None else positive("gain", options.gain)
     set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
-    how, servo, reading = how_of(options), servo_of(options), reading_of(options)
+    servo = None if loop is not None else servo_of(options)
+    how, reading = how_of(options), reading_of(options)
     began = time.perf_counter()
     stream = progress(options)
     with suppress(OSError):
@@ -94,13 +99,16 @@ def run(options: argparse.Namespace) -> int:
     if record.times.size >= MANY:
         tell(stream, f"{record.times.size} samples read, looking for the period")
     found = measured(record)
-    orbit, failure = None, None
-    if gain is not None:
-        try:
+    orbit: Orbit | None = None
+    failure = None
+    try:
+        if loop is not None:
+            orbit = cycle_on(loop, "stable", how)
+        elif servo is not None and gain is not None:
             orbit = find_orbit(servo, model, gain, options=how)
-        except NoOrbit as error:
-            failure = str(error)
-    suspect = "" if orbit is None or not found.hunting else _suspect(record, found, orbit, stream)
+    except NoOrbit as error:
+        failure = str(error)
+    suspect = _suspect(record, found, orbit, stream) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
     wall_s = time.perf_counter() - began
     rows = [tuple(row.values()) for row in _rows(found, orbit)]
     give(
@@ -131,7 +139,7 @@ def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -
     return suspicion(orbit, m.period, m.amplitude, m.quantum, step, swings_of(m.shape, m.amplitude), fit)
 
 
-def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:
+def _rows(m: Measurement, orbit: Orbit | None) -> list[dict[str, Any]]:
     """What was measured beside what was predicted (NaN for nothing); columns `CSV_COLUMNS`."""
     amplitude, period = (orbit.amplitude, orbit.period) if orbit else (math.nan, math.nan)
     errors = (orbit.amplitude_error, orbit.period_error) if orbit else (math.nan, math.nan)
@@ -144,7 +152,7 @@ def _rows(m: Measurement, orbit: HuntingOrbit | None) -> list[dict[str, Any]]:
 
 
 def _lines(
-    file: str, record: Record, m: Measurement, orbit: HuntingOrbit | None, set_point: float | None
+    file: str, record: Record, m: Measurement, orbit: Orbit | None, set_point: float | None
 ) -> Iterator[str]:
     kind = f"no{HARD_SPACE}oscillation" if m.kind == "still" else m.kind
     known = m.periods.size > 0 and m.period_error < m.period
@@ -165,10 +173,11 @@ def _lines(
             if sentence:
                 yield f"  {sentence}"
     if orbit:
-        yield f"  predicted by the {orbit.model} model at gain {orbit.gain:.10g} V/rad"
+        whose = f"{orbit.model} model" if isinstance(orbit, HuntingOrbit) else "loop"
+        yield f"  predicted by the {whose} at gain {orbit.problem.value('gain'):.10g} V/rad"
 
 
-def _details(m: Measurement, orbit: HuntingOrbit | None) -> Iterator[str]:
+def _details(m: Measurement, orbit: Orbit | None) -> Iterator[str]:
     """Measured and predicted numbers in more digits, and what is known of the prediction besides."""
     if m.periods.size:
         yield from _beside(m, orbit, RECORD_DIGITS)
@@ -176,7 +185,7 @@ def _details(m: Measurement, orbit: HuntingOrbit | None) -> Iterator[str]:
         yield from exactly(orbit)
 
 
-def _beside(m: Measurement, orbit: HuntingOrbit | None, most: int) -> Iterator[str]:
+def _beside(m: Measurement, orbit: Orbit | None, most: int) -> Iterator[str]:
     """The table of measured and predicted numbers, each to the digits that its error vouches for, so many at most."""
     beside = f"  {'predicted':>12}  {'ratio':>7}" if orbit else ""
     yield f"  {'':9}  {'measured':>12}  {'error':>8}  {'scatter':>8}{beside}  unit"
@@ -210,7 +219,7 @@ def _record(
     file: str,
     record: Record,
     m: Measurement,
-    orbit: HuntingOrbit | None,
+    orbit: Orbit | None,
     failure: str | None,
     set_point: float | None,
     wall_s: float,

@@ -102,7 +102,7 @@ def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.margins(x=0.01, y=0.1)
     all_of_them[-1].set_xlabel("time from the rise of x₁ through zero [s]")
-    labels = [f"{_name(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
+    labels = [f"{name_of(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
     legend(figure, all_of_them[0], _orbit_handles(orbits, labels), frameon=False)
     return all_of_them
 
@@ -210,7 +210,8 @@ def _model(orbit: Orbit) -> Model:
     return orbit.model if isinstance(orbit, HuntingOrbit) else MODELS[0]
 
 
-def _name(orbit: Orbit) -> str:
+def name_of(orbit: Orbit) -> str:
+    """What an orbit is called in a legend."""
     if isinstance(orbit, HuntingOrbit):
         return f"{NAMES[orbit.model]}, K = {orbit.gain:.4g}"
     vary = orbit.problem.principal
@@ -219,7 +220,7 @@ def _name(orbit: Orbit) -> str:
 
 def _distinct_names(orbits: Sequence[Orbit]) -> list[str]:
     """Model and gain; and the amplitude, where these are not enough."""
-    names = [_name(orbit) for orbit in orbits]
+    names = [name_of(orbit) for orbit in orbits]
     return [
         name if names.count(name) == 1 else f"{name}, amplitude {_rounded(orbit.amplitude)} rad"
         for name, orbit in zip(names, orbits, strict=True)

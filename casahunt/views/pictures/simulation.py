@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...design.record.measure import Measurement
+from ...orbits import Orbit
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import servo_of_loop
-from ...servo.problem import HuntingOrbit
 from ...servo.trajectory import Trajectory
-from .orbits import rolled
+from .orbits import look_of, name_of, rolled
 from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Array, Line2D, align, legend, panels
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def _three(
     return three
 
 
-def folded_record(measurement: Measurement, orbit: HuntingOrbit | None = None, *, ax: Any = None) -> Array:
+def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
     Parameters
@@ -221,12 +221,12 @@ def folded_record(measurement: Measurement, orbit: HuntingOrbit | None = None, *
         Line2D([], [], color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), label="level"),
     ]
     if orbit is not None:
-        look, sense = LOOKS[orbit.model], 1.0 if measurement.rising else -1.0
+        look, sense = look_of(orbit), 1.0 if measurement.rising else -1.0
         times, states = orbit.sample(PER_INTERVAL)
         times, states = rolled(times, sense * states)
         below.plot(times, sense * states[0], color=look.colour, linewidth=2.0, zorder=5)
         foretold = f"amplitude {orbit.amplitude:.4g} rad, frequency {1 / orbit.period:.4g} Hz"
-        label = f"{NAMES[orbit.model]} at K = {orbit.gain:.4g}: {foretold}"
+        label = f"{name_of(orbit)}: {foretold}"
         handles.append(Line2D([], [], color=look.colour, linewidth=2.0, label=label))
     below.axhline(0, color="0.6", linewidth=0.7, zorder=1)
     rise = "rise" if measurement.rising else "fall"
