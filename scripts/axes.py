@@ -50,10 +50,10 @@ from casahunt.servo.parts import (  # noqa: E402
     TWO_MASSES,
     TWO_MASSES_LOAD_SEEN,
     Loop,
-    loop_cycle,
     series,
 )
 from casahunt.servo.parts.fate import on_the_cycle  # noqa: E402
+from casahunt.servo.parts.verbs import loop_cycle  # noqa: E402
 from scripts.peers.axis_motion import NAMES, AxisMotion, Fate  # noqa: E402
 
 AGREES, WITHIN = 1e-6, (0.05, 0.95)

@@ -22,18 +22,8 @@ from test_readme import PROMISED, TO_THE_LETTER
 import casahunt
 from casahunt import InputError, Servo, find_orbit
 from casahunt.cli import main
-from casahunt.servo.parts import (
-    DERIVATIVE_FILTER,
-    HYSTERESIS,
-    INERTIA,
-    INTEGRATOR,
-    LEAK,
-    PID_BY_GAINS,
-    SWITCH,
-    Loop,
-    fold_in,
-    loop_cycle,
-)
+from casahunt.servo.parts import DERIVATIVE_FILTER, HYSTERESIS, INERTIA, INTEGRATOR, LEAK, PID_BY_GAINS, SWITCH, Loop
+from casahunt.servo.parts.verbs import fold_in, loop_cycle
 from casahunt.views.commands.output import MEANINGS
 from problems import taylor
 

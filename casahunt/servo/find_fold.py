@@ -16,25 +16,28 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import cast
+from itertools import pairwise
+from typing import Any, cast, overload
 
 import numpy as np
 
 from .. import effort
-from ..checks import of_kind
-from ..continuation import fold_between, largest, smallest
+from ..checks import choice_of, of_kind, to_error, to_error_beside
+from ..continuation import Fold, fold_between, largest, smallest
 from ..continuation.walk import walk
-from ..errors import NoOrbit, Status
+from ..errors import InputError, NoOrbit, Status
 from ..motion import MarchFailure
-from ..orbits import Options
+from ..orbits import Options, SystemOrbit
 from .cold_start import quickly_at, stable_at
 from .denial import no_cycle
 from .event_map.fixed_points import fixed_points
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import GROWING, Scan, scan
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, lowered, near_typical
-from .friction import Model
-from .gains import typical_gain
+from .friction import MODELS, Model
+from .gains import stable, typical_gain
+from .parts.loop import Loop
+from .parts.verbs import fold_in, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
 from .servo import Servo, a_servo
@@ -57,6 +60,8 @@ large as what is left of the branch."""
 LOCATED_TO = (0.1, 1e-3)
 """Parts of the tolerance to which a fold is located, in turn: its place on the branch takes a finer mesh than its gain,
 period and amplitude being of first order in it."""
+FOLD_DIGITS = 4
+"""Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 MOST_WALKED = 1000
@@ -240,27 +245,38 @@ def _most(seen: list[tuple[float, Scan]]) -> str:
     return f" with the Switch servo; the farthest back it comes at gain {gain:.3g}: {s.sentence()}"
 
 
+@overload
 def find_fold(
-    servo: Servo, model: Model, *, options: Options | None = None, start: HuntingOrbit | None = None
-) -> HuntingFold:
-    """The fold gain of a servo, from nothing but the servo.
+    servo: Servo, model: Model, *, options: Options | None = ..., start: HuntingOrbit | None = ...
+) -> HuntingFold: ...
+@overload
+def find_fold(
+    servo: Loop, model: None = ..., *, vary: str = ..., options: Options | None = ...
+) -> Fold[SystemOrbit]: ...
+def find_fold(
+    servo: Servo | Loop, model: Model | None = None, *, vary: str = "gain", options: Options | None = None,
+    start: HuntingOrbit | None = None,
+) -> Fold[Any]:  # fmt: skip
+    """Where hunting ends: the fold gain of a servo, or the fold of a loop in any parameter.
 
     Parameters
     ----------
     servo, model
-        the problem.
+        the servo, and "switch" or "lugre"; or a loop of parts, which hunts at its own numbers.
+    vary
+        of a loop: the parameter; the fold is sought above its own value, and where there is none below it.
     options
         `tol` bounds the relative errors of gain, amplitude and period.
     start
-        a stable orbit to walk from; default: searched for.
+        of a servo: a stable orbit to walk from; default: searched for.
 
     Returns
     -------
-    HuntingFold, confirmed by the optimisation problem.
+    Fold, confirmed by the optimisation problem.
 
     Raises
     ------
-    InputError : unknown model, or times too far apart (`check_times`).
+    InputError : unknown model or parameter, or times too far apart (`check_times`).
     NoOrbit : no cycle, no fold in range, or two answers that differ.
 
     Examples
@@ -270,17 +286,39 @@ def find_fold(
     >>> round(fold.gain, 5), round(fold.orbit.period, 3)  # V/rad, s
     (0.64734, 20.468)
     """
+    if isinstance(servo, Loop):
+        return _of_a_loop(servo, vary, options)
+    if vary != "gain":
+        raise InputError(f"vary = {vary}: must be gain of a servo; of a loop of parts it is any parameter (loop_of)")
     began = time.perf_counter()
     a_servo(servo)
+    friction: Any = choice_of("model", str(model), MODELS)
     options = of_kind("options", options or Options(), Options)
     rough = replace(options.rough(), provisional=True)
-    first = start or find_any_orbit(servo, model, options=rough)
+    first = start or find_any_orbit(servo, friction, options=rough)
     try:
         return _walked(first, rough, options, began)
     except NoOrbit as error:
         if error.status is Status.NOT_FOUND:  # finer steps do not lead farther
             raise
     return _walked(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
+
+
+def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrbit]:
+    """The fold of a loop above the parameter's own value, or else below.
+
+    Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
+    """
+    cycle = loop_cycle(loop, vary, options=options)
+    try:
+        return fold_in(cycle, vary, options=options)
+    except NoOrbit as above:
+        if above.status is not Status.NOT_FOUND:
+            raise
+        try:
+            return fold_in(cycle, vary, sense=-1, options=options)
+        except NoOrbit as below:
+            raise NoOrbit(f"{above}; {below}", below.status) from None
 
 
 def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
@@ -323,3 +361,32 @@ def confirmed_between(
 
 def _on_the_way(orbit: HuntingOrbit) -> str:
     return f"on the way to the fold, at gain {orbit.gain:.6g}"
+
+
+def deny_below(
+    around: list[HuntingOrbit], fold: HuntingFold, gain: float, branch: str, options: Options
+) -> None:
+    """NoOrbit where the lower fold, on one of the two sides of the smallest gain met, is located above `gain`.
+
+    A fold above a gain at which a cycle was found is not where they end.
+    """
+    least = min(orbit.gain for orbit in around) * (1 + options.tol)
+    for before, after in reversed(list(pairwise(around))):
+        lower = None
+        with suppress(NoOrbit):  # what is between these two is not known: the fold may lie between the others
+            lower = confirmed_between(before, after, options, sense=-1.0)
+        if lower is not None and lower.gain <= least:
+            break
+    else:
+        return
+    if gain < lower.gain * (1 - 2 * lower.gain_error):
+        servo = fold.orbit.servo
+        grows = "" if stable(servo, gain) else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
+        raise NoOrbit(
+            f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
+            f"gain {to_error_beside(lower.gain, lower.gain_error, gain, FOLD_DIGITS)} to "
+            f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad{grows}",
+            evidence=f"followed down from their largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn "
+            f"back at {to_error(lower.gain, lower.gain_error)}, in a second fold, located on their branch, and again "
+            "as the smallest gain of all cycles near it",
+        )

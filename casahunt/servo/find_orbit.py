@@ -14,24 +14,28 @@ as an optimum, or with a proof (denial.py).  Where there is neither, the sentenc
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
-from typing import Literal
+from typing import Literal, overload
 
 from ..checks import choice_of, of_kind, to_error, to_error_beside
 from ..continuation.walk import walk
-from ..errors import NoOrbit, Status
-from ..orbits import Options, refined
+from ..errors import InputError, NoOrbit, Status
+from ..orbits import Options, Orbit, SystemOrbit, find_cycle, refined
 from .cold_start import AtOneGain, inner_cycle, quickly_at, stable_at, unstable
 from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
-from .find_fold import MOST_WALKED, confirmed_between, find_fold
+from .find_fold import FOLD_DIGITS, MOST_WALKED, deny_below, find_fold
 from .friction import Model
 from .gains import stable as stable_loop
 from .lopsided import lopsided_at
+from .parts.fate import on_the_cycle
+from .parts.loop import Loop
+from .parts.plain_loop import loop_asked, servo_of_loop
+from .parts.verbs import check_present, loop_cycle, unstable_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times, stiff_at
 from .servo import Servo
@@ -43,31 +47,41 @@ TIGHT_FOLD = 1e-9
 """Tolerance of the fold where its error at the user's does not tell on which side of it the gain lies."""
 NO_AMPLITUDE = 1e-6
 """Amplitude in units of Fs/kp, where the proportional torque equals static friction, that counts as none."""
-FOLD_DIGITS = 4
-"""Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
 DOWNWARDS = 0.01
 """First step away from a fold, in arclength."""
 
 
+@overload
 def find_orbit(
-    servo: Servo,
-    model: Model,
-    gain: float,
-    *,
-    branch: BranchName = "stable",
-    options: Options | None = None,
-) -> HuntingOrbit:
-    """The hunting cycle of a servo at one gain, from nothing but the servo.
+    servo: Servo, model: Model, gain: float, *, branch: BranchName = ..., options: Options | None = ...
+) -> HuntingOrbit: ...
+@overload
+def find_orbit(
+    servo: Loop, model: None = ..., gain: float | None = ..., *, branch: BranchName = ..., vary: str = ...,
+    start: Mapping[str, float] | None = ..., options: Options | None = ...,
+) -> SystemOrbit: ...  # fmt: skip
+def find_orbit(
+    servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, branch: BranchName = "stable",
+    vary: str = "gain", start: Mapping[str, float] | None = None, options: Options | None = None,
+) -> Orbit:  # fmt: skip
+    """The hunting cycle of a servo, from nothing but the servo.
 
     Parameters
     ----------
     servo, model, gain
-        the problem; gain > 0.
+        the servo, "switch" or "lugre", and the gain > 0; or a loop of parts, without a model, at its own gain or
+        another one.
     branch
-        the stable cycle, or the unstable one that bounds its basin; or one of the lopsided pair that branches off from
-        the symmetric cycle where its half multiplier passes -1, the other one being its mirror image.
+        the stable cycle, or the unstable one that bounds its basin; of a servo also one of the lopsided pair that
+        branches off from the symmetric cycle where its half multiplier passes -1, the other one being its mirror image.
+    vary
+        of a loop: the parameter in which the cycle is to be followed.
+    start
+        of a loop: states at the start of the one motion that is to settle on it, by name, all others zero; default:
+        motions from rest, nearer and nearer to the set point, then cycles at smaller gains; of a loop that is a servo,
+        the cycle of that.
     options
-        tolerance and method.
+        tolerance and method; of a loop, default a tolerance of 1e-9.
 
     Returns
     -------
@@ -75,9 +89,10 @@ def find_orbit(
 
     Raises
     ------
-    InputError : a value out of range.
+    InputError : a value out of range, or no such parameter of a loop.
     NoOrbit : there is no such cycle (status None, with the fold that shows it or the proof), none was found, or it
         could not be computed.
+    ComesToRest, HuntsIrregularly : a NoOrbit, of a loop: what its motions do instead.
 
     Examples
     --------
@@ -88,6 +103,10 @@ def find_orbit(
     >>> find_orbit(Servo(), "switch", 0.1, branch="unstable").stable
     False
     """
+    if isinstance(servo, Loop):
+        return _of_a_loop(loop_asked(servo, model, gain), branch, vary, start, options or Options(tol=1e-9))
+    if model is None or gain is None:
+        raise InputError('find_orbit: of a Servo takes model and gain too, such as find_orbit(servo, "switch", 0.04)')
     began = time.perf_counter()
     options = of_kind("options", options or Options(), Options)
     check_problem(servo, model, gain)
@@ -101,6 +120,22 @@ def find_orbit(
         return replace(lopsided_at(symmetric, options), wall_s=time.perf_counter() - began)
     orbit = first_of(STABLE if branch == "stable" else UNSTABLE, search, what)
     return replace(orbit, wall_s=time.perf_counter() - began)
+
+
+def _of_a_loop(
+    loop: Loop, branch: BranchName, vary: str, start: Mapping[str, float] | None, options: Options
+) -> SystemOrbit:
+    """The cycle of a loop; one that is a servo is begun on the cycle of that, whose refusals are its own."""
+    choice_of("branch of a loop", branch, BRANCHES[:2])
+    check_present(loop, vary)
+    servo = servo_of_loop(loop) if start is None else None
+    if servo is not None:
+        on_it = on_the_cycle(find_orbit(*servo, branch=branch, options=options))
+        return find_cycle(
+            loop.system, loop.mode_at(**on_it), start=on_it, follow=vary, settled=True, options=options
+        )
+    cycle = loop_cycle(loop, vary, start=start, options=options)
+    return cycle if branch == "stable" else unstable_cycle(cycle, vary, options=options)
 
 
 @dataclass(eq=False)
@@ -329,7 +364,7 @@ def _followed_down(fold: HuntingFold, gain: float, branch: BranchName, options: 
                 trail.append(next(steps))
             except StopIteration as end:
                 return trail[-1], str(end.value)
-        _deny_below(trail[-3:], fold, gain, branch, options)
+        deny_below(trail[-3:], fold, gain, branch, options)
         return trail[-2], "there they turn back to larger gains"
     return fold.orbit, "no step away from the fold converged"
 
@@ -347,32 +382,3 @@ def _vanished(orbit: HuntingOrbit) -> bool:
     """P(a)/a tends to a limit as a does to 0; where the gain takes that limit to one, the unstable cycle ends there."""
     kp, _, _ = orbit.servo.torque_gains(orbit.gain)
     return orbit.amplitude * kp < NO_AMPLITUDE * orbit.servo.friction.static
-
-
-def _deny_below(
-    around: list[HuntingOrbit], fold: HuntingFold, gain: float, branch: BranchName, options: Options
-) -> None:
-    """NoOrbit where the lower fold, on one of the two sides of the smallest gain met, is located above `gain`.
-
-    A fold above a gain at which a cycle was found is not where they end.
-    """
-    least = min(orbit.gain for orbit in around) * (1 + options.tol)
-    for before, after in reversed(list(pairwise(around))):
-        lower = None
-        with suppress(NoOrbit):  # what is between these two is not known: the fold may lie between the others
-            lower = confirmed_between(before, after, options, sense=-1.0)
-        if lower is not None and lower.gain <= least:
-            break
-    else:
-        return
-    if gain < lower.gain * (1 - 2 * lower.gain_error):
-        servo = fold.orbit.servo
-        grows = "" if stable_loop(servo, gain) else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
-        raise NoOrbit(
-            f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
-            f"gain {to_error_beside(lower.gain, lower.gain_error, gain, FOLD_DIGITS)} to "
-            f"{to_error(fold.gain, fold.gain_error, most=FOLD_DIGITS)} V/rad{grows}",
-            evidence=f"followed down from their largest gain {to_error(fold.gain, fold.gain_error)}, its cycles turn "
-            f"back at {to_error(lower.gain, lower.gain_error)}, in a second fold, located on their branch, and again "
-            "as the smallest gain of all cycles near it",
-        )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from casahunt import InputError, NoOrbit, Options, find_orbit, remedies
-from casahunt.servo.parts import fold_in, loop_cycle, unstable_cycle
+from casahunt.servo.parts.verbs import fold_in, loop_cycle, unstable_cycle
 from scripts.answers import servos
 from scripts.answers.verbs import cure
 from scripts.parts import KINDS, TOL, with_part

@@ -9,7 +9,8 @@ import pytest
 from casahunt.collocation.mesh import evaluate_phase
 from casahunt.continuation import follow, poincare_section
 from casahunt.orbits import Options
-from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_cycle
+from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop
+from casahunt.servo.parts.verbs import loop_cycle
 from problems import table1
 
 SWITCH_TRUTH = table1.REFERENCE["switch"]

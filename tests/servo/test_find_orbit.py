@@ -14,6 +14,7 @@ import pytest
 from casahunt import NoOrbit, Options, Servo, Status, cli, find_fold, find_orbit
 from casahunt.collocation.linearisation import Linearisation
 from casahunt.continuation.walk import walk
+from casahunt.servo import find_fold as folds
 from casahunt.servo import find_orbit as searching
 from casahunt.servo.basin import basin, until_settled
 from casahunt.servo.event_map.half_cycle import StickMap
@@ -296,17 +297,17 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
     poles = np.roots([SECOND_FOLD.inertia, SECOND_FOLD.friction.viscous + kd, kp, ki])  # without dry friction
     assert poles.real.max() > 0 and "the loop is unstable: large motions grow" in refused.value.plain
     met: list = []
-    monkeypatch.setattr(searching, "_deny_below", lambda around, *_: met.extend(around))
+    monkeypatch.setattr(searching, "deny_below", lambda around, *_: met.extend(around))
     searching._followed_down(fold, gain, "stable", Options())
     monkeypatch.undo()
     near, past = next(pair for pair in pairwise(met) if pair[0].half_multiplier < 1 < pair[1].half_multiplier)
     farther = next(walk(past, low=gain, high=fold.gain, options=Options(), first_step=0.01, largest_step=0.01))
     assert farther.gain > past.gain and farther.half_multiplier > 1
     with pytest.raises(NoOrbit, match="turn back at .* in a second fold") as refused:
-        searching._deny_below([near, past, farther], fold, gain, "stable", Options())
+        folds.deny_below([near, past, farther], fold, gain, "stable", Options())
     assert refused.value.status is None
     # What is not known between two of them takes nothing from a fold between the others.
-    lowest = searching.confirmed_between(near, past, Options(), sense=-1.0)
+    lowest = folds.confirmed_between(near, past, Options(), sense=-1.0)
     assert lowest is not None
 
     def known_before(before: HuntingOrbit, *_: Any, **__: Any) -> HuntingFold:
@@ -314,9 +315,9 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
             raise NoOrbit("not converged", Status.NOT_CONVERGED)
         return lowest
 
-    monkeypatch.setattr(searching, "confirmed_between", known_before)
+    monkeypatch.setattr(folds, "confirmed_between", known_before)
     with pytest.raises(NoOrbit, match="turn back at .* in a second fold"):
-        searching._deny_below([near, past, farther], fold, gain, "stable", Options())
+        folds.deny_below([near, past, farther], fold, gain, "stable", Options())
     # Where a cycle was found at a smaller gain, that fold is not the end of them.
-    monkeypatch.setattr(searching, "confirmed_between", lambda *_, **__: lowest)
-    searching._deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())
+    monkeypatch.setattr(folds, "confirmed_between", lambda *_, **__: lowest)
+    folds.deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())

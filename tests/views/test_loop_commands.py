@@ -47,12 +47,17 @@ def test_the_plain_servo_as_a_loop_has_its_cycles(capsys, loop_file, branch):
 
 
 def test_a_gain_at_which_no_motion_from_rest_settles(capsys, loop_file):
-    """Next to the fold hardly any does: the cycle is that of a smaller gain, followed; beyond it there is none."""
-    path = loop_file()
+    """Next to the fold hardly any does: the cycle is that of a smaller gain, followed; beyond it there is none.
+
+    The leak takes 1e-8 of the integrator's sum in a period; a loop without one is a servo, and asked as that.
+    """
+    path = loop_file("leak", leak=5e-10)
     code, out, _ = run(capsys, "orbit", path, "--gain", 0.6473, "--quiet", "--json")
     assert code == 0 and one_json(out)["period"] == pytest.approx(20.42, abs=0.05)
     code, out, err = run(capsys, "orbit", path, "--gain", 0.65)
     assert (code, out) == (1, "") and re.search(r"gain 0\.65: no motion settles .*: fold at gain = 0\.64733", err)
+    code, out, err = run(capsys, "orbit", loop_file(), "--gain", 0.65)
+    assert (code, out) == (1, "") and "can hunt up to gain 0.6473 V/rad, and not above" in err
 
 
 def test_the_lines_the_table_the_picture_and_the_file_of_a_cycle(capsys, loop_file, tmp_path):

@@ -75,7 +75,6 @@ if TYPE_CHECKING:
     from .tabulated import friction_table
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
     from .two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
-    from .verbs import fold_in, loop_cycle, unstable_cycle
     from .with_exponent import WITH_EXPONENT
 
 __all__ = [
@@ -84,8 +83,8 @@ __all__ = [
     "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES",
     "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
     "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "WITH_EXPONENT", "Edge", "Law", "Loop", "Part", "PartMode",
-    "Remedy", "fold_in", "friction_table", "from_object", "load_loop", "loop_cycle", "loop_of", "series",
-    "state_space", "transfer_function", "unstable_cycle",
+    "Remedy", "friction_table", "from_object", "load_loop", "loop_of", "series",
+    "state_space", "transfer_function",
 ]  # fmt: skip
 __getattr__ = lazily(
     __name__,
@@ -117,7 +116,6 @@ __getattr__ = lazily(
         "tabulated": ("friction_table",),
         "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
         "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
-        "verbs": ("fold_in", "loop_cycle", "unstable_cycle"),
         "with_exponent": ("WITH_EXPONENT",),
     },
 )

@@ -40,45 +40,13 @@ FAR_UP = 1e3
 
 
 def loop_cycle(
-    loop: Loop,
-    vary: str = "gain",
-    *,
-    start: Mapping[str, float] | None = None,
-    options: Options | None = None,
+    loop: Loop, vary: str = "gain", *, start: Mapping[str, float] | None = None, options: Options | None = None
 ) -> SystemOrbit:
-    """The hunting cycle of a loop.
+    """The hunting cycle of a loop, to be followed in a parameter.
 
-    Parameters
-    ----------
-    loop
-        the loop.
-    vary
-        the parameter that is to be followed from there.
-    start
-        states at the start of the one motion that is to settle on it, by name, all others zero; default: motions from
-        rest, nearer and nearer to the set point, then cycles at smaller gains, followed up to the loop's.
-    options
-        tolerance and method; default a tolerance of 1e-9.
-
-    Returns
-    -------
-    Orbit, converged.
-
-    Raises
-    ------
-    InputError : no such parameter, or that of a part that is not there.
-    ComesToRest : a NoOrbit: the motion comes to rest from each of the starts.
-    HuntsIrregularly : a NoOrbit: it goes on for ever and repeats in no pattern; says how far and how long it swings.
-    NoOrbit : no cycle was found, or the branch of smaller gains ends before this gain; says which.
-
-    Examples
-    --------
-    >>> from casahunt.continuation import largest
-    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, LEAK, PID_BY_TIMES, SWITCH, Loop, loop_cycle
-    >>> loop = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR, LEAK), {"gain": 0.04, "leak": 0.1})
-    >>> cycle = loop_cycle(loop, "leak")
-    >>> round(largest(cycle, "leak").value, 6)  # 1/s
-    0.246845
+    start: states at the start of the one motion that is to settle on it, by name, all others zero; default: motions
+    from rest, nearer and nearer to the set point, then cycles at smaller gains, followed up to the loop's.
+    Raises InputError: no such parameter; ComesToRest, HuntsIrregularly, NoOrbit: as find_orbit.py.
     """
     options = options or Options(tol=1e-9)
     check_present(loop, vary)
@@ -218,30 +186,7 @@ def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrb
 def unstable_cycle(cycle: SystemOrbit, vary: str = "gain", *, options: Options | None = None) -> SystemOrbit:
     """The other cycle at the same parameters: behind the fold of the branch that goes up from here.
 
-    Parameters
-    ----------
-    cycle
-        from `loop_cycle`.
-    vary
-        the parameter in which the branch is followed.
-    options
-        tolerance and method; default those of `follow`.
-
-    Returns
-    -------
-    Orbit, converged.
-
-    Raises
-    ------
-    NoOrbit : the branch does not come back; says where it ends.
-
-    Examples
-    --------
-    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, loop_cycle, unstable_cycle
-    >>> cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.5}))
-    >>> other = unstable_cycle(cycle)
-    >>> other.amplitude < cycle.amplitude, other.stable
-    (True, False)
+    Raises NoOrbit: the branch does not come back; says where it ends.
     """
     here = cycle.problem.value(vary)
     branch = follow(cycle, vary, to=FAR_UP * here, options=options, monitors=())
@@ -255,33 +200,9 @@ def fold_in(
     cycle: SystemOrbit, vary: str, *, sense: int = 1, to: float | None = None, options: Options | None = None,
     max_points: int = 200, progress: Callable[[SystemOrbit], None] | None = None,
 ) -> Fold[SystemOrbit]:  # fmt: skip
-    """Where the branch of a cycle turns back in a parameter: `largest` or `smallest`.
+    """Where the branch of a cycle turns back in a parameter, on the way up (sense +1) or down, up to a value at most.
 
-    Parameters
-    ----------
-    cycle, vary
-        from `loop_cycle`, and the parameter.
-    sense
-        +1 on the way up, -1 on the way down.
-    to
-        value beyond which no fold is sought.
-    options, max_points, progress
-        as of `casahunt.continuation.largest`.
-
-    Returns
-    -------
-    Fold.
-
-    Raises
-    ------
-    InputError, NoOrbit : as of `casahunt.continuation.largest`.
-
-    Examples
-    --------
-    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop, fold_in, loop_cycle
-    >>> cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.1}), "static")
-    >>> round(fold_in(cycle, "static", sense=-1).value, 6)  # N m: with less of it there is no hunting
-    0.45736
+    Raises InputError, NoOrbit: as of `largest`.
     """
     extremum, far = (largest if sense > 0 else smallest), sense * math.inf if to is None else to
     return extremum(cycle, vary, to=far, options=options, max_points=max_points, progress=progress)

@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options) -> int:
     """The fold of a loop in one of its parameters; returns the exit code."""
-    fold, way = shared.border_of(loop, vary, how)
+    fold = find_fold(loop, vary=vary, options=how)
+    way = shared.way_to(fold, loop)
     slopes, orbit = fold_sensitivities(fold), fold.orbit
     more = {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
     more |= {"elasticities": slopes.elasticities, "way": way, "solver": how.solver}

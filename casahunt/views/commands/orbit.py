@@ -116,8 +116,8 @@ def _of_a_servo(servo: Servo, model: Model, gain: float, branch: BranchName, how
     return _Found(orbit, name, tuple(below), {}, {"model": model, column("gain"): gain})
 
 
-def _of_a_loop(loop: Loop, branch: str, how: Options) -> _Found:
-    orbit = shared.cycle_on(loop, branch, how)
+def _of_a_loop(loop: Loop, branch: BranchName, how: Options) -> _Found:
+    orbit = find_orbit(loop, branch=branch, options=how)
     below = [item("beside it", SYMMETRY_BROKEN)] if past_a_symmetry_breaking(orbit) else []
     parts = shared.parts_line(loop)
     return _Found(orbit, shared.title(loop), (parts, *below), shared.record_of(loop), loop.parameters)

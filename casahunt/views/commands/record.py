@@ -51,7 +51,6 @@ from .arguments import (
     servo_of,
 )
 from .console import complain
-from .loops.shared import cycle_on
 from .output import give
 from .progress import progress, tell
 
@@ -103,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     failure = None
     try:
         if loop is not None:
-            orbit = cycle_on(loop, "stable", how)
+            orbit = find_orbit(loop, options=how)
         elif servo is not None and gain is not None:
             orbit = find_orbit(servo, model, gain, options=how)
     except NoOrbit as error:

@@ -56,9 +56,9 @@ def python(state: State) -> str:
     problem = state.problem
     if problem.loop is not None:
         return (
-            "from casahunt.servo.parts import load_loop, loop_cycle\n\n"
+            "from casahunt import find_orbit\nfrom casahunt.servo.parts import load_loop\n\n"
             f'loop = load_loop("{FILE_NAME}").replace(gain={problem.gain!r})  # the servo file\n'
-            "orbit = loop_cycle(loop)\nprint(orbit)\n"
+            "orbit = find_orbit(loop)\nprint(orbit)\n"
         )
     assert problem.servo is not None
     changes = ", ".join(f'"{key}": {value!r}' for key, value in _changes(problem.servo).items())

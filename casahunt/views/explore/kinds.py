@@ -27,9 +27,9 @@ from ...servo.linear.margins import margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
 from ...servo.outcome import SETTLES
-from ...servo.parts import Loop, Remedy, fold_in, loop_cycle
+from ...servo.parts import Loop, Remedy
 from ...servo.parts.fate import Swing, on_the_cycle
-from ...servo.parts.verbs import FIRST_OFF
+from ...servo.parts.verbs import FIRST_OFF, fold_in, loop_cycle
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ...servo.units import GAIN_UNIT

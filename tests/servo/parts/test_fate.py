@@ -16,10 +16,10 @@ from casahunt.servo.parts import (
     TORQUE_LIMIT,
     TWO_MASSES,
     Loop,
-    loop_cycle,
     verbs,
 )
 from casahunt.servo.parts.fate import LEFT_OF_A_SWING, Swing, fate
+from casahunt.servo.parts.verbs import loop_cycle
 
 RESTS = {"inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 14.2, "shaft_damping": 0.003, "motor_gain": 1.0,
          "kp": 6.0, "ki": 60.0, "kd": 0.12, "gain": 1.0, "static": 0.25, "coulomb": 0.18, "stribeck_velocity": 0.2,

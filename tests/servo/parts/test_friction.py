@@ -22,9 +22,9 @@ from casahunt.servo.parts import (
     WITH_EXPONENT,
     Loop,
     friction_table,
-    loop_cycle,
 )
 from casahunt.servo.parts.monotone_cubic import interpolated
+from casahunt.servo.parts.verbs import loop_cycle
 
 CONTROLLER = (PID_BY_GAINS, INTEGRATOR)
 TABLE = np.array([0.0, 0.01, 0.02, 0.05, 0.2, 1.0]), np.array([0.53, 0.5, 0.46, 0.44, 0.45, 0.54])

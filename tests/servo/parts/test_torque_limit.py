@@ -25,10 +25,10 @@ from casahunt.servo.parts import (
     TORQUE_LIMIT,
     TWO_MASSES,
     Loop,
-    loop_cycle,
     series,
     state_space,
 )
+from casahunt.servo.parts.verbs import loop_cycle
 
 J, CM, FS, FC, VS, SIGMA2 = 0.026, 16.0, 0.53, 0.44, 0.02, 0.1
 KP, KI, KD = 2.0, 2 * math.pi, 1 / (2 * math.pi)

@@ -18,8 +18,8 @@ from casahunt.servo.parts import (
     TWO_MASSES_LOAD_SEEN,
     Loop,
     Part,
-    loop_cycle,
 )
+from casahunt.servo.parts.verbs import loop_cycle
 from casahunt.servo.sampled.plant import plant_of
 
 BELT = {

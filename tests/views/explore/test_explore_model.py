@@ -16,7 +16,8 @@ from casahunt import NoOrbit, Options, Servo, Status, effort, find_fold, find_or
 from casahunt.cli import main
 from casahunt.continuation import follow
 from casahunt.errors import HuntsIrregularly
-from casahunt.servo.parts import load_loop, loop_cycle
+from casahunt.servo.parts import load_loop
+from casahunt.servo.parts.verbs import loop_cycle
 from casahunt.views.explore import answers as stages
 from casahunt.views.explore import kinds
 from casahunt.views.explore.answers import STAGES, Answers

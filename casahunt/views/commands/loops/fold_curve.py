@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 from ....continuation import SpecialOrbit, special_curve
 from ....errors import InputError
 from ....orbits import Options
+from ....servo.find_fold import find_fold
 from ...answers.fold_curve import loop_curve_answer
 from ..arguments import finite
 from ..console import complain, orbit_line
 from ..output import give
 from ..progress import progress, tell
-from .shared import border_of, named, parts_line, record_of
+from .shared import named, parts_line, record_of, way_to
 
 if TYPE_CHECKING:
     from ....servo.parts import Loop
@@ -34,7 +35,8 @@ def of_loop(options: argparse.Namespace, loop: Loop, points: int, how: Options) 
     if vary == ends_in:
         raise InputError(f"fold-in = {ends_in}: must be another parameter than that of --vary")
     began, stream = time.perf_counter(), progress(options)
-    fold, way = border_of(loop, ends_in, how)
+    fold = find_fold(loop, vary=ends_in, options=how)
+    way = way_to(fold, loop)
 
     def found(point: SpecialOrbit) -> None:
         orbit = point.orbit

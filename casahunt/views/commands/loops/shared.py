@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ....checks import choice_of, to_and_back
+from ....checks import to_and_back
 from ....continuation import Branch, Fold, follow
-from ....errors import InputError, NoOrbit, Status
+from ....errors import InputError
 from ....orbits import Options, SystemOrbit
 
 if TYPE_CHECKING:
     from ....servo.parts import Loop
 
-BRANCHES_OF_A_LOOP = ("stable", "unstable")
-
-
 def title(loop: Loop, called: str = "loop") -> str:
     """What a loop is called in the first line."""
     return f"{called} at gain {loop.value('gain'):.10g} V/rad"
+
+
+def way_to(fold: Fold[SystemOrbit], loop: Loop) -> str:
+    """To which side of a loop's own value a fold lies: "up" or "down"."""
+    return "up" if fold.value > loop.value(fold.parameter) else "down"
 
 
 def parts_line(loop: Loop) -> str:
@@ -29,34 +31,6 @@ def parts_line(loop: Loop) -> str:
 def record_of(loop: Loop) -> dict[str, Any]:
     """The loop, for JSON."""
     return {"parts": [part.name for part in loop.present], "parameters": loop.parameters, "gain": loop.value("gain")}
-
-
-def cycle_on(loop: Loop, branch: str, options: Options) -> SystemOrbit:
-    """The cycle on one of its branches in the gain.  Raises InputError: unknown branch; NoOrbit."""
-    from ....servo.parts import loop_cycle, unstable_cycle  # not read for a servo
-
-    choice_of("branch of a loop", branch, BRANCHES_OF_A_LOOP)
-    cycle = loop_cycle(loop, options=options)
-    return cycle if branch == "stable" else unstable_cycle(cycle, options=options)
-
-
-def border_of(loop: Loop, vary: str, options: Options) -> tuple[Fold[SystemOrbit], str]:
-    """Where hunting ends in a parameter, at a fold above the loop's own value or else below; "up" or "down".
-
-    Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
-    """
-    from ....servo.parts import fold_in, loop_cycle
-
-    cycle = loop_cycle(loop, vary, options=options)
-    try:
-        return fold_in(cycle, vary, options=options), "up"
-    except NoOrbit as above:
-        if above.status is not Status.NOT_FOUND:
-            raise
-        try:
-            return fold_in(cycle, vary, sense=-1, options=options), "down"
-        except NoOrbit as below:
-            raise NoOrbit(f"{above}; {below}", below.status) from None
 
 
 def with_unit(number: str, name: str) -> str:
