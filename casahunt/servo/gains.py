@@ -21,12 +21,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from .controller import Pid
 from .servo import Servo
-
-Array = np.ndarray
 
 
 def routh_hurwitz_gain(servo: Servo) -> float:
@@ -65,13 +61,6 @@ def lowest_stable_gain(servo: Servo) -> float:
     if c.shape[1] == 0:
         return 0.0 if missing < 0 else float("inf")
     return max(0.0, missing / (servo.motor_gain * c.shape[1]))
-
-
-def matrix(servo: Servo, gain: float) -> Array:
-    """(3, 3) A of the loop without dry friction: x' = A x, x = (x1, x2, x3); its eigenvalues are the roots of chi."""
-    kp, kd, ki = servo.torque_gains(gain)
-    J = servo.inertia
-    return np.array([[0, 1, 0], [-kp / J, -(kd + servo.friction.viscous) / J, -ki / J], [1, 0, 0]], dtype=float)
 
 
 def stable(servo: Servo, gain: float) -> bool:
