@@ -5,8 +5,9 @@ comes nearer to the set point, or to hunting.  Between the two lies what leads t
 nearer the swings die out, from a little farther off they grow.  Both is seen by following two motions to their end
 (parts/fate.py), whatever parts the loop is made of.
 
-    where it stands   nothing wound up, or so much that the torque is no more than 0.9 Fs; bristles creep while they are
-                      bent, by the size of Fs/sigma0, so that with them the place is that at 0.9 Fs before breakaway
+    where it stands   filters have settled, and nothing is wound up, or so much that the torque is no more than 0.9 Fs;
+                      bristles creep while they are bent, by the size of Fs/sigma0, so that with them the place is that
+                      at 0.9 Fs before breakaway
     the border        of one inertia with a PID, by its unstable cycle: its only free number behind a stick is a, and
                       the motions start delta a beside it.  Of other loops, whose masses may ring on while they stand,
                       by motions alone: a is halved until one settles, and the bracket down to `PARTED_BY`
@@ -24,6 +25,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..checks import of_kind, require
@@ -60,6 +62,8 @@ PARTED_BY = 1e-5
 SHRUNK = 1e-2
 """A motion whose every turn was nearer than the one before, down to this part of its start, has settled: its sticks
 last ever longer, and their end is not waited for."""
+OWN_WAY = "x2", "load_rate", "x3", "x4"
+"""States of plants, of the integrator and of bristles: what else has a state filters something."""
 UNBENT = 1 - 1e-6
 """Of what a bristle is bent by at rest, so that it yields in the direction in which the torque grows."""
 
@@ -267,6 +271,7 @@ class _Motions:
 def _standing(loop: Loop, x1: float) -> dict[str, float]:
     """Every state where the loop stands still at x1 [rad], held by friction: see the module."""
     start = loop.at_rest(x1)
+    start |= _settled(loop, start, [name for name in start if name not in (*loop.angles, *OWN_WAY)])
     at = loop.mode_at(**start), np.array(list(start.values()))[:, None]
     torque, level = float(loop.signal("torque", *at)[0]), math.copysign(SECTION * static_of(loop)[0], -x1)
     bristles = LUGRE in loop.present
@@ -277,6 +282,21 @@ def _standing(loop: Loop, x1: float) -> dict[str, float]:
         if bristles:
             start["x4"] = UNBENT * torque / loop.value("stiffness")
     return start
+
+
+def _settled(loop: Loop, start: dict[str, float], names: list[str]) -> dict[str, float]:
+    """States of filters that have come to their end while the loop stands: c' = A c + b in their decaying directions,
+    nothing in those that integrate."""
+    mode = loop.system.vector_form.modes[loop.mode_at(**start)]
+    at = [list(start).index(name) for name in names]
+    x = ca.SX.sym("x", len(start))
+    rate = mode.field(x, ca.DM(loop.system.values(None)), mode.sign)[at]
+    both = ca.Function("both", [x], [ca.jacobian(rate, x[at]), rate])
+    A, b = (np.array(each) for each in both(ca.DM(list(start.values()))))
+    values, V = np.linalg.eig(A)
+    decaying = values.real < 0
+    c = V[:, decaying] @ (np.linalg.solve(V, b)[decaying] / -values[decaying][:, None]) if decaying.any() else 0 * b
+    return dict(zip(names, np.real(c[:, 0]).tolist(), strict=True))
 
 
 def _by_motions(motions: _Motions) -> Basin:

@@ -16,6 +16,7 @@ from casahunt.servo.basin import Trial, _Motions, basin, stick_position
 from casahunt.servo.parts import (
     BY_DIRECTION,
     DEAD_BAND,
+    DERIVATIVE_FILTER,
     FREEZE,
     INERTIA,
     INTEGRATOR,
@@ -24,6 +25,7 @@ from casahunt.servo.parts import (
     TWO_MASSES,
     Loop,
     loop_of,
+    transfer_function,
 )
 from problems import table1
 from problems.taylor import switch_half_cycle
@@ -162,6 +164,18 @@ def test_a_dead_band_and_a_clock():
     kp, _, ki = Servo().torque_gains(0.04)
     found = basin(plain.with_parts(FREEZE, dwell=8.0))
     assert found.border == pytest.approx(0.53 / (kp + ki * 8.0), rel=1e-5)
+
+
+@pytest.mark.slow
+def test_filters_have_settled_where_the_servo_stands():
+    """A derivative with a filter, as a part and inside a controller with other states: one servo in two forms.  From
+    filters at zero the derivative would kick it off."""
+    kp, ki, kd, T = 2.0, 2 * math.pi, 1 / (2 * math.pi), 0.01
+    whole = transfer_function([kd + kp * T, kp + ki * T, ki], [T, 1.0, 0.0])
+    found = basin(loop_of(Servo(), "switch", 0.04).with_parts(DERIVATIVE_FILTER, derivative_filter=T))
+    other = basin(Loop((INERTIA, SWITCH, whole), {"gain": 0.04}))
+    assert found.border == pytest.approx(other.border, rel=found.error_estimate + other.error_estimate)
+    assert found.confirmed
 
 
 @pytest.mark.slow
