@@ -270,9 +270,7 @@ class _Motions:
 
 def _standing(loop: Loop, x1: float) -> dict[str, float]:
     """Every state where the loop stands still at x1 [rad], held by friction: see the module."""
-    start = loop.at_rest(x1)
-    start |= _settled(loop, start, [name for name in start if name not in (*loop.angles, *OWN_WAY)])
-    at = loop.mode_at(**start), np.array(list(start.values()))[:, None]
+    start, at = let_go(loop, x1)
     torque, level = float(loop.signal("torque", *at)[0]), math.copysign(SECTION * static_of(loop)[0], -x1)
     bristles = LUGRE in loop.present
     if bristles or abs(torque) > abs(level):
@@ -284,19 +282,24 @@ def _standing(loop: Loop, x1: float) -> dict[str, float]:
     return start
 
 
-def _settled(loop: Loop, start: dict[str, float], names: list[str]) -> dict[str, float]:
-    """States of filters that have come to their end while the loop stands: c' = A c + b in their decaying directions,
-    nothing in those that integrate."""
+def let_go(loop: Loop, x1: float) -> tuple[dict[str, float], tuple[str, Array]]:
+    """A loop that stands still at x1 [rad], nothing wound up: every state, and its mode with the states as (n, 1).
+
+    States of filters have come to their end: c' = A c + b in decaying directions, nothing in those that integrate.
+    """
+    start = loop.at_rest(x1)
     mode = loop.system.vector_form.modes[loop.mode_at(**start)]
-    at = [list(start).index(name) for name in names]
-    x = ca.SX.sym("x", len(start))
-    rate = mode.field(x, ca.DM(loop.system.values(None)), mode.sign)[at]
-    both = ca.Function("both", [x], [ca.jacobian(rate, x[at]), rate])
-    A, b = (np.array(each) for each in both(ca.DM(list(start.values()))))
-    values, V = np.linalg.eig(A)
-    decaying = values.real < 0
-    c = V[:, decaying] @ (np.linalg.solve(V, b)[decaying] / -values[decaying][:, None]) if decaying.any() else 0 * b
-    return dict(zip(names, np.real(c[:, 0]).tolist(), strict=True))
+    at = [i for i, name in enumerate(start) if name not in (*loop.angles, *OWN_WAY)]
+    if at:
+        x = ca.SX.sym("x", len(start))
+        rate = mode.field(x, ca.DM(loop.system.values(None)), mode.sign)[at]
+        both = ca.Function("both", [x], [ca.jacobian(rate, x[at]), rate])
+        A, b = (np.array(each) for each in both(ca.DM(list(start.values()))))
+        values, V = np.linalg.eig(A)
+        falls = values.real < 0
+        settled = V[:, falls] @ (np.linalg.solve(V, b)[falls] / -values[falls][:, None])
+        start |= {list(start)[i]: float(value) for i, value in zip(at, settled[:, 0].real, strict=True)}
+    return start, (loop.mode_at(**start), np.array(list(start.values()))[:, None])
 
 
 def _by_motions(motions: _Motions) -> Basin:
