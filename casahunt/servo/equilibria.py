@@ -192,14 +192,19 @@ class Equilibria(Result):
         return {name: [value] for name, value in row.items()}
 
     @property
-    def sharp_holds(self) -> bool:
-        """Every member of one inertia with a PID has its three eigenvalues in the open left half-plane."""
-        return self.sharp[0] > self.sharp[1]
+    def sharp_holds(self) -> bool | None:
+        """Every member of one inertia with a PID has its three eigenvalues on the left; None of others."""
+        return _exceeds(*self.sharp)
 
     @property
-    def simple_holds(self) -> bool:
+    def simple_holds(self) -> bool | None:
         """The same at every gain K > 0."""
-        return self.simple[0] > self.simple[1]
+        return _exceeds(*self.simple)
+
+
+def _exceeds(left: float, right: float) -> bool | None:
+    """Whether a condition holds; None where it is not asked."""
+    return None if math.isnan(left) else left > right
 
 
 def largest_of(rests: tuple[Rests, ...], c: Array) -> Array:
@@ -244,12 +249,6 @@ def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | No
         choice_of("model", model or "switch", MODELS)
         gain = sensible("gain", 1.0 if gain is None else gain, power=COMPUTED)
         loop = loop_of(servo, model or "switch", gain)
-    static, _ = static_of(loop)
-
-    def slips(x1: float) -> bool:
-        return abs(float(loop.signal("torque", *let_go(loop, x1)[1])[0])) > static
-
-    held = boundary(slips, 0.0, -FARTHEST_HELD)[0] if slips(-FARTHEST_HELD) else -math.inf
     rests, not_answered = rest_states(loop)
     opened = open_loop_of_parts(loop)
     c, largest, limit = np.zeros(0), np.zeros(0), math.nan
@@ -262,8 +261,20 @@ def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | No
             limit, _ = boundary(
                 lambda at: bool(largest_of(rests, np.array([at]))[0] <= 0), low, high, rounds=HALVED_TO_ROUNDING
             )
-    return Equilibria(loop, rests, not_answered, -held, None if opened is None else opened.stable,
+    return Equilibria(loop, rests, not_answered, _held(loop), None if opened is None else opened.stable,
                       *_of_the_report(loop), c, largest, float(limit))  # fmt: skip
+
+
+def _held(loop: Loop) -> float:
+    """|x1| up to which friction holds the loop that stands with nothing wound up [rad]; nan where it never does."""
+    static, _ = static_of(loop)
+    if LUGRE not in loop.present and not any("stick" in mode.name for part in loop.present for mode in part.modes):
+        return math.nan
+
+    def slips(a: float) -> bool:
+        return abs(float(loop.signal("torque", *let_go(loop, -a)[1])[0])) > static
+
+    return boundary(slips, 0.0, FARTHEST_HELD)[0] if slips(FARTHEST_HELD) else math.inf
 
 
 def _of_the_report(loop: Loop) -> tuple[tuple[float, float], tuple[float, float]]:

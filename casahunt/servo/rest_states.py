@@ -108,8 +108,9 @@ def _polytope(loop: Loop, parts: Parts, modes: Modes) -> tuple[Array, int]:
     rates, signals = wiring.field(x, p), Signals(wiring, x, p)
     equations = ca.vertcat(*[ca.substitute(ca.SX(rate), still, nothing) for rate in rates.values()], still)
     A, b = _affine(equations, at, "its rates are")
-    size = np.maximum(np.linalg.norm(A, axis=1), np.finfo(float).tiny)[:, None]
-    A, b = A / size, b / size[:, 0]
+    size = np.linalg.norm(A, axis=1)
+    size[size == 0] = 1.0
+    A, b = A / size[:, None], b / size
     x0 = np.linalg.lstsq(A, -b, rcond=None)[0]
     if np.abs(A @ x0 + b).max() > HELD_TO * np.abs(b).max():
         return np.zeros((0, 0)), 0  # something always changes
@@ -117,7 +118,8 @@ def _polytope(loop: Loop, parts: Parts, modes: Modes) -> tuple[Array, int]:
     N = V[int((sizes > HELD_TO * sizes[0]).sum()) :].T
     corners = []
     for rows in itertools.product(*_conditions(wiring, modes, (x, p), at)):
-        G, h = (np.array(each) for each in zip(*itertools.chain(*rows), strict=True)) if rows else (N.T[:0], N.T[0, :0])
+        every = list(itertools.chain(*rows))
+        G, h = np.array([g for g, _ in every]).reshape(-1, x0.size), np.array([level for _, level in every])
         corners += [(x0 + N @ y, N @ outward) for y, outward in _corners(G @ N, h - G @ x0)]
     told = ca.Function("told", [at], [ca.vertcat(signals.torque, signals.pull)])
     return np.array([_state(loop, parts, corner, outward, told) for corner, outward in corners]), N.shape[1]
@@ -130,7 +132,7 @@ def _state(loop: Loop, parts: Parts, corner: Array, outward: Array, told: ca.Fun
     state = dict(zip((name for part in parts for name in part.states), ends, strict=True))
     if LUGRE in loop.present:
         state["x4"] = pull / loop.value("stiffness")
-    return np.array([*(state[name] for name in loop.system.states), torque])
+    return np.array([*(state[name] for name in loop.system.states), torque]) + 0.0  # no -0
 
 
 def _corners(G: Array, h: Array) -> Iterator[tuple[Array, Array]]:

@@ -25,7 +25,7 @@ def equilibria_answer(found: Equilibria, parts: str = "") -> Answer:
         plain.append(item("there", f"with any integral of the error up to {short(found.integral_limit)} rad s"))
     elif "torque" in found.ranges:
         plain.append(item("there", f"with a torque of the motor of {_between(*found.ranges['torque'])} N m"))
-    if max(abs(low), abs(high)) <= AT_THE_SET_POINT:
+    if max(abs(low), abs(high)) <= AT_THE_SET_POINT and math.isfinite(found.position_limit):
         held = f"friction alone holds it up to {angle(found.position_limit)} away, but the integral grows"
         plain.append(item("stuck beside it", f"{held} until it breaks away"))
     if math.isinf(high - low):
