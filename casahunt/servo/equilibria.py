@@ -91,7 +91,7 @@ class Equilibria(Result):
     Attributes
     ----------
     loop : the servo, as a loop of parts.
-    rests : where it can stand still for ever, for each combination of modes that it can rest in.
+    rests : where it can stand still for ever: polytopes, one or more for each combination of modes to rest in.
     not_answered : combinations of modes whose rest states are not known, and why.
     ranges : of each state, "torque" [N m] that of the motor, over all rest states: least and largest; infinite where
         the equations set no limit.

@@ -1,4 +1,4 @@
-"""The states at which a loop of parts can stand still for ever: the corners of a polytope for each of its modes.
+"""The states at which a loop of parts can stand still for ever: corners of polytopes, one or more for each mode.
 
     A x + b = 0     all rates, and the velocities           x = x0 + N y,   d = dim y
     G x <= h        no part leaves its mode                 at a corner d of these hold with equality
@@ -43,7 +43,7 @@ VELOCITIES = "x2", "load_rate"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rests(Result):
-    """The states at which a loop can rest in one combination of modes.
+    """The states at which a loop can rest in one combination of modes, or a part of them.
 
     Attributes
     ----------
@@ -86,13 +86,12 @@ def rest_states(loop: Loop) -> tuple[tuple[Rests, ...], tuple[str, ...]]:
     found, unknown = list[Rests](), list[str]()
     for modes in itertools.product(*[[m for m in part.modes if "stick" in m.name] or part.modes for part in parts]):
         try:
-            corners, directions = _polytope(loop, parts, modes)
+            polytopes, directions = _polytopes(loop, parts, modes)
         except _NotLinear as reason:
             unknown.append(f"{mode_name(modes)}: {reason}")
             continue
-        if corners.size:
-            names = (*loop.system.states, "torque")
-            found.append(Rests(mode_name(modes), names, corners, directions, loop, modes))
+        names = (*loop.system.states, "torque")
+        found += [Rests(mode_name(modes), names, corners, directions, loop, modes) for corners in polytopes]
     return tuple(found), tuple(unknown)
 
 
@@ -100,8 +99,8 @@ class _NotLinear(Exception):
     """What is no linear condition of the states at rest."""
 
 
-def _polytope(loop: Loop, parts: Parts, modes: Modes) -> tuple[Array, int]:
-    """Corners (k, n + 1), k = 0 where there is no rest, and directions.  Raises _NotLinear."""
+def _polytopes(loop: Loop, parts: Parts, modes: Modes) -> tuple[list[Array], int]:
+    """Corners (k, n + 1) of each, none where there is no rest, and directions.  Raises _NotLinear."""
     wiring, x, p = wiring_of(parts, modes, None), _symbols(parts), Numbers(**loop.parameters)
     at, still = ca.vertcat(*_values(x)), ca.vertcat(*[getattr(x, name) for name in VELOCITIES if hasattr(x, name)])
     nothing = ca.DM.zeros(still.numel())
@@ -113,16 +112,17 @@ def _polytope(loop: Loop, parts: Parts, modes: Modes) -> tuple[Array, int]:
     A, b = A / size[:, None], b / size
     x0 = np.linalg.lstsq(A, -b, rcond=None)[0]
     if np.abs(A @ x0 + b).max() > HELD_TO * np.abs(b).max():
-        return np.zeros((0, 0)), 0  # something always changes
+        return [], 0  # something always changes
     _, sizes, V = np.linalg.svd(A)
     N = V[int((sizes > HELD_TO * sizes[0]).sum()) :].T
-    corners = []
+    told = ca.Function("told", [at], [ca.vertcat(signals.torque, signals.pull)])
+    found = []
     for rows in itertools.product(*_conditions(wiring, modes, (x, p), at)):
         every = list(itertools.chain(*rows))
         G, h = np.array([g for g, _ in every]).reshape(-1, x0.size), np.array([level for _, level in every])
-        corners += [(x0 + N @ y, N @ outward) for y, outward in _corners(G @ N, h - G @ x0)]
-    told = ca.Function("told", [at], [ca.vertcat(signals.torque, signals.pull)])
-    return np.array([_state(loop, parts, corner, outward, told) for corner, outward in corners]), N.shape[1]
+        corners = _corners(G @ N, h - G @ x0)
+        found.append([_state(loop, parts, x0 + N @ y, N @ outward, told) for y, outward in corners])
+    return [np.array(corners) for corners in found if corners], N.shape[1]
 
 
 def _state(loop: Loop, parts: Parts, corner: Array, outward: Array, told: ca.Function) -> Array:

@@ -12,9 +12,11 @@ from casahunt.servo.equilibria import equilibria
 from casahunt.servo.gains import lowest_stable_gain
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.parts import (
+    DEAD_BAND,
     FREEZE,
     INERTIA,
     INTEGRATOR,
+    LEAK,
     LOAD_SWITCH,
     LOADS,
     LUGRE,
@@ -23,6 +25,7 @@ from casahunt.servo.parts import (
     SWITCH,
     TWO_MASSES,
     Loop,
+    loop_motion,
     loop_of,
     transfer_function,
 )
@@ -186,3 +189,17 @@ def test_a_loop_is_answered_in_words(capsys, tmp_path):
     assert cli.main(["equilibria", str(path), "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["ranges"]["x1"] == pytest.approx([-0.01, 0.01]) and "dead band" in record["parts"]
+
+
+@pytest.mark.parametrize("values", [{}, {"leak": 0.1}, {"leak": 0.1, "dead_band": 0.01}, {"dead_band": 0.01}])
+def test_a_motion_that_starts_between_the_corners_stays_there(values):
+    """In every mode it can rest in; and beyond a corner it does not."""
+    servo = loop(LEAK, DEAD_BAND, **values)
+    for rests in equilibria(servo).rests:
+        names, middle = rests.names[:-1], rests.corners.mean(axis=0)[:-1]
+        for corner in rests.corners[:, :-1]:
+            for part, stays in ((0.99, True), (1.01, False)):
+                start = dict(zip(names, middle + part * (corner - middle), strict=True))
+                seen = loop_motion(servo, 50.0, start=start)
+                moved = np.ptp(seen.states, axis=1).max()
+                assert moved < 1e-12 if stays else moved > 1e-9, (rests.mode, corner, part)
