@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli
-from casahunt.servo.basin import Trial, _Motions, basin, stick_position
+from casahunt.servo.basin import Trial, _Motions, basin, let_go, stick_position
 from casahunt.servo.parts import (
     BY_DIRECTION,
     DEAD_BAND,
@@ -168,12 +168,16 @@ def test_a_dead_band_and_a_clock():
 
 @pytest.mark.slow
 def test_filters_have_settled_where_the_servo_stands():
-    """A derivative with a filter, as a part and inside a controller with other states: one servo in two forms.  From
-    filters at zero the derivative would kick it off."""
+    """A derivative with a filter, as a part and inside a controller with other states: one servo in two forms.  With
+    nothing wound up the torque is kp a in both; from filters at zero the derivative would add kd a/T."""
     kp, ki, kd, T = 2.0, 2 * math.pi, 1 / (2 * math.pi), 0.01
     whole = transfer_function([kd + kp * T, kp + ki * T, ki], [T, 1.0, 0.0])
-    found = basin(loop_of(Servo(), "switch", 0.04).with_parts(DERIVATIVE_FILTER, derivative_filter=T))
-    other = basin(Loop((INERTIA, SWITCH, whole), {"gain": 0.04}))
+    filtered = loop_of(Servo(), "switch", 0.04).with_parts(DERIVATIVE_FILTER, derivative_filter=T)
+    loops = filtered, Loop((INERTIA, SWITCH, whole), {"gain": 0.04})
+    for loop in loops:
+        torque = loop.signal("torque", *let_go(loop, -0.01)[1])[0]
+        assert torque == pytest.approx(0.04 * 16 * kp * 0.01, rel=1e-12)
+    found, other = (basin(loop) for loop in loops)
     assert found.border == pytest.approx(other.border, rel=found.error_estimate + other.error_estimate)
     assert found.confirmed
 

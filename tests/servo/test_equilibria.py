@@ -164,6 +164,7 @@ def test_rest_states_of_loops_by_hand():
     assert found.ranges["torque"] == pytest.approx((-0.83, 0.83), rel=1e-12) and found.ranges["x1"] == (0, 0)
     frozen = equilibria(loop(FREEZE, dwell=8.0))
     assert frozen.ranges["x1"] == (-np.inf, np.inf)
+    assert {rests.mode for rests in frozen.rests} == {"stick, frozen"}  # before the dwell is over its clock runs
     assert frozen.ranges["torque"] == pytest.approx((-0.53, 0.53), rel=1e-9)
 
 
