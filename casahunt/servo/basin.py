@@ -334,8 +334,8 @@ def _on_a_side(motions: _Motions, side: int) -> Basin:
             ("are not decided", sum(trial.outcome == "undecided" for trial in seen.values())),
         ) if n)  # fmt: skip
         starts = f"{len(seen)} starts at rest, {min(seen):.2g} to {max(seen):.2g} rad beside the set point"
-        raise NoOrbit(f"no border of coming to rest was found of {motions.loop.name}: of {starts}, {many}",
-                      Status.NOT_FOUND)  # fmt: skip
+        sentence = f"no border of coming to rest was found of {motions.loop.name}: of {starts}, {many}"
+        raise NoOrbit(f"{sentence}; casahunt simulate follows one of them", Status.NOT_FOUND)
     low, high = boundary(hunts, inner, min(hunting), width=PARTED_BY * inner)
     inner = max(a for a, trial in seen.items() if trial.settles and a <= low)
     border, half = (inner + high) / 2, (high - inner) / 2
