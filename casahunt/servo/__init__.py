@@ -12,7 +12,6 @@ outcome.py        what becomes of a motion: the words, and the record
 parts/            controllers, frictions, loads and remedies, of which a loop is made
 hunting.py        the Switch and LuGre servo as systems: one inertia, PID, integrator, friction
 cycles.py         the servo in the terms of the engine: its vectors and schemes
-equilibria.py     where the servo can stand still, and what linearising there proves
 problem.py        the hunting servo as a problem for the engine; its orbits and folds
 branch.py         a branch of hunting cycles as data
 saved.py          hunting cycles and branches of them in files
@@ -28,7 +27,9 @@ cold_start.py     the cycles at one gain from motions or a scan, no branch follo
 find_fold.py      from a servo to the largest gain at which it hunts
 lopsided.py       the pairs of lopsided cycles that branch off from the symmetric one
 find_orbit.py     from a servo to an orbit; where there is none, the fold that shows it
-basin.py          the amplitude below which a stuck servo settles
+basin.py          how near to its set point a servo that stands still comes to rest
+rest_states.py    the states at which a loop of parts can stand still for ever
+equilibria.py     where the servo can stand still, and what linearising there proves
 other_end.py      the cycle that a motion which rests has not come to
 stable_range.py   below a fold: up to which gain a stable cycle exists
 """

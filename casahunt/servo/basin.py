@@ -1,63 +1,74 @@
-"""The amplitude below which a stuck servo settles: the unstable hunting cycle, checked by following the motion.
+"""The distance from the set point within which a servo that stands still settles, and beyond which it hunts.
 
-The servo stands at x1 = -a on the verge of breakaway. The event map a -> |P(a)| (servo/event_map/slopes.py for Switch,
-servo/event_map/half_cycle.py for LuGre) follows it from stick to stick. On the symmetric part of the phase space that
-the map describes, the unstable cycle a* = P(a*) is the border: from below it the swings die out, from above it they
-grow. Where P jumps close above a* the border stays a*: the map is increasing there.
+The servo stands at x1 = -a, held by friction.  Its integral winds up until it breaks away, and from swing to swing it
+comes nearer to the set point, or to hunting.  Between the two lies what leads to an unstable cycle: from a little
+nearer the swings die out, from a little farther off they grow.  Both is seen by following two motions to their end
+(parts/fate.py), whatever parts the loop is made of.
 
-What they grow to.  As a rule the stable cycle.  Past a symmetry breaking (half multiplier mu < -1) the symmetric cycle
-is unstable too and the servo hunts next to it, lopsidedly; where the linear loop is unstable and the stable cycle has
-left the branch, nothing that was computed bounds them.  The border is the same in all three cases.
+    where it stands   filters have settled, and nothing is wound up, or so much that the torque is no more than 0.9 Fs;
+                      bristles creep while they are bent, by the size of Fs/sigma0, so that with them the place is that
+                      at 0.9 Fs before breakaway
+    the border        of one inertia with a PID, by its unstable cycle: its only free number behind a stick is a, and
+                      the motions start delta a beside it.  Of other loops, whose masses may ring on while they stand,
+                      by motions alone: a is halved until one settles, and the bracket down to `PARTED_BY`
 
-What is compared.  Switch: the stick position is the amplitude, max |x1|, and the check starts from (1 -+ delta) a*.
-LuGre: while the servo is stuck x1 creeps by the bend of the bristle, of the size of Fs/sigma0, so the stick
-position is read where m = 0.9 Fs before breakaway, on the unstable orbit too; the start of the check is stuck on a
-steadily bent bristle, which is the orbit's state there up to its creep.  The border is given as that stick position
-and as max |x1| of the unstable orbit.
+What the swings grow to.  As a rule the stable cycle; past a symmetry breaking a lopsided one beside it; irregular
+hunting; where the linear loop is unstable, nothing may bound them.  The border is the same.
 
-delta: one rounding error of a grows to mu eps; delta = 0.01 is 1e-2/eps times larger and the first swing
-already takes the motion away by mu delta.  The claim tested is that of the two sides, not the last digit of a*; the
-digits are those of the orbit's error estimate.
+delta: one rounding error of a grows to mu eps; delta = 0.01 is 1e-2/eps times larger and the first swing already takes
+the motion away by mu delta.  The claim tested is that of the two sides; the digits are those of the cycle.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..checks import of_kind, require
-from ..errors import InputError, NoOrbit, Status
+from ..errors import HuntsIrregularly, InputError, NoOrbit, Status
 from ..export import Columns, columns_from
-from ..motion import MarchFailure
-from ..orbits import Options
+from ..orbits import Options, Orbit
 from ..results import Result
+from ..roots import boundary
 from .cycles import motor_torque
-from .event_map.half_cycle import SECTION, half_cycle
-from .event_map.slopes import map_at
+from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
 from .friction import Model
+from .outcome import SETTLES, Kind
+from .parts.fate import LEFT_OF_A_SWING, Swing, fate
+from .parts.loop import Loop
+from .parts.lugre import LUGRE
+from .parts.plain_loop import loop_of
+from .parts.verbs import loop_cycle
 from .problem import HuntingOrbit
+from .sampled.motion import static_of
 from .servo import Servo
 
 Array = np.ndarray
 
 OFFSET = 0.01
 """`delta` of the module docstring."""
-FEW_SWINGS, MOST_SWINGS = 60, 2000
-"""Swings followed: three times those that the multipliers of the two cycles need to carry a motion away from the one
-and close to the other, and these at least and at most."""
-SHRUNK = 0.5
-"""Below this part of the border, and still shrinking, a motion has settled."""
-ARRIVED = 0.2
-"""Part of the way between the two cycles that a motion which has grown to the stable one may be away from it."""
-GROWN = 3.0
-"""Times the border at which a motion that no stable cycle bounds has grown beyond doubt."""
-
+START_DOUBLED, START_HALVED, ON_AND_ON = 3, 16, 2
+"""Starts beside the set point: from so many times twice as far as the servo hunts to so many times half as far, or
+until one and so many more in a row settle, or are not decided."""
+WORK_OF_A_MOTION = 3e5
+"""Work (effort.py) of a motion; a tenth of that decides all but those whose masses ring for ever."""
+PARTED_BY = 1e-5
+"""Relative width of a bracket of motions: from nearer to an unstable cycle they may repeat to what tells a cycle."""
+SHRUNK = 1e-2
+"""A motion whose every turn was nearer than the one before, down to this part of its start, has settled: its sticks
+last ever longer, and their end is not waited for."""
+OWN_WAY = "x2", "load_rate", "x3", "x4"
+"""States of plants, of the integrator and of bristles: what else has a state filters something."""
+UNBENT = 1 - 1e-6
+"""Of what a bristle is bent by at rest, so that it yields in the direction in which the torque grows."""
 
 CSV_COLUMNS = ("from", "swing", "stick_position_rad", "outcome", "border_rad", "border_error_rad")
-"""Columns of the table of a border: the stick positions of the two motions."""
+"""Columns of the table of a border: the places at which the two motions stand or turn."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,10 +77,9 @@ class Trial(Result):
 
     Attributes
     ----------
-    start : stick position [rad].
-    positions : (s + 1,) stick positions after each swing, `start` first [rad].
-    outcome : "settles"; "hunts", where it arrives at the stable cycle, or goes on beyond the border to the last swing
-        next to a symmetric cycle that is not stable; "grows", where no stable cycle is known; or "undecided".
+    start : distance from the set point at which it stands [rad].
+    positions : (s + 1,) distances at which it stands or turns, `start` first [rad].
+    outcome : what becomes of it, as of `Outcome`: "at rest", "decaying", "hunting", "growing" or "undecided".
     """
 
     _quantities = ("start [rad]", "outcome")
@@ -77,7 +87,17 @@ class Trial(Result):
 
     start: float
     positions: Array
-    outcome: str
+    outcome: Kind
+
+    @property
+    def settles(self) -> bool:
+        """Whether it rests or is on its way to."""
+        return self.outcome in SETTLES
+
+    @property
+    def hunts(self) -> bool:
+        """Whether it hunts, or leaves the set point for good."""
+        return self.outcome in ("hunting", "growing")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,41 +106,58 @@ class Basin(Result):
 
     Attributes
     ----------
-    unstable : the unstable cycle.
-    outer : the symmetric cycle on the stable side of the fold; None where it was not found.
-    why_no_outer : the sentence of the refusal where it was not.
-    border : stick position of the unstable cycle [rad]; for Switch its amplitude.
-    outer_position : stick position of the outer cycle [rad]; nan where there is none.
-    error_estimate : relative, of the unstable cycle's amplitude and period.
+    loop : the servo, as a loop of parts.
+    border : distance from the set point at which the servo stands [rad]: from nearer it settles.
+    error_estimate : relative, of `border`.
+    side : -1 or +1: on which side of the set point it stands; on the other one the border is no nearer.
+    unstable : the unstable cycle, of one inertia with a PID; None of other loops.
+    outer : the cycle in which the servo hunts, or the symmetric one beside that; None where it was not found.
+    why_no_outer : why it was not, or how the servo hunts irregularly.
+    irregular : whether it does.
+    outer_position : where the outer cycle stands, or turns [rad]; nan where there is none.
     inside, outside : the motions from both sides.
     offset : relative distance from the border at which they start, at most.
+    motions : how many were followed.
 
     Examples
     --------
     >>> from casahunt import Servo, basin
     >>> found = basin(Servo(), "switch", 0.5)
     >>> found.inside.outcome, found.outside.outcome, found.confirmed
-    ('settles', 'hunts', True)
+    ('at rest', 'hunting', True)
     """
 
     _quantities = (
-        "model = unstable.model", "gain = unstable.gain [V/rad]", "border [rad] ~ error_estimate",
-        "outer_position [rad]", "confirmed",
+        "model", "gain [V/rad]", "border [rad] ~ error_estimate", "outer_position [rad]", "confirmed",
     )  # fmt: skip
     _details = (
         "unstable_amplitude = unstable.amplitude [rad]", "outer_amplitude = outer.amplitude [rad]", "unstable", "outer",
-        "why_no_outer", "inside", "outside", "offset",
+        "why_no_outer", "irregular", "inside", "outside", "offset", "side", "motions",
     )  # fmt: skip
 
-    unstable: HuntingOrbit
-    outer: HuntingOrbit | None
-    why_no_outer: str
+    loop: Loop
     border: float
-    outer_position: float
     error_estimate: float
     inside: Trial
     outside: Trial
     offset: float
+    unstable: HuntingOrbit | None = None
+    outer: Orbit | None = None
+    why_no_outer: str = ""
+    irregular: bool = False
+    outer_position: float = math.nan
+    side: int = -1
+    motions: int = 2
+
+    @property
+    def model(self) -> Model:
+        """The friction model: "switch" or "lugre"."""
+        return "lugre" if LUGRE in self.loop.present else "switch"
+
+    @property
+    def gain(self) -> float:
+        """The gain K."""
+        return self.loop.value("gain")
 
     def _more(self) -> dict[str, Any]:
         multiplier, stable = (self.outer.half_multiplier, self.outer.stable) if self.outer else (None, None)
@@ -138,30 +175,34 @@ class Basin(Result):
     @property
     def confirmed(self) -> bool:
         """The motion from inside settles, the one from outside does not."""
-        return self.inside.outcome == "settles" and self.outside.outcome in ("hunts", "grows")
+        return self.inside.settles and self.outside.hunts
 
 
-def basin(servo: Servo, model: Model, gain: float, *, options: Options | None = None, offset: float = OFFSET) -> Basin:
-    """The stick position below which a servo at a gain settles, checked by two motions.
+def basin(
+    servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, options: Options | None = None,
+    offset: float = OFFSET,
+) -> Basin:  # fmt: skip
+    """The distance from the set point within which a servo that stands still settles, checked by two motions.
 
     Parameters
     ----------
     servo, model, gain
-        the problem; gain K > 0 [V/rad].
+        the servo, its friction model and gain K > 0 [V/rad]; or a loop of parts, which says both itself.
     options
-        tolerance of the two cycles.
+        tolerance of the cycles.
     offset
-        relative distance from the border at which the two motions start, between 1e-6 and 0.5; the outer one starts at
-        most half-way to the outer cycle.
+        of one inertia with a PID, relative distance from the border at which the two motions start, between 1e-6 and
+        0.5; the outer one starts at most half-way to the outer cycle.
 
     Returns
     -------
-    Basin: both cycles, their stick positions [rad] and the two motions; without an outer cycle, why there is none.
+    Basin: the border [rad], the two motions and the cycles that are known; without an outer cycle, why there is none.
 
     Raises
     ------
-    InputError : a value out of range.
-    NoOrbit : there is no hunting cycle (everything settles, as far as the scan shows), or it was not computed.
+    InputError : a value out of range, or a loop without dry friction.
+    NoOrbit : everything settles, as far as it was looked for; or from every distance it hunts; or a cycle was not
+        computed.  Says which.
 
     Examples
     --------
@@ -172,26 +213,133 @@ def basin(servo: Servo, model: Model, gain: float, *, options: Options | None = 
     if not 1e-6 <= require("offset", offset) <= 0.5:
         raise InputError(f"offset = {offset:g}: must lie between 1e-6 and 0.5")
     options = of_kind("options", options or Options(), Options)
-    unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
+    if not isinstance(servo, Loop):
+        return _of_one_inertia(servo, model or "switch", 1.0 if gain is None else gain, options, offset)
+    if model is not None or gain is not None:
+        raise InputError("model, gain: must be left out, a loop of parts says both itself: loop.replace(gain=...)")
+    static_of(servo)  # refuses a loop without
+    return _of_a_loop(servo, options)
+
+
+def _of_a_loop(loop: Loop, options: Options) -> Basin:
+    """The border by motions alone.  Raises NoOrbit."""
     outer, why = None, ""
     try:
+        outer = loop_cycle(loop, options=options)
+        hunting = Swing.of(outer)
+    except HuntsIrregularly as irregular:
+        hunting, why = irregular.swing, str(irregular)
+    found = _by_motions(_Motions(loop, hunting))
+    position = outer.amplitude if outer else math.nan
+    return replace(found, outer=outer, why_no_outer=why, irregular=outer is None, outer_position=position)
+
+
+def _of_one_inertia(servo: Servo, model: Model, gain: float, options: Options, offset: float) -> Basin:
+    """The border by the unstable cycle of the servo.  Raises InputError, NoOrbit."""
+    unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
+    outer, why, outer_position = None, "", math.nan
+    try:
         outer = find_orbit(servo, model, gain, options=options)
+        outer_position = stick_position(outer)
     except NoOrbit as error:
         why = str(error)
     border = stick_position(unstable)
-    hunting = stick_position(outer) if outer is not None else float("nan")
-    beyond = offset if outer is None else min(offset, 0.5 * abs(hunting / border - 1))
-    away = np.log10(1 / min(offset, beyond)) / max(unstable.multipliers.log10_leading, 1e-6)
-    towards = 0.0 if outer is None else np.log10(1 / ARRIVED) / max(-outer.multipliers.log10_leading, 1e-6)
-    swings = int(np.clip(3 * (away + towards), FEW_SWINGS, MOST_SWINGS))
-    inside, outside = (
-        until_settled(
-            servo, model, gain, border * factor, border, hunting,
-            stable=outer is not None and outer.stable is True, swings=swings,
-        )
-        for factor in (1 - offset, 1 + beyond)
-    )  # fmt: skip
-    return Basin(unstable, outer, why, border, hunting, unstable.error_estimate, inside, outside, offset)
+    beyond = offset if outer is None else min(offset, 0.5 * abs(outer_position / border - 1))
+    motions = _Motions(loop_of(servo, model, gain), Swing.of(outer or unstable))
+    inside, outside = (motions.follow(-border * factor) for factor in (1 - offset, 1 + beyond))
+    return Basin(motions.loop, border, unstable.error_estimate, inside, outside, offset, unstable, outer, why,
+                 outer_position=outer_position)  # fmt: skip
+
+
+@dataclass(eq=False)
+class _Motions:
+    """A loop whose motions are followed; the hunting that measures them; how many were."""
+
+    loop: Loop
+    hunting: Swing
+    count: int = 0
+
+    def follow(self, x1: float) -> Trial:
+        """What becomes of the loop that stands still at x1 [rad]."""
+        self.count += 1
+        seen = fate(self.loop, _standing(self.loop, x1), self.hunting, rest=LEFT_OF_A_SWING, work=WORK_OF_A_MOTION)
+        positions = np.abs([x1, *seen.turns])
+        shrunk = np.all(np.diff(positions) < 0) and positions[-1] < SHRUNK * positions[0]
+        return Trial(abs(x1), positions, "decaying" if seen.kind == "undecided" and shrunk else seen.kind)
+
+
+def _standing(loop: Loop, x1: float) -> dict[str, float]:
+    """Every state where the loop stands still at x1 [rad], held by friction: see the module."""
+    start, at = let_go(loop, x1)
+    torque, level = float(loop.signal("torque", *at)[0]), math.copysign(SECTION * static_of(loop)[0], -x1)
+    bristles = LUGRE in loop.present
+    if bristles or abs(torque) > abs(level):
+        ki = float(loop.signal("ki", *at)[0]) if "x3" in start else 0.0
+        if ki:
+            start["x3"], torque = (torque - level) / ki, level
+        if bristles:
+            start["x4"] = UNBENT * torque / loop.value("stiffness")
+    return start
+
+
+def let_go(loop: Loop, x1: float) -> tuple[dict[str, float], tuple[str, Array]]:
+    """A loop that stands still at x1 [rad], nothing wound up: every state, and its mode with the states as (n, 1).
+
+    States of filters have come to their end: c' = A c + b in decaying directions, nothing in those that integrate.
+    """
+    start = loop.at_rest(x1)
+    mode = loop.system.vector_form.modes[loop.mode_at(**start)]
+    at = [i for i, name in enumerate(start) if name not in (*loop.angles, *OWN_WAY)]
+    if at:
+        x = ca.SX.sym("x", len(start))
+        rate = mode.field(x, ca.DM(loop.system.values(None)), mode.sign)[at]
+        both = ca.Function("both", [x], [ca.jacobian(rate, x[at]), rate])
+        A, b = (np.array(each) for each in both(ca.DM(list(start.values()))))
+        values, V = np.linalg.eig(A)
+        falls = values.real < 0
+        settled = V[:, falls] @ (np.linalg.solve(V, b)[falls] / -values[falls][:, None])
+        start |= {list(start)[i]: float(value) for i, value in zip(at, settled[:, 0].real, strict=True)}
+    return start, (loop.mode_at(**start), np.array(list(start.values()))[:, None])
+
+
+def _by_motions(motions: _Motions) -> Basin:
+    """The border by motions from rest, on the side where it is nearer.  Raises NoOrbit: none settles, or none hunts."""
+    found = _on_a_side(motions, -1)
+    if not (motions.follow(found.inside.start).settles and motions.follow(found.outside.start).hunts):
+        found = min(found, _on_a_side(motions, +1), key=lambda each: each.border)
+    return replace(found, motions=motions.count)
+
+
+def _on_a_side(motions: _Motions, side: int) -> Basin:
+    """The border on one side of the set point.  Raises NoOrbit."""
+    seen: dict[float, Trial] = {}
+
+    def hunts(a: float) -> bool:
+        seen[a] = motions.follow(side * a)
+        return seen[a].hunts
+
+    settled = undecided = 0
+    for k in range(START_DOUBLED, -START_HALVED, -1):
+        a = motions.hunting.amplitude * 2.0**k
+        if hunts(a):
+            settled = undecided = 0
+        settled, undecided = settled + seen[a].settles, undecided + (seen[a].outcome == "undecided")
+        if max(settled, undecided) > ON_AND_ON and any(trial.hunts for trial in seen.values()):
+            break
+    hunting = [a for a, trial in seen.items() if trial.hunts]
+    inner = max((a for a, trial in seen.items() if trial.settles and a < min(hunting, default=0.0)), default=0.0)
+    if not inner:
+        many = ", ".join(f"{n} {word}" for word, n in (
+            ("hunt", len(hunting)), ("settle", sum(trial.settles for trial in seen.values())),
+            ("are not decided", sum(trial.outcome == "undecided" for trial in seen.values())),
+        ) if n)  # fmt: skip
+        starts = f"{len(seen)} starts at rest, {min(seen):.2g} to {max(seen):.2g} rad beside the set point"
+        sentence = f"no border of coming to rest was found of {motions.loop.name}: of {starts}, {many}"
+        raise NoOrbit(f"{sentence}; casahunt simulate follows one of them", Status.NOT_FOUND)
+    low, high = boundary(hunts, inner, min(hunting), width=PARTED_BY * inner)
+    inner = max(a for a, trial in seen.items() if trial.settles and a <= low)
+    border, half = (inner + high) / 2, (high - inner) / 2
+    return Basin(motions.loop, border, half / border, seen[inner], seen[high], half / border, side=side)
 
 
 def stick_position(orbit: HuntingOrbit) -> float:
@@ -217,48 +365,3 @@ def stick_position(orbit: HuntingOrbit) -> float:
         f"the {orbit.model} cycle at gain {orbit.gain:g} does not stand still at {SECTION:g} Fs: no stick position",
         Status.INADMISSIBLE,
     )
-
-
-def until_settled(
-    servo: Servo,
-    model: Model,
-    gain: float,
-    a: float,
-    border: float,
-    hunting: float,
-    *,
-    stable: bool = True,
-    swings: int = FEW_SWINGS,
-) -> Trial:
-    """Follow a motion from the stick position `a` until it has settled or hunts.
-
-    a: where it starts [rad], > 0; border, hunting: stick positions of the unstable and of the outer cycle [rad]; nan
-    where there is no outer one; stable: whether the outer cycle is stable, so that a motion next to it has arrived.
-    Returns trial: the stick positions [rad] and what has become of the motion. Raises InputError: a not > 0.
-    """
-    a = require("a", a, above=0)
-    start, positions, outcome = a, [a], "undecided"
-    for _ in range(swings):
-        try:
-            following = (
-                map_at(servo, gain, a).position if model == "switch" else half_cycle(model, servo, gain, a).position
-            )
-        except MarchFailure:
-            break
-        previous, a = a, abs(following)
-        if not np.isfinite(a):
-            break
-        positions.append(a)
-        if a < SHRUNK * border and a < previous:
-            outcome = "settles"
-            break
-        if stable and abs(a - hunting) < ARRIVED * abs(hunting - border):
-            outcome = "hunts"
-            break
-        if not np.isfinite(hunting) and a > GROWN * border:
-            outcome = "grows"
-            break
-    else:
-        if not stable and min(positions) > border and max(positions) < GROWN * hunting:
-            outcome = "hunts"
-    return Trial(start, np.array(positions), outcome)

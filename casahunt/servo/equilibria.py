@@ -1,29 +1,28 @@
-"""Equilibria of the servo: the fixed points of both friction models, and what linearising there proves.
+"""Where a servo can stand still for ever, and what linearising there proves.
 
-Switch (report, sections 3.2 and 4.1): x2 = 0 and x3' = x1 = 0, stuck while |m| <= Fs, m = -ki x3:
-    the segment   x1 = x2 = 0,  |x3| <= Fs/ki.
-The stick region x2 = 0, |kp x1 + ki x3| <= Fs is a strip of the plane (x1, x3) around it.  In the strip
-x1 stays and x3' = x1, so that the equilibria are all of it that does not leave: every other point reaches
-kp x1 + ki x3 = sign(x1) Fs after a finite time.
+Rest.  While friction holds nothing moves, and the servo rests where nothing else changes either: all rates are zero,
+friction holds the pull, and no part leaves its mode,
 
-LuGre: x2 = 0 makes z' = 0, and x1 = 0, J x2' = -ki x3 - sigma0 z = 0:
-    the segment   x1 = x2 = 0,  x3 = -sigma0 z/ki,  z = q.
-The bristle cannot be bent beyond |q| = Fs/sigma0: z z' <= 0 there, since g <= Fs, so this set of z is invariant.  The
-equations have fixed points beyond it, which no motion from inside reaches.
+    f(x) = 0,   v = 0,   -Fs <= pull <= Fs,   e_j(x) <= 0 of the events of the parts' modes.
 
-Generalised (Clarke) Jacobian there.  |x2| has the generalised derivative 2 alpha - 1, alpha in [0, 1]; with
-c = 1 - (2 alpha - 1) sigma0 q/Fs in [0, 2] (g(0) = Fs, g'(0) = 0), states (x1, x2, x3, z):
+In each combination of modes f is affine, an e_j affine or the square of an affine one: the rest states are a polytope,
+whose corners are found from the parts.  With an integrator it is the segment x1 = 0, |m| <= Fs; with a dead band on
+its input, a leak, or without one, a range of positions.  A frozen integrator rests anywhere that its content allows.
+Everywhere else in a stick something winds up, or a filter settles, until the servo breaks away.
 
-        [   0                 1               0        0     ]
-    A = [ -kp/J   -(kd + sigma2 + sigma1 c)/J  -ki/J  -sigma0/J ]
-        [   1                 0               0        0     ]
-        [   0                 c               0        0     ]
+LuGre rests there too, on a bristle bent by z = F/sigma0.  It cannot be bent beyond Fs/sigma0: z z' <= 0 there, since
+g <= Fs, so this set of z is invariant.  The equations have fixed points beyond it, which no motion from inside reaches.
 
-    det(s - A) J = s (J s^3 + (kd + sigma2 + sigma1 c) s^2 + (kp + sigma0 c) s + ki).
+Generalised (Clarke) Jacobian there.  |v| has the generalised derivative 2 alpha - 1, alpha in [0, 1], and z' = c v with
+c = 1 - (2 alpha - 1) sigma0 z/Fs in [0, 2] (g(0) = Fs, g'(0) = 0).  All members are those of alpha = 1 at
+z = (1 - c) Fs/sigma0: the derivatives of the loop's field from v > 0.  Each has as many zero eigenvalues as the rest
+states have directions.  At c = 0, at the ends |z| = Fs/sigma0, the bristle takes no part, and the others are the poles
+of the linear loop without dry friction.  Of one inertia with a PID they are the roots of
 
-One eigenvalue is always 0, along the segment.  The other three are in the open left half-plane if and only if
-(kd + sigma2 + sigma1 c)(kp + sigma0 c) > J ki (Routh-Hurwitz), and the left side grows with c: the worst member is
-c = 0, at the ends |q| = Fs/sigma0 of the segment, and there the condition is
+    J s^3 + (kd + sigma2 + sigma1 c) s^2 + (kp + sigma0 c) s + ki,
+
+in the open left half-plane if and only if (kd + sigma2 + sigma1 c)(kp + sigma0 c) > J ki (Routh-Hurwitz): the worst
+member is c = 0, and there the condition is
 
     sharp     kd + sigma2 > J/(kp/ki),   kp/ki = tau_i + tau_d, kd = K cm tau_d for a controller by times,
 
@@ -34,7 +33,7 @@ K, and necessary as well for all of them.
 Where the sharp condition fails only members with c below `threshold` are unstable, a layer at the ends of the
 segment that is thin because sigma0 is large.
 
-What this does not prove: the members of the generalised Jacobian being stable (up to the zero) does not prove that a
+What this does not prove: the members of the generalised Jacobian being stable (up to the zeros) does not prove that a
 switched system made of them is; nor does an unstable member prove that an equilibrium is unstable.  And neither
 says anything about hunting, which is a cycle away from the equilibria.
 """
@@ -42,22 +41,42 @@ says anything about hunting, which is a cycle away from the equilibria.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ..checks import COMPUTED, choice_of, require, sensible
+from ..checks import COMPUTED, choice_of, sensible
+from ..errors import InputError
 from ..export import Columns
 from ..results import Result
+from ..roots import boundary
+from .basin import let_go
 from .friction import MODELS, Model
+from .linear.open_loop import open_loop_of_parts
+from .parts.cascade import P_PI
+from .parts.inertia import INERTIA
+from .parts.loop import Loop
+from .parts.lugre import LUGRE
+from .parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
+from .parts.plain_loop import loop_of
+from .parts.switch import SWITCH
+from .rest_states import Rests, rest_states
+from .sampled.motion import static_of, torque_gain
 from .servo import Servo, a_servo
 from .units import column
 
 Array = np.ndarray
 
-POSITIONS, SLOPES = 41, 21
-"""Grid of q in [-Fs/sigma0, Fs/sigma0] and of alpha in [0, 1]."""
+MEMBERS = np.concatenate([[0.0], np.geomspace(1e-9, 2.0, 200)])
+"""Values of c at which members of the generalised Jacobian are looked at."""
+FARTHEST_HELD = 1e9
+"""Distance [rad] beyond which friction is not asked whether it holds the servo."""
+HALVED_TO_ROUNDING = 50
+"""Halvings of what is between two of them: to rounding."""
+OF_A_PID = {INERTIA, SWITCH, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR}
+"""Parts of one inertia with a PID."""
 PROVES = (
     "what it proves: the eigenvalues of the linearisations at the equilibria. What it does not: left half-plane "
     "members of the generalised Jacobian do not prove stability of the switched system, an unstable member does not "
@@ -71,14 +90,19 @@ class Equilibria(Result):
 
     Attributes
     ----------
-    model, servo, gain : the problem.
-    integral_limit : Fs/ki: |x3| of the ends of the segment [rad s].
-    position_limit : Fs/kp: |x1| of the strip of the stick region where x3 = 0 [rad].
+    loop : the servo, as a loop of parts.
+    rests : where it can stand still for ever: polytopes, one or more for each combination of modes to rest in.
+    not_answered : combinations of modes whose rest states are not known, and why.
+    ranges : of each state, "torque" [N m] that of the motor, over all rest states: least and largest; infinite where
+        the equations set no limit.
+    integral_limit : the largest |x3| of them [rad s]; nan without an integrator.
+    position_limit : |x1| up to which friction holds the servo that stands there with nothing wound up [rad]: Fs/kp.
     bristle_limit : Fs/sigma0 [rad]; nan for Switch.
-    sharp : (left, right) sides of kd + sigma2 > J/(kp/ki) [N m s/rad].
-    simple : (left, right) sides of sigma2/J > 1/(kp/ki) [1/s].
-    q, alpha : (Q,), (A,) grid of the generalised Jacobian; empty for Switch.
-    largest : (Q, A) largest real part [1/s] of the three eigenvalues of each member that are not the zero.
+    linear_stable : whether the loop without dry friction is; None where it is not linear.
+    sharp : (left, right) sides of kd + sigma2 > J/(kp/ki) [N m s/rad]; nan but for one inertia with a PID.
+    simple : (left, right) sides of sigma2/J > 1/(kp/ki) [1/s]; likewise.
+    c, largest : (m,) members of the generalised Jacobian, and the largest real part [1/s] of their eigenvalues beside
+        the zeros, in any of `rests`; empty for Switch.
     threshold : members with c below it have an eigenvalue in the right half-plane; 0 where none has, nan for Switch.
 
     Examples
@@ -93,21 +117,47 @@ class Equilibria(Result):
         "model", "gain [V/rad]", "integral_limit [rad s]", "position_limit [rad]", "sharp_holds", "simple_holds",
     )  # fmt: skip
     _details = (
-        "servo", "bristle_limit [rad]", "largest_real_part [1/s]", "members = largest.size", "threshold",
+        "ranges", "rests", "not_answered", "linear_stable", "bristle_limit [rad]", "largest_real_part [1/s]",
+        "members = largest.size", "threshold",
     )  # fmt: skip
 
-    model: Model
-    servo: Servo
-    gain: float
-    integral_limit: float
-    position_limit: float
-    bristle_limit: float
-    sharp: tuple[float, float]
-    simple: tuple[float, float]
-    q: Array
-    alpha: Array
-    largest: Array
-    threshold: float
+    loop: Loop
+    rests: tuple[Rests, ...]
+    not_answered: tuple[str, ...] = ()
+    position_limit: float = math.nan
+    linear_stable: bool | None = None
+    sharp: tuple[float, float] = (math.nan, math.nan)
+    simple: tuple[float, float] = (math.nan, math.nan)
+    c: Array = field(default_factory=lambda: np.zeros(0))
+    largest: Array = field(default_factory=lambda: np.zeros(0))
+    threshold: float = math.nan
+
+    @property
+    def model(self) -> Model:
+        """The friction model: "switch" or "lugre"."""
+        return "lugre" if LUGRE in self.loop.present else "switch"
+
+    @property
+    def gain(self) -> float:
+        """The gain K."""
+        return self.loop.value("gain")
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Least and largest of each state and of the torque."""
+        names = self.rests[0].names if self.rests else ()
+        corners = np.vstack([each.corners for each in self.rests]) if self.rests else np.zeros((0, 0))
+        return {name: (float(x.min()), float(x.max())) for name, x in zip(names, corners.T, strict=True)}
+
+    @property
+    def integral_limit(self) -> float:
+        """The largest |x3|."""
+        return max(abs(x) for x in self.ranges.get("x3", (math.nan,)))
+
+    @property
+    def bristle_limit(self) -> float:
+        """Fs/sigma0."""
+        return self.loop.value("static") / self.loop.value("stiffness") if self.model == "lugre" else math.nan
 
     @property
     def largest_real_part(self) -> float:
@@ -136,84 +186,52 @@ class Equilibria(Result):
             "simple_right_per_s": self.simple[1],
             "threshold": self.threshold,
         }
+        for name, of, unit in (("position", "x1", "rad"), ("torque", "torque", "Nm")):
+            low, high = self.ranges.get(of, (math.nan, math.nan))
+            row |= {f"least_rest_{name}_{unit}": low, f"largest_rest_{name}_{unit}": high}
         return {name: [value] for name, value in row.items()}
 
     @property
-    def sharp_holds(self) -> bool:
-        """Every member has its three eigenvalues in the open left half-plane."""
-        return self.sharp[0] > self.sharp[1]
+    def sharp_holds(self) -> bool | None:
+        """Every member of one inertia with a PID has its three eigenvalues on the left; None of others."""
+        return _exceeds(*self.sharp)
 
     @property
-    def simple_holds(self) -> bool:
+    def simple_holds(self) -> bool | None:
         """The same at every gain K > 0."""
-        return self.simple[0] > self.simple[1]
+        return _exceeds(*self.simple)
 
 
-def member(servo: Servo, gain: float, q: float, alpha: float) -> Array:
-    """One member A (4, 4) of the generalised Jacobian of the LuGre servo at the equilibrium with z = q.
-
-    servo, gain: the problem; gain K > 0 [V/rad]; q: bristle deflection [rad], |q| <= Fs/sigma0; alpha: weight of the
-    side x2 > 0, in [0, 1]. Returns (4, 4) matrix A in x1, x2, x3, z. Raises InputError: q or alpha out of range.
-    """
-    f = servo.friction
-    require("q", q, at_least=-f.static / f.stiffness, at_most=f.static / f.stiffness)
-    require("alpha", alpha, at_least=0, at_most=1)
-    kp, kd, ki = servo.torque_gains(gain)
-    J = servo.inertia
-    c = 1 - (2 * alpha - 1) * f.stiffness * q / f.static
-    return np.array([
-        [0, 1, 0, 0],
-        [-kp / J, -(kd + f.viscous + f.damping * c) / J, -ki / J, -f.stiffness / J],
-        [1, 0, 0, 0],
-        [0, c, 0, 0],
-    ])  # fmt: skip
+def _exceeds(left: float, right: float) -> bool | None:
+    """Whether a condition holds; None where it is not asked."""
+    return None if math.isnan(left) else left > right
 
 
-def cubic(servo: Servo, gain: float, c: Array) -> Array:
-    """The cubic factor of det(s - A) J of members of the generalised Jacobian.
-
-    servo, gain: the problem; gain K > 0 [V/rad]; c: (m,) slopes of the module docstring.
-    Returns (m, 4) coefficients, highest power first.
-    """
-    f = servo.friction
-    kp, kd, ki = servo.torque_gains(gain)
-    c = np.atleast_1d(np.asarray(c, float))
-    one = np.ones_like(c)
-    return np.column_stack([servo.inertia * one, kd + f.viscous + f.damping * c, kp + f.stiffness * c, ki * one])
+def largest_of(rests: tuple[Rests, ...], c: Array) -> Array:
+    """(m,) largest real part [1/s] of the eigenvalues of members c (m,) beside the zeros, in any of the rest sets."""
+    largest = np.full(c.size, -math.inf)
+    for each in rests:
+        values = np.linalg.eigvals(each.members(c))
+        beside = np.argsort(np.abs(values), axis=1)[:, each.directions :]
+        largest = np.maximum(largest, np.take_along_axis(values, beside, axis=1).real.max(axis=1))
+    return largest
 
 
-def threshold(servo: Servo, gain: float) -> float:
-    """The c below which a member is unstable.
-
-    servo, gain: the problem; gain K > 0 [V/rad].
-    Returns the positive root of (kd + sigma2 + sigma1 c)(kp + sigma0 c) = J ki; 0 where no c >= 0 is unstable.
-    """
-    f = servo.friction
-    kp, kd, ki = servo.torque_gains(gain)
-    D = kd + f.viscous
-    missing = D * kp - servo.inertia * ki
-    if missing >= 0:
-        return 0.0
-    linear = D * f.stiffness + f.damping * kp
-    # The positive root of sigma1 sigma0 c^2 + linear c + missing, without cancellation.
-    return float(-2 * missing / (linear + np.sqrt(linear**2 - 4 * f.damping * f.stiffness * missing)))
-
-
-def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
-    """The equilibria of a servo, with the generalised Jacobian of LuGre on a grid.
+def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | None = None) -> Equilibria:
+    """The equilibria of a servo, with the generalised Jacobian of LuGre.
 
     Parameters
     ----------
     servo, model, gain
-        the problem; gain K > 0 [V/rad].
+        the servo, its friction model and gain K > 0 [V/rad]; or a loop of parts, which says both itself.
 
     Returns
     -------
-    Equilibria; the grid (POSITIONS, SLOPES) of the Jacobian is empty for the Switch servo.
+    Equilibria; `c` and `largest` (MEMBERS.size,) are empty without bristles.
 
     Raises
     ------
-    InputError : unknown model, or gain not a finite number > 0.
+    InputError : unknown model, gain not a finite number > 0, or a loop without dry friction.
 
     Examples
     --------
@@ -222,29 +240,47 @@ def equilibria(servo: Servo, model: Model, gain: float) -> Equilibria:
     >>> float(found.largest.max()) < 0  # no member of the generalised Jacobian has an eigenvalue on the right
     True
     """
-    a_servo(servo)
-    choice_of("model", model, MODELS)
-    sensible("gain", gain, power=COMPUTED)
-    f, reset = servo.friction, servo.controller.reset_time
-    kp, kd, ki = servo.torque_gains(gain)
-    q, alpha, largest = np.zeros(0), np.zeros(0), np.zeros((0, 0))
-    limit = f.static / f.stiffness if model == "lugre" else math.nan
-    if model == "lugre":
-        q, alpha = np.linspace(-limit, limit, POSITIONS), np.linspace(0, 1, SLOPES)
-        values = 1 - np.outer(q / limit, 2 * alpha - 1)
-        roots = [np.roots(row) for row in cubic(servo, gain, values.ravel())]
-        largest = np.max(np.real(roots), axis=1).reshape(values.shape)
-    return Equilibria(
-        model=model,
-        servo=servo,
-        gain=gain,
-        integral_limit=f.static / ki,
-        position_limit=f.static / kp,
-        bristle_limit=limit,
-        sharp=(kd + f.viscous, servo.inertia / reset),
-        simple=(f.viscous / servo.inertia, 1 / reset),
-        q=q,
-        alpha=alpha,
-        largest=largest,
-        threshold=threshold(servo, gain) if model == "lugre" else math.nan,
-    )
+    if isinstance(servo, Loop):
+        if model is not None or gain is not None:
+            raise InputError("model, gain: must be left out, a loop of parts says both itself: loop.replace(gain=...)")
+        loop = servo
+    else:
+        a_servo(servo)
+        choice_of("model", model or "switch", MODELS)
+        gain = sensible("gain", 1.0 if gain is None else gain, power=COMPUTED)
+        loop = loop_of(servo, model or "switch", gain)
+    rests, not_answered = rest_states(loop)
+    opened = open_loop_of_parts(loop)
+    c, largest, limit = np.zeros(0), np.zeros(0), math.nan
+    if LUGRE in loop.present and rests:
+        c, largest = MEMBERS, largest_of(rests, MEMBERS)
+        unstable = np.flatnonzero(largest > 0)
+        limit = 0.0 if not unstable.size else float(c[-1])
+        if unstable.size and unstable[-1] + 1 < c.size:
+            low, high = c[unstable[-1]], c[unstable[-1] + 1]
+            limit, _ = boundary(
+                lambda at: bool(largest_of(rests, np.array([at]))[0] <= 0), low, high, rounds=HALVED_TO_ROUNDING
+            )
+    return Equilibria(loop, rests, not_answered, _held(loop), None if opened is None else opened.stable,
+                      *_of_the_report(loop), c, largest, float(limit))  # fmt: skip
+
+
+def _held(loop: Loop) -> float:
+    """|x1| up to which friction holds the loop that stands with nothing wound up [rad]; nan where it never does."""
+    static, _ = static_of(loop)
+    if LUGRE not in loop.present and not any("stick" in mode.name for part in loop.present for mode in part.modes):
+        return math.nan
+
+    def slips(a: float) -> bool:
+        return abs(float(loop.signal("torque", *let_go(loop, -a)[1])[0])) > static
+
+    return boundary(slips, 0.0, FARTHEST_HELD)[0] if slips(FARTHEST_HELD) else math.inf
+
+
+def _of_the_report(loop: Loop) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The sides of the sharp and of the simple condition, of one inertia with a PID; nan of other loops."""
+    if not set(loop.present) <= OF_A_PID:
+        return (math.nan, math.nan), (math.nan, math.nan)
+    kp, kd, ki = (torque_gain(loop, name) for name in ("kp", "kd", "ki"))
+    inertia, viscous = loop.value("inertia"), loop.value("viscous")
+    return (kd + viscous, inertia * ki / kp), (viscous / inertia, ki / kp)

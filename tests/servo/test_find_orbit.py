@@ -16,9 +16,10 @@ from casahunt.collocation.linearisation import Linearisation
 from casahunt.continuation.walk import walk
 from casahunt.servo import find_fold as folds
 from casahunt.servo import find_orbit as searching
-from casahunt.servo.basin import basin, until_settled
+from casahunt.servo.basin import basin
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import scan
+from casahunt.servo.parts.fate import Swing, fate
 from casahunt.servo.problem import HuntingFold, HuntingOrbit
 from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle
@@ -88,7 +89,7 @@ def test_the_unstable_cycle_without_a_stable_one():
     found = basin(UNSTABLE_LOOP, "switch", gain)
     amplitude, _ = switch_cycle(UNSTABLE_LOOP, gain, found.border)
     assert found.border == pytest.approx(amplitude, rel=1e-5)
-    assert found.confirmed and found.outside.outcome == "grows" and math.isnan(found.outer_position)
+    assert found.confirmed and found.outside.outcome == "growing" and math.isnan(found.outer_position)
     with pytest.raises(NoOrbit) as refused:
         find_orbit(UNSTABLE_LOOP, "switch", gain)
     assert refused.value.status is None  # shown by a second fold, above the gain
@@ -164,11 +165,10 @@ def test_a_symmetric_cycle_past_its_symmetry_breaking_is_not_called_stable(capsy
     found = basin(servo, "switch", 1.1773, options=Options(tol=1e-8))
     amplitude, _ = switch_cycle(servo, 1.1773, found.outer.amplitude)
     assert found.outer.half_multiplier == pytest.approx(slope(servo, 1.1773, amplitude), rel=1e-3)
-    assert not found.outer.stable and found.outside.outcome != "hunts"
+    assert not found.outer.stable and not found.outside.hunts
     # A start 1 % beside it is "arrived" at a stable cycle after one swing; in truth it leaves, and comes to rest.
     a = 1.01 * amplitude
-    start = (servo, "switch", 1.1773, a, found.border, found.outer_position)
-    assert until_settled(*start, stable=found.outer.stable, swings=100).outcome == "settles"
+    assert fate(found.loop, {"x1": -a}, Swing.of(found.outer)).kind == "at rest"
     swings = 0
     while a > 0.5 * found.border and swings < 100:
         a, swings = abs(switch_half_cycle(servo, 1.1773, a)[0]), swings + 1
@@ -234,7 +234,7 @@ def test_a_motion_that_passes_by_an_unstable_outer_cycle_has_not_arrived():
         if a < 0.5 * found.border:
             break
     assert a < 0.5 * found.border and nearest < 0.2 * (found.outer_position - found.border)
-    assert found.outside.outcome == "settles" and not found.confirmed
+    assert found.outside.settles and not found.confirmed
 
 
 @pytest.mark.slow

@@ -6,9 +6,13 @@ from collections.abc import Iterator
 
 from ...checks import error_text, to_error
 from ...servo.basin import Basin, Trial
+from ...servo.outcome import Kind
 from .answer import Answer, angle, complex_text, item, short
 
-ENDS = {"settles": "it came to rest", "hunts": "it hunted on", "grows": "it swung ever farther away"}
+ENDS: dict[Kind, str] = {
+    "at rest": "it came to rest", "decaying": "it came to rest", "hunting": "it hunted on",
+    "growing": "it swung ever farther away",
+}  # fmt: skip
 """What a motion did, by its outcome."""
 UNSEEN = "the drive cannot tell whether it is within it"
 """Said of a border within one count."""
@@ -16,13 +20,14 @@ POSITIONS_SHOWN = 6
 """Positions of a motion that are shown, at most."""
 
 
-def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
+def basin_answer(found: Basin, tol: float, count: float = 0.0, parts: str = "") -> Answer:
     """What is said of a border.
 
-    tol: to which the positions of the two motions are known; count: of the encoder [rad], 0 without one.
+    tol: to which the positions of the two motions are known; count: of the encoder [rad], 0 without one; parts: the
+    line of them, of a loop of parts.
     """
-    cycle = found.unstable
-    title, border = f"{cycle.model} servo at gain {cycle.gain:.10g} V/rad", angle(found.border, found.error_estimate)
+    title = "loop" if parts else f"{found.model} servo"
+    title, border = f"{title} at gain {found.gain:.10g} V/rad", angle(found.border, found.error_estimate)
     unseen = found.border < count
     if found.confirmed:
         head = f"{title}: where it sticks within {border} of the set point it comes to rest, a little farther away it "
@@ -32,7 +37,8 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
     else:
         head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
         means = item("what it means", "nearer and farther the servo may come to rest or hunt")
-    plain = [head, means, item("farther away", _outer(found)), item("tried", _tried(found))]
+    plain = [head, *([parts] if parts else []), means]
+    plain += [item("farther away", _outer(found)), item("tried", _tried(found))]
     if unseen:
         counts = f"that distance is {short(found.border / count)} counts of the encoder"
         plain.append(item("as built", f"{counts}: {UNSEEN}"))
@@ -42,13 +48,14 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
 def _outer(found: Basin) -> str:
     """What waits beyond the border."""
     if found.outer is None:
-        return "no hunting cycle was found"
+        return "irregular hunting" if found.irregular else "no hunting cycle was found"
     size = f"a hunting cycle of amplitude {angle(found.outer.amplitude, found.outer.amplitude_error)}"
     return size if found.outer.stable else f"{size}, which motions leave again, unevenly"
 
 
 def _tried(found: Basin) -> str:
-    return f"from just inside {_end(found.inside)}, from just outside {_end(found.outside)}"
+    both = f"from just inside {_end(found.inside)}, from just outside {_end(found.outside)}"
+    return both if found.unstable else f"{both}; {found.motions} motions from rest, on both sides of the set point"
 
 
 def _end(trial: Trial) -> str:
@@ -56,17 +63,23 @@ def _end(trial: Trial) -> str:
 
 
 def _details(found: Basin, tol: float) -> Iterator[str]:
-    if found.unstable.model != "switch":
+    if found.model != "switch":
         yield item("border", "x1 at m = 0.9 Fs before breakaway")
-    yield item("border", f"{to_error(found.border, found.error_estimate)} rad")
-    amplitude = to_error(found.unstable.amplitude, found.error_estimate)
-    yield item("unstable cycle", f"amplitude max |x1| = {amplitude} rad")
-    yield item("estimated error", f"{error_text(found.error_estimate)} (relative, of its amplitude and period)")
+    side = "below" if found.side < 0 else "above"
+    yield item("border", f"{to_error(found.border, found.error_estimate)} rad, {side} the set point")
+    if found.unstable is not None:
+        amplitude = to_error(found.unstable.amplitude, found.error_estimate)
+        yield item("unstable cycle", f"amplitude max |x1| = {amplitude} rad")
+        what = "of its amplitude and period"
+    else:
+        yield item("unstable cycle", "not computed: the border is where motions part")
+        what = "half of what is between the two motions"
+    yield item("estimated error", f"{error_text(found.error_estimate)} (relative, {what})")
     yield _outer_in_full(found)
     for name, trial in (("inside", found.inside), ("outside", found.outside)):
         a = [to_error(position, tol, most=4) for position in trial.positions]
         path = ", ".join(a if len(a) <= POSITIONS_SHOWN else [*a[: POSITIONS_SHOWN - 2], "...", a[-1]])
-        yield item(f"from {name}", f"{trial.outcome} after {len(a) - 1} swings: {path} rad")
+        yield item(f"from {name}", f"{trial.outcome} after {len(a) - 1} turns: {path} rad")
 
 
 def _outer_in_full(found: Basin) -> str:

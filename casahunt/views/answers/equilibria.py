@@ -2,43 +2,84 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from ...servo.equilibria import PROVES, Equilibria
 from .answer import Answer, angle, item, short
 
+NO_LIMIT = "no limit"
+AT_THE_SET_POINT = 1e-9
+"""Of a servo that stands as near to its set point as that [rad], it stands there."""
 
-def equilibria_answer(found: Equilibria) -> Answer:
-    """What is said of the equilibria at a gain."""
-    plain = [
-        f"{found.model} servo at gain {found.gain:.10g} V/rad: it can stand still for ever at the set point alone",
-        item("there", f"with any integral of the error up to {short(found.integral_limit)} rad s"),
-        item("stuck beside it", f"friction alone holds it up to {angle(found.position_limit)} away, but the integral "
-                                "grows until it breaks away"),
-        item("does it hunt?", "this does not say: casahunt orbit does"),
-    ]  # fmt: skip
-    return Answer(plain, _details(found))
+
+def equilibria_answer(found: Equilibria, parts: str = "") -> Answer:
+    """What is said of the equilibria at a gain.
+
+    parts: the line of them, of a loop of parts.
+    """
+    title = "loop" if parts else f"{found.model} servo"
+    low, high = found.ranges.get("x1", (math.nan, math.nan))
+    plain = [f"{title} at gain {found.gain:.10g} V/rad: {_where(low, high)}", *([parts] if parts else [])]
+    if math.isfinite(found.integral_limit):
+        plain.append(item("there", f"with any integral of the error up to {short(found.integral_limit)} rad s"))
+    elif "torque" in found.ranges:
+        plain.append(item("there", f"with a torque of the motor of {_between(*found.ranges['torque'])} N m"))
+    if max(abs(low), abs(high)) <= AT_THE_SET_POINT and math.isfinite(found.position_limit):
+        held = f"friction alone holds it up to {angle(found.position_limit)} away, but the integral grows"
+        plain.append(item("stuck beside it", f"{held} until it breaks away"))
+    if math.isinf(high - low):
+        held = "as far as friction and the controller go: what was wound up before it stood tells where"
+        plain.append(item("no limit", f"{held}; casahunt simulate follows a motion"))
+    plain += [item("not answered", text) for text in found.not_answered]
+    return Answer([*plain, item("does it hunt?", "this does not say: casahunt orbit does")], _details(found))
+
+
+def _where(low: float, high: float) -> str:
+    if math.isnan(low):
+        return "no place was found at which it can stand still for ever"
+    if max(abs(low), abs(high)) <= AT_THE_SET_POINT:
+        return "it can stand still for ever at the set point alone"
+    if math.isinf(high - low):
+        return "it can stand still for ever anywhere that friction holds it"
+    if abs(low + high) <= AT_THE_SET_POINT * high:
+        return f"it can stand still for ever up to {angle(high)} from the set point"
+    return f"it can stand still for ever from {angle(low)} to {angle(high)} beside the set point"
+
+
+def _between(low: float, high: float) -> str:
+    return f"{short(low)} to {short(high)}" if math.isfinite(high - low) else NO_LIMIT
 
 
 def _details(found: Equilibria) -> Iterator[str]:
     yield item("state", "x1 position from the set point, x2 velocity, x3 integral of x1")
-    yield item("equilibria", f"x1 = x2 = 0, |x3| <= Fs/ki = {found.integral_limit:.10g} rad s")
+    for each in found.rests:
+        extent = "; ".join(
+            f"{name} {_between(float(x.min()), float(x.max()))}"
+            for name, x in zip(each.names, each.corners.T, strict=True) if name not in ("x2", "load_rate")
+        )  # fmt: skip
+        yield item("equilibria", f"{each.mode}, {each.corners.shape[0]} corners: {extent}")
+    if math.isfinite(found.position_limit):
+        yield item("stick region", f"x2 = 0, |m| <= Fs: with nothing wound up |x1| <= {found.position_limit:.10g} rad")
+        yield item("elsewhere in it", "something goes on until the servo breaks away, after a finite time, or rests")
+    linear = "is not linear" if found.linear_stable is None else "is stable" if found.linear_stable else "is unstable"
+    yield item("linear loop", f"without dry friction it {linear}")
     if found.model == "switch":
-        limit = f"at x3 = 0, |x1| <= {found.position_limit:.10g} rad"
-        yield item("stick region", f"x2 = 0, |kp x1 + ki x3| <= Fs: {limit}")
-        yield item("elsewhere in it", "the integral grows until the servo breaks away, after a finite time")
-        yield item("linearising", "has no answer: while it sticks every eigenvalue is zero, for exact friction")
+        yield item("linearising", "has no answer: while it sticks no eigenvalue tells of friction, which is exact")
         return
-    yield item("bristle", f"z = -ki x3/sigma0, |z| <= Fs/sigma0 = {found.bristle_limit:.10g} rad")
+    yield item("bristle", f"z = F/sigma0, |z| <= Fs/sigma0 = {found.bristle_limit:.10g} rad")
+    zeros = max((each.directions for each in found.rests), default=0)
     yield item(
         "linearising",
-        f"friction has a kink at x2 = 0: the generalised Jacobian has one eigenvalue 0; of the others, over "
-        f"{found.q.size} x {found.alpha.size} of its members, the largest real part is {found.largest.max():.8g} 1/s",
+        f"friction has a kink at x2 = 0: the generalised Jacobian has {zeros} eigenvalue{'s' * (zeros > 1)} 0; of the "
+        f"others, over {found.c.size} of its members, the largest real part is {found.largest_real_part:.8g} 1/s",
     )
     for name, text, sides, unit, says in (
         ("sharp", "kd + sigma2 > J ki/kp", found.sharp, "N m s/rad", "necessary and sufficient"),
         ("simple", "sigma2/J > ki/kp", found.simple, "1/s", "sufficient, and for all K > 0"),
     ):
+        if math.isnan(sides[0]):
+            continue
         than, holds = (">", "it holds") if sides[0] > sides[1] else ("<=", "it does not hold")
         yield item(
             f"{name} condition",
@@ -46,7 +87,7 @@ def _details(found: Equilibria) -> Iterator[str]:
             f"{unit}, {holds}",
         )
     if found.threshold:
-        least = f"1 - (2 alpha - 1) sigma0 z/Fs < {found.threshold:.4g}, at the ends of the segment"
+        least = f"1 - (2 alpha - 1) sigma0 z/Fs < {found.threshold:.4g}, at the ends of the bristle's range"
         yield item("unstable members", least)
     for sentence in PROVES.split(". "):
         about, _, text = sentence.rstrip(".").partition(": ")

@@ -1,4 +1,4 @@
-"""casahunt basin: the amplitude below which the stuck servo settles."""
+"""casahunt basin: how near to its set point a servo that stands still comes to rest."""
 
 from __future__ import annotations
 
@@ -8,30 +8,35 @@ from typing import Any
 from ...results import tables_of
 from ...servo.basin import OFFSET, basin
 from ..answers.basin import basin_answer
-from .arguments import add_command, drive_of, finite, gain_of, how_of, model_of, servo_of
+from .arguments import add_command, drive_of, finite, gain_of, how_of, loop_of, model_of, servo_of
 from .console import complain
+from .loops import shared
 from .output import give
 
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
     command = add_command(
-        commands, "basin", "the amplitude below which the servo settles", gain=True, model="",
+        commands, "basin", "how near to the set point it must stand to come to rest", gain=True, model="",
         csv="the stick positions of the two motions", plot="the motions from both sides",
     )  # fmt: skip
     command.add_argument(
-        "--offset", default=OFFSET, help=f"relative distance from the border of the two motions (default {OFFSET:g})"
+        "--offset", default=OFFSET,
+        help=f"of one inertia, relative distance from the border of the two motions (default {OFFSET:g})",
     )
 
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    model, gain, how = model_of(options), gain_of(options), how_of(options)
-    offset = finite("offset", options.offset)
-    found = basin(servo_of(options), model, gain, options=how, offset=offset)
+    how, offset, loop = how_of(options), finite("offset", options.offset), loop_of(options)
+    if loop is not None:
+        found = basin(loop, options=how, offset=offset)
+    else:
+        found = basin(servo_of(options), model_of(options), gain_of(options), options=how, offset=offset)
     drive = drive_of(options)
-    give(options, found, basin_answer(found, how.tol, drive.count if drive else 0.0), table=tables_of([found]),
-         picture=("basin.basin", found))
+    answer = basin_answer(found, how.tol, drive.count if drive else 0.0, shared.parts_line(loop) if loop else "")
+    record = found.to_dict(table=False) | (shared.record_of(loop) if loop else {})
+    give(options, record, answer, table=tables_of([found]), picture=("basin.basin", found))
     if not found.confirmed:
         complain(
             "casahunt basin",

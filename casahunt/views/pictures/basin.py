@@ -1,5 +1,5 @@
-"""The border between settling and hunting: where two motions stick, swing after swing, from a little inside of it and
-a little outside."""
+"""The border between settling and hunting: where two motions stand or turn, swing after swing, from a little inside of
+it and a little outside."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def basin(found: Basin, *, ax: Any = None) -> Axes:
     ('swing', 'log')
     """
     figure, (panel,) = panels(ax, 1)
-    look = LOOKS[found.unstable.model]
+    look = LOOKS[found.model]
     for trial, style, word in ((found.outside, look, "outside"), (found.inside, MORE_LOOKS[0], "inside")):
         shown = trial.positions > 0
         panel.plot(
@@ -45,7 +45,7 @@ def basin(found: Basin, *, ax: Any = None) -> Axes:
             linewidth=style.width, label=f"from a little {word}: {trial.outcome}",
         )  # fmt: skip
     panel.axhline(found.border, color=NEUTRAL, linestyle="--", linewidth=1.2,
-                  label=f"unstable cycle: {found.border:.4g} rad")  # fmt: skip
+                  label=f"border: {found.border:.4g} rad")  # fmt: skip
     if found.outer is not None:
         kind = "stable" if found.outer.stable else "symmetric"
         panel.axhline(found.outer_position, color=NEUTRAL, linewidth=1.2,

@@ -1,20 +1,24 @@
-"""Equilibria as pictures: the stick region of Switch, the generalised Jacobian of LuGre."""
+"""Equilibria as pictures: where the servo rests, in the stick region of Switch; the generalised Jacobian of LuGre."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from ...servo.equilibria import Equilibria, cubic
+from ...servo.equilibria import Equilibria
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, logarithmic, panels
 
 LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
 """Values of c whose eigenvalues get a colour of their own."""
+DRAWN_TO, STRETCHED = 10.0, 1e3
+"""What has no limit is drawn up to so many rad; by so much position is stretched to tell the order of corners."""
 
 
 def equilibria(found: Equilibria, *, ax: Any = None) -> Array:
-    """Stick region and equilibria of Switch in the plane (x1, x3), or the eigenvalues of LuGre.
+    """Equilibria of Switch in the plane (x1, x3) with the stick region, of other loops in that of x1 and the torque; or
+    the eigenvalues of LuGre.
 
     Parameters
     ----------
@@ -38,7 +42,23 @@ def equilibria(found: Equilibria, *, ax: Any = None) -> Array:
     >>> axes.get_title()
     'stick region of the Switch servo, K = 0.1'
     """
-    return _strip(found, ax) if found.model == "switch" else _eigenvalues(found, ax)
+    if found.largest.size:
+        return _eigenvalues(found, ax)
+    return _strip(found, ax) if math.isfinite(found.sharp[0]) else _rests(found, ax)
+
+
+def _rests(found: Equilibria, given: Any) -> Array:
+    _, (axes,) = panels(given, 1)
+    looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
+    for each, look in zip(found.rests, looks, strict=False):
+        x1, torque = each.corners[:, each.names.index("x1")].clip(-DRAWN_TO, DRAWN_TO), each.corners[:, -1]
+        round_it = np.argsort(np.arctan2(torque - torque.mean(), (x1 - x1.mean()) * STRETCHED))
+        axes.fill(x1[round_it], torque[round_it], color=look.colour, alpha=0.4, linewidth=4, label=each.mode)
+    axes.set(xlabel="x₁ [rad]", ylabel="torque of the motor [N m]")
+    axes.set_title(f"where the servo can stand still for ever, K = {found.gain:.6g}", fontsize=10)
+    axes.grid(True, color="0.9", linewidth=0.6)
+    axes.legend(fontsize=SMALL)
+    return np.array([axes], dtype=object)
 
 
 def _strip(found: Equilibria, given: Any) -> Array:
@@ -70,19 +90,18 @@ def _strip(found: Equilibria, given: Any) -> Array:
 def _eigenvalues(found: Equilibria, given: Any) -> Array:
     figure, both = panels(given, 1, 2)
     left, right = both
-    c = np.geomspace(1e-7, 2, 300)
-    largest = [float(np.max(np.roots(row).real)) for row in cubic(found.servo, found.gain, c)]
-    left.plot(c, largest, color=LOOKS["switch"].colour, linewidth=1.8)
+    left.plot(found.c[1:], found.largest[1:], color=LOOKS["switch"].colour, linewidth=1.8)
     left.axhline(0, color=NEUTRAL, linewidth=0.9)
     logarithmic(left, "x")
     logarithmic(left, "y", linear=1e-3)
     left.grid(True, color="0.9", linewidth=0.6)
     left.set_xlabel("c of the member; ends of the segment: c → 0")
     left.set_ylabel("largest real part beside the 0 [1/s]")
-    left.set_title(f"sharp condition {'holds' if found.sharp_holds else 'fails'}", fontsize=10)
+    stable = {None: "not linear", True: "stable", False: "unstable"}[found.linear_stable]
+    left.set_title(f"without dry friction {stable}", fontsize=10)
     looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
     for look, level in zip(looks, LEVELS, strict=False):
-        roots = np.roots(cubic(found.servo, found.gain, np.array([level]))[0])
+        roots = np.linalg.eigvals(found.rests[0].members(np.array([level]))[0])
         right.plot(roots.real, roots.imag, marker=look.marker, linestyle="none", color=look.colour,
                    markeredgecolor="black", markeredgewidth=0.4, label=f"c = {level:g}")  # fmt: skip
     right.axvline(0, color=NEUTRAL, linewidth=0.9)
