@@ -1,23 +1,7 @@
-"""The linear loop as built: its exact frequency response, and continuous loops that have nearly the same.
+"""Continuous loops that have nearly the response of the loop of one inertia as built (pulse_transfer.py).
 
-Dry friction, counts, dead bands, resets and feedforward left out, the loop of controller.py, remedied.py and loop.py of
-sampled/ is linear.  At z = exp(i omega T), with D = delay = l T + p, 0 <= p < T, and r = sigma2/J,
-
-    L(z) = C(z) P(z)
-    C(z) = f z/(z - 1 + f) (kp + ki W + kd s (z - 1)/(T (z - 1 + s)))
-    W    = T z/(z - 1 + leak T), or T (z + 1)/2/(z - 1 + leak T)             rectangle, trapezoid
-    f, s = T/(T + Te), T/(T + Tf)                                            1 without a filter
-    P(z) = z^-l ((z - a) x(z) + E(T) v(z))/(J (z - 1) (z - a)),   a = exp(-r T)
-
-x(z) and v(z) are what position and velocity have gained at the next sample, times J, by the torque that is held for
-h = T - p, and by the one before it, 1/z, for p and then no longer:
-
-    E(h) = (1 - exp(-r h))/r,   F(h) = (h - E(h))/r          velocity and position times J
-    v(z) = E(h) + exp(-r h) E(p)/z
-    x(z) = F(h) + (F(p) + E(h) E(p))/z
-
-From here on h = T/2.  The loop is a continuous one at the frequency v = tan(omega h)/h, with other gains, which loses
-more phase (`Lag`).  With s = i v the parts are
+Without filters and a leak, and with a delay D of whole samples, it is a continuous loop at the frequency v =
+tan(omega h)/h, h = T/2, with other gains, which loses more phase (`Lag`).  With s = i v the parts are
 
     difference quotient     s/(1 + s h)
     sum                     1/s + h by rectangles, 1/s by trapezoids
@@ -28,8 +12,7 @@ with x = sigma2 h/J.  The lag 1 + s h goes into the gains as the filter of a der
 
     L(i omega) = (kp' + ki/s + kd' s)/(s (J' s + sigma2)) (1 + beta s) (1 - s h)/(1 + s h) exp(-i omega D)
 
-That is exact but for |1 + beta s|, of the second order in x, a delay that is no whole number of samples, filters and a
-leak.  h = 0 is the loop that is not sampled.
+That is exact but for |1 + beta s|, of the second order in x.  h = 0 is the loop that is not sampled.
 
 To first order in all its lags it is the loop of another servo (`as_continuous`), dry friction and all.  The controller
 sees position, velocity and sum late by
@@ -42,14 +25,11 @@ and x1(t - d) = x1 - d x2 + O(d2), x2(t - d_v) = x2 - d_v x2' + O(d2), x3(t - d_
 -kp x1(t - d) - kd x2(t - d_v) - ki x3(t - d_w) that of a continuous loop with J - kd d_v, kd - kp d, kp - ki d_w.  Of
 Table 1 and seven other servos amplitude and period of the cycle are off by 0.3 to 0.85 (omega d_v)^2, omega^2 = kp/J,
 with delays or filters from 0.05 to 0.2/omega.
-
-Source: P(z), the pulse transfer function of a plant behind a hold with a delay, is derived here.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,43 +40,6 @@ from ...errors import InputError
 from ..controller import Pid
 from ..drive import Drive
 from ..servo import Servo
-
-Array = np.ndarray
-
-SERIES_BELOW, TERMS = 0.1, 10
-"""Below this r h rounding would take digits of F(h), and so many terms of its series leave none out."""
-
-
-def sampled_response(servo: Servo, gain: float, drive: Drive, omega: Array) -> Array:
-    """(m,) L at frequencies [rad/s] up to pi/T."""
-    T, J, r = drive.sample_time, servo.inertia, servo.friction.viscous / servo.inertia
-    half = omega * T / 2
-    z = np.exp(2j * half)
-    above = 2j * np.sin(half) * np.exp(1j * half)  # z - 1, to rounding
-    kp, kd, ki = servo.torque_gains(gain)
-    f, s = T / (T + drive.error_filter_time), T / (T + drive.filter_of(servo.controller))
-    mean = (z + 1) / 2 if drive.integration == "trapezoid" else z
-    C = kp + ki * T * mean / (above + drive.leak * T) + kd * s * above / (T * (above + s))
-    late, p = divmod(drive.delay, T)
-    h = T - p
-    v = _velocity(r, h) + math.exp(-r * h) * _velocity(r, p) / z
-    x = _position(r, h) + (_position(r, p) + _velocity(r, h) * _velocity(r, p)) / z
-    behind = above - math.expm1(-r * T)  # z - a
-    P = np.exp(-2j * half * late) * (behind * x + _velocity(r, T) * v) / (J * above * behind)
-    return np.asarray(f * z / (above + f) * C * P)
-
-
-def _velocity(r: float, h: float) -> float:
-    """E(h)."""
-    return -math.expm1(-r * h) / r if r else h
-
-
-def _position(r: float, h: float) -> float:
-    """F(h)."""
-    x = r * h
-    if x < SERIES_BELOW:
-        return h * h * sum((-x) ** k / math.factorial(k + 2) for k in range(TERMS))
-    return (h - _velocity(r, h)) / r
 
 
 def squared_size(loop: Any, omega: Any) -> Any:

@@ -12,7 +12,9 @@ import pytest
 from casahunt import Drive, Pid, Servo
 from casahunt.design.tune.demands import Demands
 from casahunt.servo.linear.margins import crossover, margins
-from casahunt.servo.linear.sampled_loop import Lag, sampled_response, squared_size
+from casahunt.servo.linear.pulse_transfer import pulse_transfer
+from casahunt.servo.linear.sampled_loop import Lag, squared_size
+from casahunt.servo.parts import loop_of
 
 SERVOS = (
     Servo(),
@@ -52,7 +54,8 @@ def test_size_and_phase_are_those_of_the_sampled_loop(integration, late, viscous
     T, servo = 0.01, Servo(controller=Pid(kp=1.3, ki=4.0, kd=0.15)).replace(**{"friction.viscous": viscous})
     drive = Drive(sample_time=T, delay=late * T, integration=integration)
     omega = np.array([0.05, 0.2, 0.4, 0.6]) * math.pi / T
-    exact, lag, v = sampled_response(servo, 0.7, drive, omega), Demands(drive=drive).lag, np.tan(omega * T / 2) * 2 / T
+    exact = pulse_transfer(loop_of(servo, "switch", 0.7), drive).response(omega)
+    lag, v = Demands(drive=drive).lag, np.tan(omega * T / 2) * 2 / T
     seen = lag.seen(servo.inertia, viscous, *servo.torque_gains(0.7))
     assert np.sqrt(squared_size(seen, v)) == pytest.approx(np.abs(exact), rel=off)
     turned = np.exp(1j * (lag.phase(seen, v) - math.pi)) / (exact / np.abs(exact))
