@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...servo.drive import Drive
 from ...servo.linear.linear_loop import LinearLoop
-from ...servo.linear.open_loop import OpenLoop, open_loop
+from ...servo.linear.open_loop import OpenLoop, as_loop, open_loop
+from ...servo.linear.pulse_transfer import pulse_transfer
 from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels
@@ -26,13 +28,17 @@ ROOM = 30.0
 """The frequencies drawn reach this factor beyond every corner and crossover."""
 
 
-def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) -> Array:
+def bode(
+    servo: Servo | Loop, loops: Sequence[LinearLoop], drive: Drive | None = None, *, ax: Any = None
+) -> Array:
     """Magnitude and phase of the controller C (left) and of the loop L (right), crossovers marked.
 
     Parameters
     ----------
     servo, loops
         the servo, and its linear loops at the gains to be drawn; or a loop of parts, of which L alone is drawn.
+    drive
+        how it is run: L as built is drawn too, dotted, up to half the sample rate.
     ax
         four axes to draw into, two for a loop of parts; default: those of a new figure.
 
@@ -42,7 +48,7 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
 
     Raises
     ------
-    InputError : no loop.
+    InputError : no loop, or one that its drive does not run as a linear one.
 
     Examples
     --------
@@ -53,8 +59,10 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
     """
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
-    opened = [_opened(servo, loop.gain) for loop in loops]
-    omega = _frequencies(loops, opened)
+    each = [(servo.replace(gain=loop.gain), None) if isinstance(servo, Loop) else (servo, loop.gain) for loop in loops]
+    opened = [open_loop(*at) for at in each]
+    last = math.pi / drive.sample_time if drive is not None else math.nan
+    omega = _frequencies(loops, opened, last)
     alone = isinstance(servo, Loop)
     figure, axes = panels(ax, 2, 1 if alone else 2, sharex=True)
     sizes, phases = np.reshape(axes, (2, -1)).tolist()
@@ -74,6 +82,15 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
             at = np.interp(crossing.frequency, omega, phase_of_L)
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
+    for i, at in enumerate(each if drive is not None else ()):
+        assert drive is not None
+        below = omega[omega <= last]
+        built = pulse_transfer(as_loop(*at), drive).response(below)
+        l_size.plot(below, np.abs(built), color=looks[i % len(looks)].colour, linestyle=":")
+        if i == 0:
+            turned = _degrees(built)
+            turned += 360 * round((phase_of_L[0] - turned[0]) / 360)
+            handles += l_phase.semilogx(below, turned, color=NEUTRAL, linestyle=":", label="as built")
     if not isinstance(servo, Loop):
         phases[0].semilogx(omega, _degrees(servo.controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
     l_phase.semilogx(omega, phase_of_L, color=NEUTRAL)
@@ -85,15 +102,11 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
     return axes
 
 
-def _opened(servo: Servo | Loop, gain: float) -> OpenLoop:
-    """L at a gain."""
-    return open_loop(servo.replace(gain=gain)) if isinstance(servo, Loop) else open_loop(servo, gain)
-
-
-def _frequencies(loops: Sequence[LinearLoop], opened: Sequence[OpenLoop]) -> Array:
-    """(m,) frequencies that are drawn [rad/s]: beyond every pole, zero and crossover."""
+def _frequencies(loops: Sequence[LinearLoop], opened: Sequence[OpenLoop], last: float) -> Array:
+    """(m,) frequencies that are drawn [rad/s]: beyond every pole, zero and crossover, and a last one, if any."""
     marked = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
     marked += [abs(root) for L in opened for c in (L.numerator, L.denominator) for root in np.roots(c) if root]
+    marked += [] if math.isnan(last) else [last]
     return np.geomspace(min(marked) / ROOM, max(marked) * ROOM, BODE_POINTS)
 
 
