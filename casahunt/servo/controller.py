@@ -88,12 +88,6 @@ class Controller:
         """Times 1/|zero| of C(s) [s], the derivative's first; 0 for one that is not there."""
         return self.lead_time, self.integral_time
 
-    @property
-    def polynomials(self) -> tuple[Array, float]:
-        """(numerator (3,), c): C(s) = K numerator/(c s), highest power first."""
-        lead, integral = self.lead_time, self.integral_time
-        return np.array([lead * integral, lead + integral, 1.0]), integral
-
     def response(self, gain: float, s: Array) -> Array:
         """The transfer function.
 
@@ -176,11 +170,6 @@ class Pid:
         square = half**2 - self.kd / self.ki
         long = half + float(np.sqrt(square)) if square > 0 else float(np.sqrt(self.kd / self.ki))
         return self.kd / self.ki / long, long
-
-    @property
-    def polynomials(self) -> tuple[Array, float]:
-        """(numerator (3,), c): C(s) = K numerator/(c s), highest power first."""
-        return np.array([self.kd, self.kp, self.ki]), 1.0
 
     def response(self, gain: float, s: Array) -> Array:
         """The transfer function.

@@ -29,8 +29,8 @@ from .denial import no_cycle
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
 from .find_fold import MOST_WALKED, confirmed_between, find_fold
-from .gains import stable as stable_loop
 from .hunting import Model
+from .linear.open_loop import open_loop
 from .lopsided import lopsided_at
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times, stiff_at
@@ -259,7 +259,7 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
             fold = find_fold(servo, model, options=replace(options, tol=tol), start=met.orbit)
         except NoOrbit as error:
             _deny_proved(servo, model, gain, also)
-            leaves = "" if stable_loop(servo, gain) else (
+            leaves = "" if open_loop(servo, gain).stable else (
                 "; the loop is unstable there without dry friction too (casahunt loop): are all units meant?"
             )  # fmt: skip
             raise NoOrbit(
@@ -367,7 +367,8 @@ def _deny_below(
         return
     if gain < lower.gain * (1 - 2 * lower.gain_error):
         servo = fold.orbit.servo
-        grows = "" if stable_loop(servo, gain) else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
+        stable = open_loop(servo, gain).stable
+        grows = "" if stable else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
             f"gain {to_error_beside(lower.gain, lower.gain_error, gain, FOLD_DIGITS)} to "

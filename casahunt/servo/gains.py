@@ -72,12 +72,3 @@ def matrix(servo: Servo, gain: float) -> Array:
     kp, kd, ki = servo.torque_gains(gain)
     J = servo.inertia
     return np.array([[0, 1, 0], [-kp / J, -(kd + servo.friction.viscous) / J, -ki / J], [1, 0, 0]], dtype=float)
-
-
-def stable(servo: Servo, gain: float) -> bool:
-    """Whether the loop is stable, by the Routh-Hurwitz inequality.
-
-    servo, gain: the loop; gain K [V/rad]. Returns whether (kd + sigma2) kp > J ki.
-    """
-    kp, kd, ki = servo.torque_gains(gain)
-    return bool((kd + servo.friction.viscous) * kp > servo.inertia * ki)

@@ -207,15 +207,6 @@ def _with(omega: Array, more: Array, last: float = math.inf) -> Array:
     return np.asarray(both[(both >= omega[0]) & (both <= last)])
 
 
-def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
-    """The largest frequency [rad/s] at which |L| = level.
-
-    servo, gain: the loop; gain K > 0 [V/rad]; level: magnitude > 0. Raises InputError: gain not a finite number > 0.
-    """
-    loop = open_loop(servo, gain)
-    return gain_crossovers(loop.numerator / level, loop.denominator)[-1].frequency
-
-
 def _told(
     response: Response, omega: Array, L: Array, crossed: Array, stable: bool | None, own: int, *, folds: bool = False
 ) -> Margins:

@@ -91,11 +91,9 @@ def open_loop(servo: Servo | Loop, gain: float | None = None) -> OpenLoop:
         if found is None:
             raise not_linear(servo)
         return found
-    a_servo(servo)
-    gain = sensible("gain", gain, power=COMPUTED)
-    numerator, factor = servo.controller.polynomials
-    denominator = factor * np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
-    return OpenLoop(np.trim_zeros(gain * servo.motor_gain * numerator, "f"), denominator)
+    kp, kd, ki = a_servo(servo).torque_gains(sensible("gain", gain, power=COMPUTED))
+    denominator = np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
+    return OpenLoop(np.trim_zeros(np.array([kd, kp, ki]), "f"), denominator)
 
 
 def as_loop(servo: Servo | Loop, gain: float | None) -> Loop:

@@ -26,6 +26,7 @@ BODE_POINTS = 600
 """One for every second pixel of a panel."""
 ROOM = 30.0
 """The frequencies drawn reach this factor beyond every corner and crossover."""
+_LOOKS = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
 
 
 def bode(
@@ -67,10 +68,9 @@ def bode(
     figure, axes = panels(ax, 2, 1 if alone else 2, sharex=True)
     sizes, phases = np.reshape(axes, (2, -1)).tolist()
     l_size, l_phase, phase_of_L = sizes[-1], phases[-1], _degrees(opened[0].response(omega))
-    looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
     handles = []
     for i, (loop, L) in enumerate(zip(loops, opened, strict=True)):
-        look = looks[i % len(looks)]
+        look = _LOOKS[i % len(_LOOKS)]
         style = {"color": look.colour, "linewidth": look.width, "linestyle": look.dashes}
         if not isinstance(servo, Loop):
             sizes[0].plot(omega, np.abs(servo.controller.response(loop.gain, 1j * omega)), **style)
@@ -82,15 +82,8 @@ def bode(
             at = np.interp(crossing.frequency, omega, phase_of_L)
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
-    for i, at in enumerate(each if drive is not None else ()):
-        assert drive is not None
-        below = omega[omega <= last]
-        built = pulse_transfer(as_loop(*at), drive).response(below)
-        l_size.plot(below, np.abs(built), color=looks[i % len(looks)].colour, linestyle=":")
-        if i == 0:
-            turned = _degrees(built)
-            turned += 360 * round((phase_of_L[0] - turned[0]) / 360)
-            handles += l_phase.semilogx(below, turned, color=NEUTRAL, linestyle=":", label="as built")
+    if drive is not None:
+        handles += _as_built([as_loop(*at) for at in each], drive, omega[omega <= last], l_size, l_phase)
     if not isinstance(servo, Loop):
         phases[0].semilogx(omega, _degrees(servo.controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
     l_phase.semilogx(omega, phase_of_L, color=NEUTRAL)
@@ -100,6 +93,15 @@ def bode(
     l_size.set_title("loop L, dry friction left out; dots: |L| = 1", fontsize=10)
     legend(figure, sizes[0], handles, frameon=False, ncols=min(len(loops), 4))
     return axes
+
+
+def _as_built(loops: Sequence[Loop], drive: Drive, omega: Array, size: Any, phase: Any) -> list[Any]:
+    """Draw L as built below the continuous one; returns a handle."""
+    built = [pulse_transfer(loop, drive).response(omega) for loop in loops]
+    for i, L in enumerate(built):
+        size.plot(omega, np.abs(L), color=_LOOKS[i % len(_LOOKS)].colour, linestyle=":")
+    drawn: list[Any] = phase.semilogx(omega, _degrees(built[0]), color=NEUTRAL, linestyle=":", label="as built")
+    return drawn
 
 
 def _frequencies(loops: Sequence[LinearLoop], opened: Sequence[OpenLoop], last: float) -> Array:
@@ -130,5 +132,4 @@ def _labelled(sizes: Sequence[Any], phases: Sequence[Any]) -> None:
 def _degrees(response: np.ndarray) -> np.ndarray:
     """Phase [deg], continuous along the curve, starting in (-360, 0]."""
     phase = np.degrees(np.unwrap(np.angle(response)))
-    start = math.fmod(phase[0], 360)
-    return phase - phase[0] + (start if start <= 0 else start - 360)
+    return phase - 360 * math.ceil(phase[0] / 360)

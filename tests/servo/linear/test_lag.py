@@ -11,7 +11,8 @@ import pytest
 
 from casahunt import Drive, Pid, Servo
 from casahunt.design.tune.demands import Demands
-from casahunt.servo.linear.margins import crossover, margins
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import margins
 from casahunt.servo.linear.pulse_transfer import pulse_transfer
 from casahunt.servo.linear.sampled_loop import Lag, squared_size
 from casahunt.servo.parts import loop_of
@@ -29,6 +30,11 @@ def loop(servo: Servo, gain: float, delay: float, omega: float) -> complex:
     lead, integral = servo.controller.lead_time, servo.controller.integral_time
     controller = gain * servo.motor_gain * (1 + lead * s) * (1 + integral * s) / (integral * s)
     return controller / (s * (servo.inertia * s + servo.friction.viscous)) * cmath.exp(-s * delay)
+
+
+def crossover(servo: Servo, gain: float) -> float:
+    """The largest frequency at which |L| = 1."""
+    return linear_loop(servo, gain).gain_crossovers[-1].frequency
 
 
 @pytest.mark.parametrize("servo", SERVOS)
@@ -66,12 +72,12 @@ def test_size_and_phase_are_those_of_the_sampled_loop(integration, late, viscous
 def test_margins_are_where_the_loop_says(servo):
     """|L| = level at a crossover; at the gain factors L passes through -1."""
     for level in (0.1, 1.0, 30.0):
-        assert abs(loop(servo, 0.3, 0.0, crossover(servo, 0.3, level))) == pytest.approx(level, rel=1e-13)
+        assert abs(loop(servo, 0.3, 0.0, crossover(servo, 0.3 / level))) == pytest.approx(level, rel=1e-13)
     gain = 0.3 if servo.friction.viscous else 400.0
     found = margins(servo, gain, delay=1e-4)
     assert found.stable and 0 <= found.lowest_factor < 1 < found.highest_factor < math.inf
     arg = cmath.phase(loop(servo, gain, 1e-4, found.frequency))
     assert found.phase_margin == pytest.approx(math.degrees(arg + math.pi), abs=1e-11)
     for factor in filter(None, (found.lowest_factor, found.highest_factor)):
-        at = loop(servo, gain, 1e-4, crossover(servo, gain, 1 / factor))
+        at = loop(servo, gain, 1e-4, crossover(servo, gain * factor))
         assert abs(factor * at + 1) < 1e-11
