@@ -146,7 +146,10 @@ def gain_in(A: Array, t: float) -> Array:
 def _through(N: Array, given: Array, delta: Array, row: Array) -> Array:
     """row (delta - N)^-1 given, of (n, m) at (m,) deltas."""
     matrices = delta[:, None, None] * np.eye(len(N)) - N
-    return np.asarray(np.linalg.solve(matrices, given.T[:, :, None])[..., 0] @ row)
+    try:
+        return np.asarray(np.linalg.solve(matrices, given.T[:, :, None])[..., 0] @ row)
+    except np.linalg.LinAlgError:  # one is a pole on the unit circle: beside it
+        return _through(N, given, delta * (1 + 2 * np.finfo(float).eps), row)
 
 
 def _seen(N: Array, row: Array, *columns: Array, keep: int = 0) -> tuple[Array, ...]:

@@ -186,6 +186,19 @@ def test_a_shaft_that_nothing_damps():
         assert at_once.stable is late.stable is bool((np.roots(pid_closed(loop)).real < 0).all())
 
 
+@pytest.mark.parametrize(("stiffness", "gain", "T", "late"), [
+    (18.732984863133797, 0.06602352254908797, 0.0031036199860549336, 0.4),
+    (67.8641658714282, 0.4633733642725585, 0.00023235455541796332, 2.3),
+    (38.179502525786205, 0.010209518347031443, 0.00021040257312469922, 0.4),
+])  # fmt: skip
+def test_a_pole_on_the_unit_circle_is_passed(stiffness, gain, T, late):
+    """At whose frequency, to the last digit, the response is infinite."""
+    loop = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR),
+                {"viscous": 0.0, "shaft_stiffness": stiffness, "gain": gain})  # fmt: skip
+    drive = Drive(sample_time=T, delay=late * T)
+    assert margins(loop, drive=drive).stable is pulse_transfer(loop, drive).stable
+
+
 def pid_closed(loop: Loop) -> np.ndarray:
     """The characteristic polynomial of two masses with a PID."""
     J, JL, k, kp, ki, kd = (loop.value(n) for n in ("inertia", "load_inertia", "shaft_stiffness", "kp", "ki", "kd"))
