@@ -179,11 +179,47 @@ def test_friction_of_the_load_leaves_what_is_viscous_of_it(drive):
 
 
 def test_a_shaft_that_nothing_damps():
-    """A pole of the loop on the axis: unstable with any gain where it leaves to the right, as Routh's array says."""
-    for seen, gain in ((TWO_MASSES, 0.04), (TWO_MASSES_LOAD_SEEN, 0.04), (TWO_MASSES, 10.0)):
-        loop = Loop((seen, SWITCH, PID_BY_GAINS, INTEGRATOR), {"viscous": 0.0, "gain": gain})
-        at_once, late = margins(loop), margins(loop, delay=1e-7)
-        assert at_once.stable is late.stable is bool((np.roots(pid_closed(loop)).real < 0).all())
+    """Poles and zeros of L on the axis: unstable with any gain where they leave to the right, as the roots say."""
+    random, seen = np.random.default_rng(0), {True: 0, False: 0}
+    for i in range(40):
+        numbers = {"viscous": 0.0, "gain": 10 ** random.uniform(-2, 1), "shaft_stiffness": 10 ** random.uniform(1, 4),
+                   "load_inertia": 0.026 * 10 ** random.uniform(-3, 1)}  # fmt: skip
+        loop = Loop(((TWO_MASSES, TWO_MASSES_LOAD_SEEN)[i % 2], SWITCH, PID_BY_GAINS, INTEGRATOR), numbers)
+        truth = bool((np.roots(pid_closed(loop)).real < 0).all())
+        assert margins(loop).stable is margins(loop, delay=1e-9).stable is truth
+        seen[truth] += 1
+    assert min(seen.values()) > 10
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e8])
+def test_far_below_its_resonance_the_shaft_is_rigid(stiffness):
+    """What both masses turn by is no spring's, not by rounding either: L is that of their sum."""
+    numbers = {"gain": 0.04, "shaft_stiffness": stiffness, "shaft_damping": 0.01}
+    two = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR), numbers)
+    one = loop_of(Servo(inertia=0.052), "switch", 0.04)
+    drive, omega = Drive(sample_time=1e-3, delay=3e-4), np.array([1e-6, 1e-4, 1e-2])
+    found, rigid = (pulse_transfer(loop, drive).response(omega) for loop in (two, one))
+    assert found == pytest.approx(rigid, rel=1e-11)
+
+
+def test_a_resonance_that_is_hardly_seen_is_not_passed_over():
+    """A small load that rings: 0.1 per cent within the limit no eigenvalue is outside, and not as far beyond."""
+    random, J, T = np.random.default_rng(0), 1e-3, 1e-3
+    narrow = 0
+    for _ in range(20):
+        JL, w = J * 10 ** random.uniform(-5, -3), math.pi / T * random.uniform(0.1, 0.6)
+        numbers = {"inertia": J, "load_inertia": JL, "shaft_stiffness": JL * w**2, "motor_gain": 1.0, "viscous": 0.01,
+                   "shaft_damping": 2 * 10 ** random.uniform(-7, -5) * JL * w}  # fmt: skip
+        pid = {"kp": 1.0, "ki": 4.0, "kd": 0.05, "gain": 1.0}
+        loop = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR), numbers | pid)
+        drive = Drive(sample_time=T, delay=float(random.choice([0, 0.4, 1.3])) * T)
+        found = margins(loop, drive=drive)
+        assert found.stable is pulse_transfer(loop, drive).stable
+        if found.stable:
+            beside = (pulse_transfer(loop.replace(gain=f * found.highest_factor), drive) for f in (0.999, 1.001))
+            assert [each.stable for each in beside] == [True, False]
+            narrow += found.highest_factor < 10
+    assert narrow > 3
 
 
 @pytest.mark.parametrize(("stiffness", "gain", "T", "late"), [
