@@ -19,8 +19,8 @@ denial.py         what proves that a servo has no cycle
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 trajectory.py     a motion as data: its events, what becomes of it
 simulate.py       the motion from any initial state
-linear/           the loop without dry friction: response, poles, margins, with delay or as built
 sampled/          the loop as built: its motion, and quantisation told apart from stiction
+linear/           the loop without dry friction: response, poles, margins, with delay or as built
 refused.py        what is refused before any cycle is sought: no problem, times too far apart, proofs
 strategies.py     ways to one end, tried in turn; what a refusal says of them
 cold_start.py     the cycles at one gain from motions or a scan, no branch followed

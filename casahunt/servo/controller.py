@@ -45,8 +45,33 @@ def torque_gains_of(factor: Any, *numbers: Any) -> tuple[Any, Any, Any]:
     return factor * kp, factor * kd, factor * ki
 
 
+class _Law:
+    """What both forms have."""
+
+    def torque_gains(self, factor: float) -> tuple[float, float, float]:
+        """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
+        return torque_gains_of(factor, *vars(self).values())
+
+    def response(self, gain: float, s: Array) -> Array:
+        """The transfer function.
+
+        Parameters
+        ----------
+        gain
+            K [V/rad].
+        s
+            (m,) complex [1/s].
+
+        Returns
+        -------
+        (m,) C(s) [V/rad].
+        """
+        kp, kd, ki = self.torque_gains(gain)
+        return kp + kd * s + ki / s
+
+
 @dataclass(frozen=True, kw_only=True)
-class Controller:
+class Controller(_Law):
     """A controller with real zeros, by its times.
 
     Attributes
@@ -69,10 +94,6 @@ class Controller:
         sensible("controller.integral_time", self.integral_time)
         floated(self)
 
-    def torque_gains(self, factor: float) -> tuple[float, float, float]:
-        """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
-        return torque_gains_of(factor, self.lead_time, self.integral_time)
-
     @property
     def reset_time(self) -> float:
         """kp/ki [s]."""
@@ -88,28 +109,6 @@ class Controller:
         """Times 1/|zero| of C(s) [s], the derivative's first; 0 for one that is not there."""
         return self.lead_time, self.integral_time
 
-    @property
-    def polynomials(self) -> tuple[Array, float]:
-        """(numerator (3,), c): C(s) = K numerator/(c s), highest power first."""
-        lead, integral = self.lead_time, self.integral_time
-        return np.array([lead * integral, lead + integral, 1.0]), integral
-
-    def response(self, gain: float, s: Array) -> Array:
-        """The transfer function.
-
-        Parameters
-        ----------
-        gain
-            K [V/rad].
-        s
-            (m,) complex [1/s].
-
-        Returns
-        -------
-        (m,) C(s) [V/rad].
-        """
-        return gain * (self.lead_time * s + 1) * (self.integral_time * s + 1) / (self.integral_time * s)
-
     def pid(self) -> Pid:
         """The same controller by its gains."""
         kp, kd = self.shape
@@ -117,7 +116,7 @@ class Controller:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pid:
+class Pid(_Law):
     """Any PID controller, by its gains; K multiplies all three.
 
     Attributes
@@ -151,10 +150,6 @@ class Pid:
             )
         floated(self)
 
-    def torque_gains(self, factor: float) -> tuple[float, float, float]:
-        """(kp, kd, ki) [N m/rad, N m s/rad, N m/(rad s)] for K cm = `factor` [N m/rad]."""
-        return torque_gains_of(factor, self.kp, self.ki, self.kd)
-
     @property
     def reset_time(self) -> float:
         """kp/ki [s]."""
@@ -176,27 +171,6 @@ class Pid:
         square = half**2 - self.kd / self.ki
         long = half + float(np.sqrt(square)) if square > 0 else float(np.sqrt(self.kd / self.ki))
         return self.kd / self.ki / long, long
-
-    @property
-    def polynomials(self) -> tuple[Array, float]:
-        """(numerator (3,), c): C(s) = K numerator/(c s), highest power first."""
-        return np.array([self.kd, self.kp, self.ki]), 1.0
-
-    def response(self, gain: float, s: Array) -> Array:
-        """The transfer function.
-
-        Parameters
-        ----------
-        gain
-            K [V/rad].
-        s
-            (m,) complex [1/s].
-
-        Returns
-        -------
-        (m,) C(s) [V/rad].
-        """
-        return gain * (self.kp + self.kd * s + self.ki / s)
 
     def pid(self) -> Pid:
         """Itself."""

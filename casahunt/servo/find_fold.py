@@ -35,7 +35,8 @@ from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import GROWING, Scan, scan
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, lowered, near_typical
 from .friction import MODELS, Model
-from .gains import stable, typical_gain
+from .gains import typical_gain
+from .linear.open_loop import open_loop
 from .parts.loop import Loop
 from .parts.verbs import fold_in, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
@@ -381,7 +382,8 @@ def deny_below(
         return
     if gain < lower.gain * (1 - 2 * lower.gain_error):
         servo = fold.orbit.servo
-        grows = "" if stable(servo, gain) else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
+        stable = open_loop(servo, gain).stable
+        grows = "" if stable else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
             f"gain {to_error_beside(lower.gain, lower.gain_error, gain, FOLD_DIGITS)} to "

@@ -30,7 +30,7 @@ from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, near_typical
 from .find_fold import FOLD_DIGITS, MOST_WALKED, deny_below, find_fold
 from .friction import Model
-from .gains import stable as stable_loop
+from .linear.open_loop import open_loop
 from .lopsided import lopsided_at
 from .parts.fate import on_the_cycle
 from .parts.loop import Loop
@@ -294,7 +294,7 @@ def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: 
             fold = find_fold(servo, model, options=replace(options, tol=tol), start=met.orbit)
         except NoOrbit as error:
             _deny_proved(servo, model, gain, also)
-            leaves = "" if stable_loop(servo, gain) else (
+            leaves = "" if open_loop(servo, gain).stable else (
                 "; the loop is unstable there without dry friction too (casahunt loop): are all units meant?"
             )  # fmt: skip
             raise NoOrbit(

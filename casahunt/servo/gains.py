@@ -61,12 +61,3 @@ def lowest_stable_gain(servo: Servo) -> float:
     if c.shape[1] == 0:
         return 0.0 if missing < 0 else float("inf")
     return max(0.0, missing / (servo.motor_gain * c.shape[1]))
-
-
-def stable(servo: Servo, gain: float) -> bool:
-    """Whether the loop is stable, by the Routh-Hurwitz inequality.
-
-    servo, gain: the loop; gain K [V/rad]. Returns whether (kd + sigma2) kp > J ki.
-    """
-    kp, kd, ki = servo.torque_gains(gain)
-    return bool((kd + servo.friction.viscous) * kp > servo.inertia * ki)

@@ -108,7 +108,7 @@ def test_the_worst_loop_of_a_set_is_that_of_all_crossovers():
 def test_times_and_gains_of_the_right_size():
     """1/|zero|, the derivative's first; J/(cm tau_i^2) without derivative action, in both forms."""
     for controller in (COMPLEX.controller, Pid(kp=3.0, ki=1.0, kd=0.2), UNEVEN.controller, UNEVEN.controller.pid()):
-        kd, kp, ki = controller.polynomials[0]
+        kp, kd, ki = controller.torque_gains(1.0)
         assert sorted(controller.corners) == pytest.approx(sorted(1 / np.abs(np.roots([kd, kp, ki]))), rel=1e-12)
     assert Pid(kp=2.0, ki=4.0, kd=0.0).corners == (0.0, 0.5)
     times = UNEVEN.replace(**{"controller.lead_time": 0.0})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from command_line import is_picture, one_json, run
 
-from casahunt import Servo, find_fold
+from casahunt import Drive, Servo, find_fold, simulate_sampled
 from casahunt.servo.parts import load_loop
 from casahunt.views.commands.arguments import LOOP_COMMANDS
 from casahunt.views.commands.diagram import PICTURES
@@ -256,6 +256,29 @@ def test_the_linear_loop_has_the_poles_of_two_masses(capsys, tmp_path):
     assert (tmp_path / "bode.png").stat().st_size > 10_000
     code, out, _ = run(capsys, "loop", path, "--gain", 0.5)
     assert code == 0 and "phase margin" in out and "friction     stable" not in out
+
+
+def test_the_linear_loop_as_built_of_two_masses(capsys, tmp_path):
+    """The margins of its drive, whose motions die out within them and grow beyond, and its response in the picture."""
+    path = tmp_path / "two.toml"
+    parts = ["two masses, load measured", "Switch friction", "cascade P-PI", "integrator"]
+    values = {"inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 60.0, "shaft_damping": 0.01, "viscous": 0.002,
+              "motor_gain": 1.0, "position_gain": 20.0, "velocity_gain": 0.03, "reset_time": 0.05,
+              "static": 2e-9, "coulomb": 1e-9}  # fmt: skip
+    lines = [f"{name} = {value}" for name, value in values.items()]
+    text = "\n".join([f"[loop]\nparts = {parts}", "[values]", *lines, "[drive]", "sample_time = 2e-3"])
+    path.write_text(text.replace("'", '"'))
+    words = ("loop", path, "--gain", 1, "--set", "drive.delay=8e-4")
+    code, out, _ = run(capsys, *words, "--json", "--quiet", "--plot", tmp_path / "bode.png")
+    (found,) = one_json(out)["as_built"]["margins"]
+    assert code == 0 and found["stable"] and (tmp_path / "bode.png").stat().st_size > 10_000
+    said = " ".join(run(capsys, *words)[1].split())
+    assert f"gain 1 V/rad as built: phase margin {found['phase_margin']:.4g} degrees, stable down to" in said
+    loop, drive = load_loop(path), Drive(sample_time=2e-3, delay=8e-4)
+    for factor, grows in ((0.98, False), (1.02, True)):
+        limited = loop.replace(gain=factor * found["highest_factor"])
+        x = simulate_sampled(limited, None, drive, time=6.0, set_point=0.0, start=loop.at_rest(0.01)).states[0]
+        assert bool(np.abs(x[-300:]).max() > np.abs(x[-1800:-1500]).max()) is grows
 
 
 @pytest.mark.parametrize(("words", "says"), [

@@ -74,7 +74,8 @@ def folds() -> casahunt.FoldMap:
 
 DRAWN: dict[str, tuple[int, Callable[[], tuple[Any, ...]]]] = {
     "basin": (1, lambda: (casahunt.basin(SERVO, "switch", 0.5),)),
-    "bode": (4, lambda: (SERVO, [casahunt.linear_loop(SERVO, gain) for gain in (0.1, 0.4)])),
+    "bode": (4, lambda: (
+        SERVO, [casahunt.linear_loop(SERVO, gain) for gain in (0.1, 0.4)], casahunt.Drive(sample_time=0.01))),
     "cobweb": (1, lambda: (casahunt.fixed_points(SERVO, 0.6, 1e-3, 3e-3, points=10),)),
     "diagram": (2, lambda: ([branch()],)),
     "elasticities": (1, lambda: ([fold()], [casahunt.fold_sensitivities(fold())])),

@@ -301,7 +301,7 @@ def test_the_linear_loop_and_a_tuning_have_the_delay_of_the_drive(capsys, built)
     assert "the sampled loop, 0.001 s; delay 0.002 s; derivative by difference; integral by rectangle;" in said
     said = " ".join(run(capsys, "loop", built, "--gain", 1, "--set", "drive.delay=0.3", "--quiet")[1].split())
     assert "gain 1 V/rad as a continuous loop: stable" in said and "gain 1 V/rad as built: unstable" in said
-    assert "a picture (--plot) shows the continuous loop" in said
+    assert "a picture (--plot) shows both" in said
     assert "as_built" not in one_json(run(capsys, "loop", "--gain", 1, "--json", "--quiet")[1])
     tuned = one_json(run(capsys, "tune", built, "--json", "--quiet")[1])["demands"]
     assert (tuned["delay"], tuned["sample_time"]) == (0.0, 0.001) and tuned["drive"]["encoder"] == 2000

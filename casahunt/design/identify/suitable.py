@@ -13,7 +13,7 @@ import numpy as np
 from ...checks import require
 from ...errors import InputError
 from ...servo.drive import Drive
-from ...servo.linear.sampled_loop import as_continuous, lags_of
+from ...servo.linear.sampled_loop import as_continuous, lag_of
 from ...servo.sampled.border import ENCODER_BORDER
 from ...servo.servo import Servo
 from ..record.file import Record
@@ -103,7 +103,7 @@ def drive_taken(
     of_friction = all(name.startswith(FRICTION) for name in free)
     if drive is None or not of_friction or any(record.torque is not None for record in records):
         return None, 0.0
-    gain, lag = max(gains), lags_of(drive, servo)[1]
+    gain, lag = max(gains), lag_of(drive, servo)
     as_continuous(servo, gain, drive)
     left_out = servo.torque_gains(gain)[0] / servo.inertia * lag**2 / 2
     if left_out > MOST_LEFT_OUT:

@@ -30,7 +30,7 @@ from ...compiled import alone
 from ...continuation import FoldConstraints
 from ...servo.controller import torque_gains_of
 from ...servo.linear.linear_loop import linear_loop
-from ...servo.linear.margins import crossover, margins_of
+from ...servo.linear.margins import margins_of
 from ...servo.linear.open_loop import OpenLoop
 from ...servo.linear.sampled_loop import Lag, squared_size
 from ...servo.problem import HuntingFold
@@ -163,8 +163,9 @@ def _torque_gains(motor_gain: float, k: ca.MX | float, times: ca.MX) -> tuple[ca
 
 def _settling(p: _Problem, servo: Servo, k: ca.MX, times: ca.MX, gain: float) -> ca.MX:
     """-ln rho, with the conditions that no pole is slower than rho."""
-    unit = crossover(servo, gain)  # time in units of 1/unit makes the coefficients of size one
-    rate = max(-float(np.max(linear_loop(servo, gain).poles.real)), 1e-3 * unit)
+    plain = linear_loop(servo, gain)
+    unit = plain.gain_crossovers[-1].frequency  # time in units of 1/unit makes the coefficients of size one
+    rate = max(-float(np.max(plain.poles.real)), 1e-3 * unit)
     y = ca.MX.sym("ln_rho")
     p.add(y, [math.log(rate)], math.log(rate) - 20, math.log(rate) + 20)
     J, rho = servo.inertia, ca.exp(y) / unit

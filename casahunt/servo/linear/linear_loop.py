@@ -2,13 +2,6 @@
 
     loop          L(s) of open_loop.py
     closed loop   the zeros of 1 + L; of one inertia chi(s) = J s^3 + (kd + sigma2) s^2 + kp s + ki, gains.py
-
-Crossovers of one inertia, w = omega^2:
-    |L| = 1      w^2 (J^2 w + sigma2^2) = kd^2 w^2 + (kp^2 - 2 kd ki) w + ki^2: with real zeros kp^2 >= 4 kd ki, one
-                 change of sign in the coefficients, so exactly one (Descartes); with kp^2 < 2 kd ki up to three
-    arg L = pi   w = (J ki - sigma2 kp) / (J kd): one or none; lowering the gain to the Routh-Hurwitz limit, not raising
-                 it, makes the loop unstable there
-margins.py makes no use of that and finds all crossovers of any rational loop.
 """
 
 from __future__ import annotations

@@ -1,20 +1,24 @@
 """How much phase and gain a linear loop can lose, with a delay or as built.
 
     continuous    L(s) of open_loop.py times exp(-s D)
-    as built      L(z) of sampled_loop.py, at z = exp(i omega T) up to omega = pi/T
+    as built      L(z) of pulse_transfer.py, at z = exp(i omega T) up to omega = pi/T
 
-Margins are told by Nyquist's criterion from -L along the frequencies.  With next to nothing of the gain as many poles
-of the closed loop are unstable as L has of its own, and two more where arg -L < 0 at low frequencies.  As the gain is
-raised, a pair of poles leaves the stable region at each frequency at which arg -L falls through 0, and enters it where
-that rises, at the gain factor 1/|L|; at pi/T, of a sampled loop, a single one.
+Margins are told by Nyquist's criterion from -L along the frequencies.  As the gain is raised, a pair of poles leaves
+the stable region at each frequency at which arg -L falls through 0, and enters it where that rises, at the gain factor
+1/|L|; at pi/T, of a sampled loop, a single one.
 
+    stable            by the poles of the closed loop: by Routh's array, or the eigenvalues of the map from sample to
+                      sample; with a delay, of which there are endlessly many, they are counted: of L's own as many are
+                      unstable with next to nothing of the gain, and two more where arg -L < 0 at low frequencies
     phase margin      the least arg -L of all frequencies at which |L| = 1; of a stable loop modulo 360 degrees
     gain margins      the factors next to 1
 
 Of a rational loop, |L| = 1 and arg L = pi are roots of polynomials in w = omega^2; a delay leaves |L| as it is.
 Between two frequencies of the grid, which is denser where poles and zeros lie beside the axis, and as dense as the
-turns that a delay makes of the phase, a change of sign is halved to rounding.  Beyond the turns that are looked at
-arg -L is not followed; what crosses there is no limit where |L|, times the gain factor found, stays below 1.
+turns that a delay makes of the phase, a change of sign is enclosed to rounding.  On a pole of L that lies on the axis
+arg -L falls by half a turn, through 0 where it was above; on a zero it rises, and no gain is a limit there.  Beyond the
+turns that are looked at arg -L is not followed; what crosses there is no limit where |L|, times the gain factor found,
+stays below 1.
 
 Source: Nyquist's criterion.
 """
@@ -33,8 +37,8 @@ from ...results import Result
 from ..drive import Drive
 from ..parts.loop import Loop
 from ..servo import Servo
-from .open_loop import OpenLoop, open_loop
-from .sampled_loop import sampled_response
+from .open_loop import OpenLoop, as_loop, open_loop
+from .pulse_transfer import PulseTransfer, pulse_transfer
 
 Array = np.ndarray
 Response = Callable[[Array], Array]
@@ -43,12 +47,15 @@ FREQUENCIES = 4001
 """Frequencies at which arg -L is looked at for changes of its sign."""
 LOWEST_SEEN, HIGHEST_SEEN = 1e-6, 1e6
 """The first and the last of them, in units of the crossover."""
-BESIDE_A_POLE, WIDTHS = 12, 1e3
-"""Frequencies on each side of a pole or zero, and how far they reach, in its distances from the axis."""
+BESIDE_A_POLE, WIDTHS, LEAST_ASIDE = 12, 1e3, 1e-7
+"""Frequencies on each side of a pole or zero, and how far they reach, in its distances from the axis, which are at
+least so much of its frequency."""
+ON_THE_AXIS = 1e-12
+"""|L| above the inverse is that of a pole on the axis, below it that of a zero there."""
 IN_A_TURN, TURNS_BEYOND, MOST_TURNS_BY_DELAY = 16, 3, 2000
 """Frequencies in a turn of the phase that a delay makes; so many turns beyond the crossover, and of all."""
-BISECTED = 60
-"""Halvings of a step between two frequencies: to rounding."""
+PARTS_OF_A_STEP, DIVIDED = 16, 14
+"""Parts of a step between two frequencies that are looked at at once, and how often: to rounding."""
 REAL = 1e-7
 """A root w of a crossover polynomial counts as real below this ratio of imaginary to absolute part: a double root,
 where a curve touches, is only known to the square root of rounding."""
@@ -114,8 +121,8 @@ def margins(
     delay
         D [s], >= 0, of a continuous loop.
     drive
-        how a servo is run: sample time, delay, derivative and its filter, integration, leak, error filter; counts are
-        left out.  Default: continuously.
+        how it is run: sample time, delay, derivative and its filter, integration, leak, error filter; counts, and what
+        is not linear in it, are left out.  Default: continuously.
 
     Returns
     -------
@@ -136,41 +143,44 @@ def margins(
     >>> round(found.phase_margin, 2), round(found.highest_factor, 2)
     (47.76, 18.48)
     """
-    loop = open_loop(servo, gain)
     if drive is None:
-        return margins_of(loop, require("delay", delay, at_least=0))
-    if delay or gain is None or isinstance(servo, Loop):
-        wrong = "delay: must be the drive's, Drive(delay=...)" if delay else "drive: is one of a servo, Servo(...)"
-        raise InputError(wrong)
-    last = math.pi / drive.sample_time
-    unit = gain_crossovers(loop.numerator, loop.denominator)[-1].frequency
-    omega = np.geomspace(LOWEST_SEEN * min(unit, last), last, FREQUENCIES)
+        return margins_of(open_loop(servo, gain), require("delay", delay, at_least=0))
+    if delay:
+        raise InputError("delay: must be the drive's, Drive(delay=...)")
+    return _as_built(pulse_transfer(as_loop(servo, gain), drive))
 
-    def turned(at: Array) -> Array:
-        return -sampled_response(servo, gain, drive, at)
 
-    crossed = _changes(lambda at: np.log(np.abs(turned(at))), omega)[0]
-    return _told(turned, omega, crossed if crossed.size else omega[-1:], 0, folds=True)
+def _as_built(loop: PulseTransfer) -> Margins:
+    """The margins of a loop as its drive runs it."""
+    last, poles = math.pi / loop.sample_time, loop.poles
+    rough = last * np.geomspace(LOWEST_SEEN**2, 1, FREQUENCIES // 10)
+    unit = rough[np.abs(loop.response(rough)) >= 1][-1:]
+    grid = np.geomspace(LOWEST_SEEN * (unit[0] if unit.size else rough[0]), last, FREQUENCIES)
+    omega = _with(grid, _beside(poles), last)
+    L = loop.response(omega)
+    crossed = _changes(lambda L: np.abs(L) - 1, loop.response, omega, L)[0]
+    own = int((poles.real * loop.sample_time > ON_THE_AXIS).sum())
+    crossed = crossed if crossed.size else omega[-1:]
+    return _told(loop.response, omega, L, crossed, loop.stable, own, folds=True)
 
 
 def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:
     """The margins of a rational loop with a delay [s].  Raises InputError: too many of its turns would count."""
     crossed = np.array([c.frequency for c in gain_crossovers(loop.numerator, loop.denominator)])
-    unit = crossed[-1] if crossed.size else float(np.abs(np.roots(loop.denominator)).max())
-    roots = np.concatenate([np.roots(loop.numerator), np.roots(loop.denominator)])
-    beside = roots[(roots.imag > 0) & (roots.real != 0)]
-    aside = np.abs(beside.real)[:, None] * np.geomspace(1 / WIDTHS, WIDTHS, BESIDE_A_POLE)
-    near = np.abs(beside.imag)[:, None] + np.hstack([-aside, 0 * aside[:, :1], aside])
-    grid = [unit * np.geomspace(LOWEST_SEEN, HIGHEST_SEEN, FREQUENCIES), near.ravel()]
-    omega, last = np.unique(np.concatenate(grid)), math.inf
+    poles = np.roots(loop.denominator)
+    unit = crossed[-1] if crossed.size else float(np.abs(poles).max())
+    roots = np.append(poles, np.roots(loop.numerator))
+    omega, last = _with(unit * np.geomspace(LOWEST_SEEN, HIGHEST_SEEN, FREQUENCIES), _beside(roots)), math.inf
     if delay:  # behind all that L does by itself the phase only falls, and |L| with it
         last = max(unit, float(np.abs(roots).max())) + TURNS_BEYOND * 2 * math.pi / delay
         turns = min(last * delay / (2 * math.pi), MOST_TURNS_BY_DELAY)
-        inside = 2 * math.pi / delay * np.linspace(0, turns, int(IN_A_TURN * turns) + 1)
-        omega = np.unique(np.concatenate([omega, inside]))
-    own = int((np.roots(loop.denominator).real > 0).sum())
-    omega = omega[(omega >= LOWEST_SEEN * unit) & (omega <= last)]
-    found = _told(lambda at: -loop.response(at, delay), omega, crossed, own)
+        omega = _with(omega, 2 * math.pi / delay * np.linspace(0, turns, int(IN_A_TURN * turns) + 1), last)
+    stable, own = None if delay else loop.stable, int((poles.real > 0).sum())
+
+    def response(at: Array) -> Array:
+        return loop.response(at, delay)
+
+    found = _told(response, omega, response(omega), crossed, stable, own)
     beyond = omega[omega * delay > 2 * math.pi * MOST_TURNS_BY_DELAY]
     size = np.abs(loop.response(beyond))
     if np.any(size * (found.highest_factor if found.stable else 1.0) > 1):
@@ -183,47 +193,61 @@ def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:
     return found
 
 
-def crossover(servo: Servo, gain: float, level: float = 1.0) -> float:
-    """The largest frequency [rad/s] at which |L| = level.
+def _beside(roots: Array) -> Array:
+    """Frequencies beside those of poles and zeros."""
+    roots = roots[roots.imag > 0]
+    wide = np.maximum(np.abs(roots.real), LEAST_ASIDE * roots.imag)
+    aside = wide[:, None] * np.geomspace(1 / WIDTHS, WIDTHS, BESIDE_A_POLE)
+    return np.asarray(roots.imag[:, None] + np.hstack([-aside, aside])).ravel()
 
-    servo, gain: the loop; gain K > 0 [V/rad]; level: magnitude > 0. Raises InputError: gain not a finite number > 0.
+
+def _with(omega: Array, more: Array, last: float = math.inf) -> Array:
+    """Frequencies with others, from the first of them to a last one."""
+    both = np.unique(np.concatenate([omega, more]))
+    return np.asarray(both[(both >= omega[0]) & (both <= last)])
+
+
+def _told(
+    response: Response, omega: Array, L: Array, crossed: Array, stable: bool | None, own: int, *, folds: bool = False
+) -> Margins:
+    """Margins from L at the frequencies (m,).
+
+    crossed: (k,) those at which |L| = 1; stable: whether the loop is, None where its poles are to be counted; own:
+    unstable poles of L; folds: the last frequency is pi/T.
     """
-    loop = open_loop(servo, gain)
-    return gain_crossovers(loop.numerator / level, loop.denominator)[-1].frequency
-
-
-def _told(turned: Response, omega: Array, crossed: Array, own: int, *, folds: bool = False) -> Margins:
-    """Margins from -L along the frequencies (m,).
-
-    crossed: (k,) those at which |L| = 1; own: unstable poles of L; folds: the last frequency is pi/T.
-    """
-    at, falls = _changes(lambda at: turned(at).imag, omega[: omega.size - folds])
-    values, change = turned(at), np.where(falls, 2, -2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        m = omega.size - folds
+        at, falls = _changes(lambda L: -L.imag, response, omega[:m], L[:m])
+        values, change = -response(at), np.where(falls, 2, -2)
     if folds:
-        before, end = turned(omega[-2:])
-        values, change = np.append(values, end.real), np.append(change, 1 if before.imag > 0 else -1)
-    real = values.real > 0
-    factors, change = 1 / np.abs(values[real]), change[real]
-    unstable = own + 2 * int(turned(omega[:1])[0].imag < 0) + int(change[factors < 1].sum())
-    phi = np.degrees(np.angle(turned(crossed)))
-    phi = phi if unstable else np.mod(phi, 360)
+        values, change = np.append(values, -L[-1].real), np.append(change, 1 if L[-2].imag < 0 else -1)
+    size = np.nan_to_num(np.abs(values), nan=np.inf)
+    pole = size > 1 / ON_THE_AXIS
+    limit = ~pole & (values.real > 0) & (size > ON_THE_AXIS)
+    factors = 1 / size[limit]
+    if stable is None:
+        unstable = own + 2 * int(L[0].imag > 0) + int(change[limit][factors < 1].sum())
+        stable = unstable + int(change[pole & (change > 0)].sum()) == 0
+    phi = np.degrees(np.angle(-response(crossed)))
+    phi = np.mod(phi, 360) if stable else phi
     frequency, margin = min(zip(crossed, phi, strict=True), key=lambda c: c[1], default=(math.nan, math.nan))
-    if unstable:
+    if not stable:
         return Margins(float(frequency), min(float(margin), 0.0), math.nan, math.nan, False)
     low, high = max(factors[factors < 1], default=0.0), min(factors[factors > 1], default=math.inf)
     return Margins(float(frequency), float(margin), float(low), float(high), True)
 
 
-def _changes(f: Response, omega: Array) -> tuple[Array, Array]:
-    """Where a function changes its sign between the first and the last frequency, and whether it falls there."""
-    above = f(omega) > 0
+def _changes(of: Response, response: Response, omega: Array, L: Array) -> tuple[Array, Array]:
+    """Where something of L changes its sign between the first and the last frequency, and whether it falls there."""
+    above = of(L) > 0
     i = np.flatnonzero(above[:-1] != above[1:])
-    low, high, falls = omega[i], omega[i + 1], above[i]
-    for _ in range(BISECTED if i.size else 0):
-        middle = (low + high) / 2
-        same = (f(middle) > 0) == falls
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return (low + high) / 2, falls
+    ends, falls = np.array([omega[i], omega[i + 1]]), above[i]
+    for _ in range(DIVIDED if i.size else 0):
+        steps = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, PARTS_OF_A_STEP + 1)[:, None]
+        same = (of(response(steps[1:-1].ravel())).reshape(PARTS_OF_A_STEP - 1, -1) > 0) == falls
+        first = np.cumprod(same, axis=0).sum(axis=0)  # the step in which it changes
+        ends = np.take_along_axis(steps, np.array([first, first + 1]), axis=0)
+    return ends.mean(axis=0), falls
 
 
 def gain_crossovers(numerator: Sequence[float] | Array, denominator: Sequence[float] | Array) -> tuple[Crossover, ...]:

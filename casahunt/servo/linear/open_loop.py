@@ -5,8 +5,9 @@
                       L(s) = c (s I - A)^-1 b = (n_0 s^(n-1) + ... + n_(n-1)) / (s^n + d_1 s^(n-1) + ... + d_n)
                       n_k = sum over i <= k of d_i h_(k-i),   h_k = c A^k b: what is zero comes out as zero
 
-Viscous friction stays.  Only a loop of which every part has one law and no event is linear: in a dead band, or with
-a reset, there is no L.  Stability is that of denominator + numerator, by Routh's array, not by rounded poles.
+Viscous friction stays, of the motor and of a load.  Only a loop of which every part has one law and no event is linear:
+in a dead band, or with a reset, there is no L.  Stability is that of denominator + numerator, by Routh's array, not by
+rounded poles.
 """
 
 from __future__ import annotations
@@ -19,21 +20,30 @@ import casadi as ca
 import numpy as np
 
 from ...checks import COMPUTED, sensible
+from ...compiled import Caller, caller, kept
 from ...errors import InputError
 from ..parts.loop import Loop
 from ..parts.part import Part
-from ..parts.wiring import Signals, wired
+from ..parts.plain_loop import loop_of
+from ..parts.wiring import Numbers, Signals, wired
 from ..servo import Servo, a_servo
 
 Array = np.ndarray
 
 NO_COEFFICIENT = 1e-12
 """A coefficient of the characteristic polynomial below this part of what its degree would have is zero."""
-OPENED = Part("opened loop", gives={"torque": lambda x, s, p: p.opened})
-VISCOUS = Part("viscous friction", gives={
-    "friction": lambda x, s, p: p.viscous * s.motor_rate, "moving": lambda x, s, p: 1.0,
-    "direction": lambda x, s, p: 0.0,
-})  # fmt: skip
+OPENED = Part("opened loop", ("held",), gives={"torque": lambda x, s, p: x.held})
+
+
+def _viscous(at: str) -> Part:
+    """What is viscous of a friction whose signals and parameters begin so."""
+    return Part(f"viscous {at}friction", gives={
+        at + "friction": lambda x, s, p: getattr(p, at + "viscous") * getattr(s, (at or "motor_") + "rate"),
+        at + "moving": lambda x, s, p: 1.0, at + "direction": lambda x, s, p: 0.0,
+    })  # fmt: skip
+
+
+VISCOUS = {at: _viscous(at) for at in ("", "load_")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,17 +87,28 @@ def open_loop(servo: Servo | Loop, gain: float | None = None) -> OpenLoop:
     Raises InputError: a gain out of range, or that a loop of parts has itself; or a loop that is not linear.
     """
     if isinstance(servo, Loop):
-        if gain is not None:
-            raise InputError("gain: must be left out, a loop of parts has its own: loop.replace(gain=...)")
-        found = open_loop_of_parts(servo)
+        found = open_loop_of_parts(as_loop(servo, gain))
         if found is None:
-            raise InputError(f"{servo.name}: is not linear: {_not_linear(servo)}; there are no margins")
+            raise not_linear(servo)
         return found
-    a_servo(servo)
-    gain = sensible("gain", gain, power=COMPUTED)
-    numerator, factor = servo.controller.polynomials
-    denominator = factor * np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
-    return OpenLoop(np.trim_zeros(gain * servo.motor_gain * numerator, "f"), denominator)
+    kp, kd, ki = a_servo(servo).torque_gains(sensible("gain", gain, power=COMPUTED))
+    denominator = np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
+    return OpenLoop(np.trim_zeros(np.array([kd, kp, ki]), "f"), denominator)
+
+
+def as_loop(servo: Servo | Loop, gain: float | None) -> Loop:
+    """A servo at a gain [V/rad] as a loop of parts; a loop of parts as it is.  Raises InputError: as `open_loop`."""
+    if not isinstance(servo, Loop):
+        return loop_of(a_servo(servo), "switch", sensible("gain", gain, power=COMPUTED))
+    if gain is not None:
+        raise InputError("gain: must be left out, a loop of parts has its own: loop.replace(gain=...)")
+    return servo
+
+
+def not_linear(loop: Loop) -> InputError:
+    """The refusal of a loop that has no L."""
+    why = smooth(loop)[1] or "the rate of a state bends with the states"
+    return InputError(f"{loop.name}: is not linear: {why}; there are no margins")
 
 
 def is_hurwitz(polynomial: Sequence[float] | Array) -> bool:
@@ -104,19 +125,12 @@ def is_hurwitz(polynomial: Sequence[float] | Array) -> bool:
 
 def open_loop_of_parts(loop: Loop) -> OpenLoop | None:
     """L of a loop of parts; None where it is not linear, or its friction has no viscous part."""
-    if _not_linear(loop):
+    parts, why = smooth(loop)
+    found = None if why else slopes_of((*parts, OPENED), loop, "demand")
+    if found is None:
         return None
-    parts = [*_others(loop), VISCOUS, OPENED]
-    wiring = wired(tuple((part, part.modes[0].law, None) for part in parts))
-    x, u = {state: ca.SX.sym(state) for part in parts for state in part.states}, ca.SX.sym("u")
-    seen, p = SimpleNamespace(**x), SimpleNamespace(**loop.parameters, opened=u)
-    rates, at = wiring.field(seen, p), ca.vertcat(*x.values())
-    rate = ca.vertcat(*[rates[state] for state in x])
-    slopes = ca.jacobian(rate, at), ca.jacobian(rate, u), ca.jacobian(-Signals(wiring, seen, p).demand, at)
-    if any(ca.symvar(slope) for slope in slopes):
-        return None
-    A, b, c = (np.array(ca.DM(slope)) for slope in slopes)
-    return OpenLoop(*_polynomials(A, b[:, 0], c[0]))
+    A, c = found
+    return OpenLoop(*_polynomials(A[:-1, :-1], A[:-1, -1], -c[:-1]))
 
 
 def linear_stable(loop: Loop) -> bool | None:
@@ -125,18 +139,56 @@ def linear_stable(loop: Loop) -> bool | None:
     return None if opened is None else opened.stable
 
 
-def _others(loop: Loop) -> list[Part]:
-    """The parts that are not the friction."""
-    return [part for part in loop.present
-            if not any("friction" in {**part.gives, **mode.law.gives} for mode in part.modes)]  # fmt: skip
+def smooth(loop: Loop) -> tuple[tuple[Part, ...], str]:
+    """The parts of a loop without its dry friction; why they are not linear, as far as they say it, or ""."""
+    parts, switching = list[Part](), list[str]()
+    for part in loop.present:
+        gives = {name for mode in part.modes for name in (*part.gives, *mode.law.gives)}
+        at = next((at for at in VISCOUS if at + "friction" in gives), None)
+        switches = len(part.modes) > 1 or part.modes[0].ends or part.upon
+        if at is not None and at + "viscous" in part.parameters:
+            parts.append(VISCOUS[at])
+        elif at is not None and switches:
+            return (), "its friction has no viscous part"
+        else:
+            parts.append(part)
+            switching += [part.name] if switches else []
+    return tuple(parts), f"{' and '.join(switching)} switch" if switching else ""
 
 
-def _not_linear(loop: Loop) -> str:
-    """Why a loop is not linear, as far as its parts say it; "" where it may be."""
-    if "viscous" not in loop.parameters:
-        return "its friction has no viscous part"
-    switching = [part.name for part in _others(loop) if len(part.modes) > 1 or part.modes[0].ends or part.upon]
-    return f"{' and '.join(switching)} switch" if switching else ""
+def slopes_of(parts: tuple[Part, ...], loop: Loop, output: str) -> tuple[Array, Array] | None:
+    """x' = A x of parts whose last state is a torque that is held, (n, n), and a signal of theirs, c x, (n,), at the
+    numbers of a loop; None where they are not linear.
+
+    Angles are measured from the first one: what all of them turn by together is a column of zeros, not of rounding,
+    unless a spring holds it.
+    """
+    angles = tuple(state for part in parts for state in part.angles)
+    compiled = _slopes(parts, tuple(loop.parameters), angles, output)
+    if compiled is None:
+        return None
+    buffers = compiled.buffers
+    buffers.inputs[0][:] = list(loop.parameters.values())
+    buffers.trigger()
+    A, c = buffers.outputs
+    return A.copy(), c.copy()
+
+
+@kept(maxsize=128)
+def _slopes(parts: tuple[Part, ...], names: tuple[str, ...], angles: tuple[str, ...], output: str) -> Caller | None:
+    wiring = wired(tuple((part, part.modes[0].law, None) for part in parts))
+    own = {state: ca.SX.sym(state) for part in parts for state in part.states}
+    n, at, numbers = len(own), ca.vertcat(*own.values()), ca.SX.sym("p", len(names))
+    x, p = SimpleNamespace(**own), Numbers(**dict(zip(names, ca.vertsplit(numbers), strict=True)))
+    for angle in angles[1:]:
+        setattr(x, angle, own[angle] + own[angles[0]])
+    rates = wiring.field(x, p)
+    rate = ca.vertcat(*[rates[state] - (rates[angles[0]] if state in angles[1:] else 0) for state in own])
+    slopes = ca.jacobian(rate, at), ca.jacobian(ca.SX(getattr(Signals(wiring, x, p), output)), at)
+    if ca.depends_on(ca.vertcat(*(ca.vec(ca.densify(slope)) for slope in slopes)), at):
+        return None
+    function = ca.Function("slopes", [numbers], [ca.densify(slope.T) for slope in slopes])
+    return caller(function, [len(names)], [(n, n), n])
 
 
 def _polynomials(A: Array, b: Array, c: Array) -> tuple[Array, Array]:

@@ -95,8 +95,21 @@ def _met_from(part: Part, edge: Edge) -> float:
     return abs(edge.direction) * ON_ITS_EDGE * (1 if edge.direction > 0 or one_edge else -1)
 
 
+def _solved(J: ca.SX, r: ca.SX) -> ca.SX:
+    """J^-1 r, J = 1 - T A, by elimination in the order of the states; `casadi.solve`, which goes by orthogonal columns,
+    loses the small rows of slow states beside the large ones of a notch."""
+    J, r = ca.SX(J), ca.SX(r)
+    for k in range(r.numel()):
+        for i in range(k + 1, r.numel()):
+            factor = J[i, k] / J[k, k]
+            J[i, :], r[i] = J[i, :] - factor * J[k, :], r[i] - factor * r[k]
+    for k in reversed(range(r.numel())):
+        r[k] = (r[k] - sum(J[k, j] * r[j] for j in range(k + 1, r.numel()))) / J[k, k]
+    return r
+
+
 @kept(maxsize=256)
-def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> Sample:
+def sample_of(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> Sample:
     """The sample of parts in these modes; numbers: names of the parameters of the loop."""
     wiring = Wiring(tuple((part, mode.law, mode.sign) for part, mode in zip(parts, modes, strict=True)), FROM_READINGS)
     states = tuple(state for part in parts for state in part.states)
@@ -126,7 +139,7 @@ def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> 
     if n and ca.depends_on(ca.vertcat(*J.nonzeros()), c):
         named = ", ".join(part.name for part in parts if part.states)
         raise InputError(f"{named}: what one of them does is not linear, and no drive is known that runs it")
-    following = Y[:n] - ca.solve(J, ca.substitute(equations, c, Y[:n])) if n else ca.SX(0, 1)
+    following = Y[:n] - _solved(J, ca.substitute(equations, c, Y[:n]))
     torque = ca.SX(signals.torque + signals.compensation)
     asked = ca.vertcat(torque, at(_error), at(_integrand), *(at(edge.function) for _, edge, _ in edges))
     asked = ca.substitute(asked, c, following)
@@ -145,6 +158,12 @@ def _sample(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -> 
         function = ca.Function("linear", [Y, read, p], [ca.densify(matrix.T), ca.densify(row)])
         linear = caller(function, sizes, [(n + 2, n + 2), n + 2])
     return Sample(step, caller(step, sizes, shapes), tuple(many), linear, edges)
+
+
+def numbers_of(loop: Loop, drive: Drive) -> dict[str, float]:
+    """What a sample depends on: the parameters of the loop, and those of its rules."""
+    rules = drive.sample_time, float(drive.integration == "trapezoid")
+    return loop.parameters | dict(zip(RUN, rules, strict=True))
 
 
 class LinearMap(NamedTuple):
@@ -177,9 +196,8 @@ class Controller:
     ) -> None:
         self.parts, self.names = parts, tuple(state for part in parts for state in part.states)
         self.T, self.q, self.theta_d, self.step = drive.sample_time, drive.count, set_point, drive.quantise_torque
-        own = loop.parameters | {"sample_time": self.T, "trapezoid": float(drive.integration == "trapezoid")}
-        self._numbers, self.p = tuple(loop.parameters), np.array([own[name] for name in (*loop.parameters, *RUN)])
-        self._own = own
+        self._own = numbers_of(loop, drive)
+        self._numbers, self.p = tuple(loop.parameters), np.array(list(self._own.values()))
         self.a, self.moved = self.reading(x), False
         self._sides = dict[str, float]()
         self._directions = dict[Modes, tuple[Array, Array, Array, Array] | None]()
@@ -219,7 +237,7 @@ class Controller:
 
     def _prepare(self) -> None:
         """Be ready for samples in these modes."""
-        self._compiled = _sample(self.parts, self.modes, self._numbers)
+        self._compiled = sample_of(self.parts, self.modes, self._numbers)
         buffers = self._compiled.one.buffers
         (self._from, self._read, self._p), self._out, self._run = buffers.inputs, buffers.outputs, buffers.trigger
 

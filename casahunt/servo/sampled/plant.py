@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from ... import effort
+from ...compiled import kept
 from ...errors import InputError, NotFollowed, Status
 from ...motion import MarchFailure, march
 from ..parts.loop import Loop
@@ -69,14 +70,19 @@ def _functions(part: Part) -> Iterator[Function]:
 
 
 def plant_of(loop: Loop) -> tuple[Loop, tuple[Part, ...]]:
-    """A loop taken apart at the torque of its motor: (the plant under a held torque, the parts that a drive runs).
-
-    The plant is what gives the pull on the motor, and whatever that depends on, but for the torque.
-    """
-    givers = {name: part for part in loop.present for name in (*part.gives, *part.modes[0].law.gives)}
-    if "pull" not in givers:
+    """A loop taken apart at the torque of its motor: (the plant under a held torque, the parts that a drive runs)."""
+    parts = _moved(loop.present)
+    if not parts:
         raise InputError(f"{loop.name}: no part of it is moved by the motor")
-    plant, names, seen = list[Part](), ["pull"], set(HELD.gives)
+    numbers = {name: loop.value(name) for part in parts for name in part.parameters}
+    return Loop((*parts, HELD), numbers, loop.name), tuple(part for part in loop.present if part not in parts)
+
+
+@kept(maxsize=64)
+def _moved(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+    """Those that give the pull on the motor, and whatever that depends on, but for the torque."""
+    givers = {name: part for part in parts for name in (*part.gives, *part.modes[0].law.gives)}
+    plant, names, seen = list[Part](), ["pull"] * ("pull" in givers), set(HELD.gives)
     while names:
         name = names.pop()
         if name in seen:
@@ -88,9 +94,7 @@ def plant_of(loop: Loop) -> tuple[Loop, tuple[Part, ...]]:
                 function(_Any(), _Any(names.append), _Any())
         elif name in UNGIVEN and name not in givers:
             UNGIVEN[name](_Any(), _Any(names.append), _Any())
-    parts = tuple(part for part in loop.present if part in plant)
-    numbers = {name: loop.value(name) for part in parts for name in part.parameters}
-    return Loop((*parts, HELD), numbers, loop.name), tuple(part for part in loop.present if part not in plant)
+    return tuple(part for part in parts if part in plant)
 
 
 class Plant:

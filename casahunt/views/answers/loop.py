@@ -25,7 +25,7 @@ def loop_answer(
     """What is said of linear loops.
 
     limits: of one inertia, the lowest stable gain with viscous friction, and without any [V/rad]; drive, built: the
-    drive where the servo file describes one, and the margins as built.
+    drive where the file describes one, and the margins as built.
     """
     kind = " as a continuous loop" if built else ""
     plain = [f"linear loop{', continuous' if built else ''}, dry friction left out"]
@@ -41,7 +41,7 @@ def loop_answer(
         plain.append(f"gain {loop.gain:.10g} V/rad as built: {_as_built(margins)}")
     if drive is not None:
         said = "; ".join(drive_said(drive.exact()))
-        left = "what is not linear in it is left out; a picture (--plot) shows the continuous loop"
+        left = "what is not linear in it is left out; a picture (--plot) shows both"
         plain.append(item("as built", f"the sampled loop, {said}; {left}"))
     return Answer([*plain, NOT_SAID], _details(loops, limits))
 

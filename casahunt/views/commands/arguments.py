@@ -30,10 +30,7 @@ if TYPE_CHECKING:
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = (
-    "orbit", "diagram", "fold", "fold-curve", "loop", "equilibria", "basin", "record", "remedies", "simulate",
-    "explore",
-)  # fmt: skip
+LOOP_COMMANDS = "orbit diagram fold fold-curve loop equilibria basin record remedies simulate explore".split()
 """Commands that take a loop of parts."""
 WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
 """Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""

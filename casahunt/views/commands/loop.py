@@ -9,6 +9,7 @@ from ...results import tables_of
 from ...servo.gains import lowest_stable_gain, routh_hurwitz_gain
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.margins import margins
+from ...servo.servo import Servo
 from ..answers.loop import loop_answer
 from .arguments import add_command, add_gain, drive_of, loop_of, positive, servo_of, stated_gain
 from .output import give
@@ -25,18 +26,18 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     gains = [positive("gain", text) for text in options.gain or ()] or [stated_gain(options)]
-    parts = loop_of(options, gains[0])
-    if parts is not None:
-        loops = [linear_loop(parts.replace(gain=gain)) for gain in gains]
-        give(options, {"loops": loops}, loop_answer(loops), table=tables_of(loops), picture=("loop.bode", parts, loops))
-        return 0
-    servo = servo_of(options)
-    loops = [linear_loop(servo, gain) for gain in gains]
-    limits = lowest_stable_gain(servo), routh_hurwitz_gain(servo)
-    record = dict(zip(("lowest_stable_gain", "lowest_stable_gain_without_viscous_friction"), limits, strict=True))
-    drive = drive_of(options)
-    built = [margins(servo, gain, drive=drive) for gain in gains] if drive is not None else []
-    more = {} if drive is None else {"as_built": {"drive": drive, "margins": built}}
-    answer = loop_answer(loops, limits, drive, built)
-    give(options, record | {"loops": loops} | more, answer, table=tables_of(loops), picture=("loop.bode", servo, loops))
+    parts, drive = loop_of(options, gains[0]), drive_of(options)
+    servo = servo_of(options) if parts is None else parts
+    each = [(servo, gain) if isinstance(servo, Servo) else (servo.replace(gain=gain), None) for gain in gains]
+    loops = [linear_loop(*at) for at in each]
+    built = [margins(*at, drive=drive) for at in each] if drive is not None else []
+    record: dict[str, Any] = {"loops": loops}
+    limits = None
+    if isinstance(servo, Servo):
+        limits = lowest_stable_gain(servo), routh_hurwitz_gain(servo)
+        record |= dict(zip(("lowest_stable_gain", "lowest_stable_gain_without_viscous_friction"), limits, strict=True))
+    if drive is not None:
+        record |= {"as_built": {"drive": drive, "margins": built}}
+    picture = "loop.bode", servo, loops, drive
+    give(options, record, loop_answer(loops, limits, drive, built), table=tables_of(loops), picture=picture)
     return 0

@@ -19,7 +19,7 @@ from ...orbits import Options, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, BranchName, find_orbit
 from ...servo.friction import Model
-from ...servo.gains import stable
+from ...servo.linear.open_loop import open_loop
 from ...servo.servo import Servo
 from ...servo.units import column
 from ..answers.answer import item
@@ -110,7 +110,7 @@ def _of_a_servo(servo: Servo, model: Model, gain: float, branch: BranchName, how
         below.append(item("", "one of a pair: the other one is its mirror image"))
     if past_a_symmetry_breaking(orbit):
         below.append(item("beside it", f"{SYMMETRY_BROKEN}; --branch lopsided"))
-    if not stable(servo, gain):
+    if not open_loop(servo, gain).stable:
         below.append(item("farther away", RUNS_AWAY))
     name = f"{model} servo at gain {gain:.10g} V/rad"
     return _Found(orbit, name, tuple(below), {}, {"model": model, column("gain"): gain})

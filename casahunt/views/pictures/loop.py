@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...servo.drive import Drive
 from ...servo.linear.linear_loop import LinearLoop
-from ...servo.linear.open_loop import OpenLoop, open_loop
+from ...servo.linear.open_loop import OpenLoop, as_loop, open_loop
+from ...servo.linear.pulse_transfer import pulse_transfer
 from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels
@@ -24,15 +26,20 @@ BODE_POINTS = 600
 """One for every second pixel of a panel."""
 ROOM = 30.0
 """The frequencies drawn reach this factor beyond every corner and crossover."""
+_LOOKS = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
 
 
-def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) -> Array:
+def bode(
+    servo: Servo | Loop, loops: Sequence[LinearLoop], drive: Drive | None = None, *, ax: Any = None
+) -> Array:
     """Magnitude and phase of the controller C (left) and of the loop L (right), crossovers marked.
 
     Parameters
     ----------
     servo, loops
         the servo, and its linear loops at the gains to be drawn; or a loop of parts, of which L alone is drawn.
+    drive
+        how it is run: L as built is drawn too, dotted, up to half the sample rate.
     ax
         four axes to draw into, two for a loop of parts; default: those of a new figure.
 
@@ -42,7 +49,7 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
 
     Raises
     ------
-    InputError : no loop.
+    InputError : no loop, or one that its drive does not run as a linear one.
 
     Examples
     --------
@@ -53,16 +60,17 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
     """
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
-    opened = [_opened(servo, loop.gain) for loop in loops]
-    omega = _frequencies(loops, opened)
+    each = [(servo.replace(gain=loop.gain), None) if isinstance(servo, Loop) else (servo, loop.gain) for loop in loops]
+    opened = [open_loop(*at) for at in each]
+    last = math.pi / drive.sample_time if drive is not None else math.nan
+    omega = _frequencies(loops, opened, last)
     alone = isinstance(servo, Loop)
     figure, axes = panels(ax, 2, 1 if alone else 2, sharex=True)
     sizes, phases = np.reshape(axes, (2, -1)).tolist()
     l_size, l_phase, phase_of_L = sizes[-1], phases[-1], _degrees(opened[0].response(omega))
-    looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
     handles = []
     for i, (loop, L) in enumerate(zip(loops, opened, strict=True)):
-        look = looks[i % len(looks)]
+        look = _LOOKS[i % len(_LOOKS)]
         style = {"color": look.colour, "linewidth": look.width, "linestyle": look.dashes}
         if not isinstance(servo, Loop):
             sizes[0].plot(omega, np.abs(servo.controller.response(loop.gain, 1j * omega)), **style)
@@ -74,6 +82,8 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
             at = np.interp(crossing.frequency, omega, phase_of_L)
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
+    if drive is not None:
+        handles += _as_built([as_loop(*at) for at in each], drive, omega[omega <= last], l_size, l_phase)
     if not isinstance(servo, Loop):
         phases[0].semilogx(omega, _degrees(servo.controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
     l_phase.semilogx(omega, phase_of_L, color=NEUTRAL)
@@ -85,15 +95,20 @@ def bode(servo: Servo | Loop, loops: Sequence[LinearLoop], *, ax: Any = None) ->
     return axes
 
 
-def _opened(servo: Servo | Loop, gain: float) -> OpenLoop:
-    """L at a gain."""
-    return open_loop(servo.replace(gain=gain)) if isinstance(servo, Loop) else open_loop(servo, gain)
+def _as_built(loops: Sequence[Loop], drive: Drive, omega: Array, size: Any, phase: Any) -> list[Any]:
+    """Draw L as built below the continuous one; returns a handle."""
+    built = [pulse_transfer(loop, drive).response(omega) for loop in loops]
+    for i, L in enumerate(built):
+        size.plot(omega, np.abs(L), color=_LOOKS[i % len(_LOOKS)].colour, linestyle=":")
+    drawn: list[Any] = phase.semilogx(omega, _degrees(built[0]), color=NEUTRAL, linestyle=":", label="as built")
+    return drawn
 
 
-def _frequencies(loops: Sequence[LinearLoop], opened: Sequence[OpenLoop]) -> Array:
-    """(m,) frequencies that are drawn [rad/s]: beyond every pole, zero and crossover."""
+def _frequencies(loops: Sequence[LinearLoop], opened: Sequence[OpenLoop], last: float) -> Array:
+    """(m,) frequencies that are drawn [rad/s]: beyond every pole, zero and crossover, and a last one, if any."""
     marked = [c.frequency for loop in loops for c in (*loop.gain_crossovers, *loop.phase_crossovers)]
     marked += [abs(root) for L in opened for c in (L.numerator, L.denominator) for root in np.roots(c) if root]
+    marked += [] if math.isnan(last) else [last]
     return np.geomspace(min(marked) / ROOM, max(marked) * ROOM, BODE_POINTS)
 
 
@@ -117,5 +132,4 @@ def _labelled(sizes: Sequence[Any], phases: Sequence[Any]) -> None:
 def _degrees(response: np.ndarray) -> np.ndarray:
     """Phase [deg], continuous along the curve, starting in (-360, 0]."""
     phase = np.degrees(np.unwrap(np.angle(response)))
-    start = math.fmod(phase[0], 360)
-    return phase - phase[0] + (start if start <= 0 else start - 360)
+    return phase - 360 * math.ceil(phase[0] / 360)

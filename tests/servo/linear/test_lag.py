@@ -11,8 +11,11 @@ import pytest
 
 from casahunt import Drive, Pid, Servo
 from casahunt.design.tune.demands import Demands
-from casahunt.servo.linear.margins import crossover, margins
-from casahunt.servo.linear.sampled_loop import Lag, sampled_response, squared_size
+from casahunt.servo.linear.linear_loop import linear_loop
+from casahunt.servo.linear.margins import margins
+from casahunt.servo.linear.pulse_transfer import pulse_transfer
+from casahunt.servo.linear.sampled_loop import Lag, squared_size
+from casahunt.servo.parts import loop_of
 
 SERVOS = (
     Servo(),
@@ -27,6 +30,11 @@ def loop(servo: Servo, gain: float, delay: float, omega: float) -> complex:
     lead, integral = servo.controller.lead_time, servo.controller.integral_time
     controller = gain * servo.motor_gain * (1 + lead * s) * (1 + integral * s) / (integral * s)
     return controller / (s * (servo.inertia * s + servo.friction.viscous)) * cmath.exp(-s * delay)
+
+
+def crossover(servo: Servo, gain: float) -> float:
+    """The largest frequency at which |L| = 1."""
+    return linear_loop(servo, gain).gain_crossovers[-1].frequency
 
 
 @pytest.mark.parametrize("servo", SERVOS)
@@ -52,7 +60,8 @@ def test_size_and_phase_are_those_of_the_sampled_loop(integration, late, viscous
     T, servo = 0.01, Servo(controller=Pid(kp=1.3, ki=4.0, kd=0.15)).replace(**{"friction.viscous": viscous})
     drive = Drive(sample_time=T, delay=late * T, integration=integration)
     omega = np.array([0.05, 0.2, 0.4, 0.6]) * math.pi / T
-    exact, lag, v = sampled_response(servo, 0.7, drive, omega), Demands(drive=drive).lag, np.tan(omega * T / 2) * 2 / T
+    exact = pulse_transfer(loop_of(servo, "switch", 0.7), drive).response(omega)
+    lag, v = Demands(drive=drive).lag, np.tan(omega * T / 2) * 2 / T
     seen = lag.seen(servo.inertia, viscous, *servo.torque_gains(0.7))
     assert np.sqrt(squared_size(seen, v)) == pytest.approx(np.abs(exact), rel=off)
     turned = np.exp(1j * (lag.phase(seen, v) - math.pi)) / (exact / np.abs(exact))
@@ -63,12 +72,12 @@ def test_size_and_phase_are_those_of_the_sampled_loop(integration, late, viscous
 def test_margins_are_where_the_loop_says(servo):
     """|L| = level at a crossover; at the gain factors L passes through -1."""
     for level in (0.1, 1.0, 30.0):
-        assert abs(loop(servo, 0.3, 0.0, crossover(servo, 0.3, level))) == pytest.approx(level, rel=1e-13)
+        assert abs(loop(servo, 0.3, 0.0, crossover(servo, 0.3 / level))) == pytest.approx(level, rel=1e-13)
     gain = 0.3 if servo.friction.viscous else 400.0
     found = margins(servo, gain, delay=1e-4)
     assert found.stable and 0 <= found.lowest_factor < 1 < found.highest_factor < math.inf
     arg = cmath.phase(loop(servo, gain, 1e-4, found.frequency))
     assert found.phase_margin == pytest.approx(math.degrees(arg + math.pi), abs=1e-11)
     for factor in filter(None, (found.lowest_factor, found.highest_factor)):
-        at = loop(servo, gain, 1e-4, crossover(servo, gain, 1 / factor))
+        at = loop(servo, gain, 1e-4, crossover(servo, gain * factor))
         assert abs(factor * at + 1) < 1e-11

@@ -9,7 +9,13 @@ import pytest
 from scipy.linalg import expm
 
 from casahunt import Controller, Drive, Friction, Pid, Servo, margins
-from casahunt.servo.linear.sampled_loop import sampled_response
+from casahunt.servo.linear.pulse_transfer import pulse_transfer
+from casahunt.servo.parts import loop_of
+
+
+def response(servo: Servo, gain: float, drive: Drive, omega: np.ndarray) -> np.ndarray:
+    """L of casahunt."""
+    return pulse_transfer(loop_of(servo, "switch", gain), drive).response(omega)
 
 
 def held(servo: Servo, lasts: float) -> np.ndarray:
@@ -88,7 +94,7 @@ def test_the_response_is_that_of_the_matrices(seed):
     servo, drive = random_loop(random)
     A, b, c = opened(servo, 0.7, drive)
     omega = random.uniform(0.01, 1.0, 5) * math.pi / drive.sample_time
-    for w, value in zip(omega, sampled_response(servo, 0.7, drive, omega), strict=True):
+    for w, value in zip(omega, response(servo, 0.7, drive, omega), strict=True):
         z = np.exp(1j * w * drive.sample_time)
         exact = c @ np.linalg.solve(z * np.eye(b.size) - A, b)
         assert abs(value - exact) < 1e-9 * abs(exact)
@@ -155,6 +161,6 @@ def test_a_servo_whose_loop_is_larger_than_one_at_every_frequency():
     """No crossover up to pi/T: it is unstable."""
     servo, drive = Servo(), Drive(sample_time=0.1)
     assert radius(servo, 1e3, drive) > 1
-    assert (np.abs(sampled_response(servo, 1e3, drive, np.linspace(0.1, 1, 200) * math.pi / 0.1)) > 1).all()
+    assert (np.abs(response(servo, 1e3, drive, np.linspace(0.1, 1, 200) * math.pi / 0.1)) > 1).all()
     found = margins(servo, 1e3, drive=drive)
     assert not found.stable and found.frequency == pytest.approx(math.pi / 0.1) and found.phase_margin <= 0
