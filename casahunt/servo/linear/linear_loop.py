@@ -15,6 +15,7 @@ import numpy as np
 from ...export import Columns
 from ...results import Result
 from ..parts.loop import Loop
+from ..parts.plain_loop import loop_asked
 from ..servo import Servo
 from ..units import column
 from .margins import Crossover, gain_crossovers, phase_crossovers
@@ -114,7 +115,7 @@ def linear_loop(servo: Servo | Loop, gain: float | None = None) -> LinearLoop:
     """
     loop = open_loop(servo, gain)
     if isinstance(servo, Loop):
-        gain, (kp, kd, ki) = servo.value("gain"), (math.nan,) * 3
+        gain, (kp, kd, ki) = loop_asked(servo, "switch", gain).value("gain"), (math.nan,) * 3
     else:
         assert gain is not None  # else the loop was not opened
         kp, kd, ki = servo.torque_gains(gain)

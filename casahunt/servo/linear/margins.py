@@ -36,8 +36,9 @@ from ...errors import InputError
 from ...results import Result
 from ..drive import Drive
 from ..parts.loop import Loop
+from ..parts.plain_loop import loop_asked
 from ..servo import Servo
-from .open_loop import OpenLoop, as_loop, open_loop
+from .open_loop import OpenLoop, open_loop
 from .pulse_transfer import PulseTransfer, pulse_transfer
 
 Array = np.ndarray
@@ -147,7 +148,7 @@ def margins(
         return margins_of(open_loop(servo, gain), require("delay", delay, at_least=0))
     if delay:
         raise InputError("delay: must be the drive's, Drive(delay=...)")
-    return _as_built(pulse_transfer(as_loop(servo, gain), drive))
+    return _as_built(pulse_transfer(loop_asked(servo, "switch", gain), drive))
 
 
 def _as_built(loop: PulseTransfer) -> Margins:

@@ -24,7 +24,7 @@ from ...compiled import Caller, caller, kept
 from ...errors import InputError
 from ..parts.loop import Loop
 from ..parts.part import Part
-from ..parts.plain_loop import loop_of
+from ..parts.plain_loop import loop_asked
 from ..parts.wiring import Numbers, Signals, wired
 from ..servo import Servo, a_servo
 
@@ -84,25 +84,16 @@ class OpenLoop:
 def open_loop(servo: Servo | Loop, gain: float | None = None) -> OpenLoop:
     """L of a servo at a gain [V/rad], or of a loop of parts, which has its own.
 
-    Raises InputError: a gain out of range, or that a loop of parts has itself; or a loop that is not linear.
+    Raises InputError: a gain out of range, or a loop that is not linear.
     """
     if isinstance(servo, Loop):
-        found = open_loop_of_parts(as_loop(servo, gain))
+        found = open_loop_of_parts(loop_asked(servo, "switch", gain))
         if found is None:
             raise not_linear(servo)
         return found
     kp, kd, ki = a_servo(servo).torque_gains(sensible("gain", gain, power=COMPUTED))
     denominator = np.array([servo.inertia, servo.friction.viscous, 0.0, 0.0])
     return OpenLoop(np.trim_zeros(np.array([kd, kp, ki]), "f"), denominator)
-
-
-def as_loop(servo: Servo | Loop, gain: float | None) -> Loop:
-    """A servo at a gain [V/rad] as a loop of parts; a loop of parts as it is.  Raises InputError: as `open_loop`."""
-    if not isinstance(servo, Loop):
-        return loop_of(a_servo(servo), "switch", sensible("gain", gain, power=COMPUTED))
-    if gain is not None:
-        raise InputError("gain: must be left out, a loop of parts has its own: loop.replace(gain=...)")
-    return servo
 
 
 def not_linear(loop: Loop) -> InputError:

@@ -16,12 +16,11 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
-from ...checks import COMPUTED, sensible
 from ...results import Result
 from ..drive import Drive, with_remedy
 from ..outcome import BY_SEVERITY, SETTLES
 from ..parts.loop import Loop
-from ..parts.plain_loop import loop_of
+from ..parts.plain_loop import loop_asked
 from ..servo import Servo
 from .cause import cause_of, smallest_dead_band
 from .motion import SampledMotion, followed, static_of, torque_gain
@@ -92,7 +91,7 @@ def as_built(servo: Servo | Loop, gain: float | None, drive: Drive) -> AsBuilt:
     Parameters
     ----------
     servo, gain, drive
-        the servo with Switch friction, its gain > 0, and its drive; or a loop of parts, with None for the gain.
+        the servo with Switch friction, its gain > 0, and its drive; or a loop of parts, at its own gain or another one.
 
     Returns
     -------
@@ -105,7 +104,7 @@ def as_built(servo: Servo | Loop, gain: float | None, drive: Drive) -> AsBuilt:
     >>> found.kind, round(found.dead_band, 5)  # rad: it hunts by counts
     ('hunting', 0.00173)
     """
-    loop = servo if isinstance(servo, Loop) else loop_of(servo, "switch", sensible("gain", gain, power=COMPUTED))
+    loop = loop_asked(servo, "switch", gain)
     motions = motions_of(loop, drive)
     worst = max(motions, key=lambda motion: BY_SEVERITY.index(motion.verdict.kind))
     kind, count = worst.verdict.kind, len(motions)

@@ -16,9 +16,10 @@ import numpy as np
 from ...errors import InputError
 from ...servo.drive import Drive
 from ...servo.linear.linear_loop import LinearLoop
-from ...servo.linear.open_loop import OpenLoop, as_loop, open_loop
+from ...servo.linear.open_loop import OpenLoop, open_loop
 from ...servo.linear.pulse_transfer import pulse_transfer
 from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo
 from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels
 
@@ -83,7 +84,8 @@ def bode(
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
     if drive is not None:
-        handles += _as_built([as_loop(*at) for at in each], drive, omega[omega <= last], l_size, l_phase)
+        built = [loop_asked(whose, "switch", gain) for whose, gain in each]
+        handles += _as_built(built, drive, omega[omega <= last], l_size, l_phase)
     if not isinstance(servo, Loop):
         phases[0].semilogx(omega, _degrees(servo.controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
     l_phase.semilogx(omega, phase_of_L, color=NEUTRAL)

@@ -164,9 +164,9 @@ def test_a_loop_that_is_not_linear_has_no_margins_as_built(part: Part):
         margins(loop, drive=Drive(sample_time=1e-3))
 
 
-def test_a_gain_beside_that_of_the_loop_is_refused():
-    with pytest.raises(InputError, match="gain: must be left out"):
-        margins(loop_of(Servo(), "switch", 0.04), 0.04, drive=Drive(sample_time=1e-3))
+def test_a_gain_beside_that_of_the_loop_takes_its_place():
+    drive, loop = Drive(sample_time=1e-3), loop_of(Servo(), "switch", 0.04)
+    assert margins(loop, 0.1, drive=drive) == margins(Servo(), 0.1, drive=drive) != margins(loop, drive=drive)
 
 
 @pytest.mark.parametrize("drive", [None, Drive(sample_time=1e-3, delay=4e-4)])
