@@ -10,8 +10,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from casahunt import InputError, NoOrbit, Servo, Status, Trajectory, cli, simulate
+from casahunt import InputError, NoOrbit, Servo, Status, Trajectory, cli, find_orbit, simulate
 from casahunt.motion.phases import MarchFailure
+from casahunt.servo.parts import loop_of
 from casahunt.servo.simulate import _Runs
 from problems import taylor
 
@@ -286,6 +287,15 @@ def test_release_on_either_side_of_the_unstable_cycle(orbit):
 def test_wrong_input(model, gain, more, words):
     with pytest.raises(InputError, match=words):
         simulate(TABLE_1, model, gain, **more)
+
+
+def test_a_servo_without_its_friction_model_or_gain_says_how_it_is_asked():
+    for verb in (simulate, find_orbit):
+        for asked in ((), ("switch",), (None, 0.1)):
+            with pytest.raises(InputError, match=r'must be given with a Servo, such as \(servo, "switch", 0.04\)'):
+                verb(TABLE_1, *asked)
+    with pytest.raises(InputError, match="a loop has its friction as a part"):
+        simulate(loop_of(TABLE_1, "switch", 0.1), "lugre")
 
 
 def test_a_march_that_fails_is_reported(monkeypatch):

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...checks import COMPUTED, choice_of, sensible
+from ...errors import InputError
 from ..controller import Pid, torque_gains_of
 from ..friction import MODELS, Model
 from ..servo import PID_PARAMETERS, Servo, a_servo, called, flatten, unflatten
@@ -20,6 +21,8 @@ from .pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from .switch import SWITCH
 
 FRICTIONS: Mapping[str, Part] = {"switch": SWITCH, "lugre": LUGRE}
+ALONE = 'model, gain: must be given with a Servo, such as (servo, "switch", 0.04); a loop of parts has both'
+"""Said of a servo without them."""
 PID_KEYS = PID_PARAMETERS[:-1]
 """Of a servo whose controller is given by its gains, without the gain of the loop."""
 
@@ -71,7 +74,9 @@ def loop_asked(servo: Servo | Loop, model: Model | None, gain: float | None) -> 
     if isinstance(servo, Loop):
         return servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
     a_servo(servo)
-    friction: Any = choice_of("model", str(model), MODELS)
+    if model is None or gain is None:
+        raise InputError(ALONE)
+    friction: Any = choice_of("model", model, MODELS)
     return loop_of(servo, friction, sensible("gain", gain, power=COMPUTED))
 
 
