@@ -119,7 +119,7 @@ class Motion(Result):
         for k in np.unique(of):
             here = of == k
             states[:, here] = self._in_phase(self.phases[k], t[here] - starts[k]).T
-        states[:, t == starts[-1]] = self.phases[-1].end[:, None]  # more accurate than its polynomial
+        states[:, t >= starts[-1]] = self.phases[-1].end[:, None]  # more accurate than its polynomial
         return states
 
     def phase_at(self, times: Array) -> Array:

@@ -34,7 +34,7 @@ from .linear.open_loop import open_loop
 from .lopsided import lopsided_at
 from .parts.fate import on_the_cycle
 from .parts.loop import Loop
-from .parts.plain_loop import ALONE, loop_asked, servo_of_loop
+from .parts.plain_loop import ASKED_ALONE, loop_asked, servo_of_loop
 from .parts.verbs import check_present, loop_cycle, unstable_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times, stiff_at
@@ -106,7 +106,7 @@ def find_orbit(
     if isinstance(servo, Loop):
         return _of_a_loop(loop_asked(servo, model, gain), branch, vary, start, options or Options(tol=1e-9))
     if model is None or gain is None:
-        raise InputError(ALONE)
+        raise InputError(ASKED_ALONE)
     began = time.perf_counter()
     options = of_kind("options", options or Options(), Options)
     check_problem(servo, model, gain)

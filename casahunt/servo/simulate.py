@@ -162,9 +162,10 @@ def followed(loop: Loop, set_point: float, start: Mapping[str, float], time: flo
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """A motion, why it ended early, and its march tolerance."""
+    """A motion, the time that was asked for [s], why it ended early, and its march tolerance."""
 
     motion: Motion
+    time: float
     ended: str
     tau: float
 
@@ -296,11 +297,12 @@ class _Runs:
             form, self.loop.mode_at(**self.start), self.system.state(self.start, None), p, self.scale, self.kind,
             self.time, tau, enough, LONGEST_MESH,
         )  # fmt: skip
-        return _Run(Motion(self.system, p, tuple(phases), np.nan, self.scale, self.kind), ended, tau)
+        return _Run(Motion(self.system, p, tuple(phases), np.nan, self.scale, self.kind), self.time, ended, tau)
 
 
 def _told(loop: Loop, set_point: float, pair: _Pair, tol: float, ended: str, began: float) -> Trajectory:
     """The finer one of two runs, with what they differ by as its errors."""
+    duration = pair.fine.motion.duration if pair.fine.ended else pair.fine.time
     motion = replace(pair.fine.motion, error=max(pair.end_error, pair.time_error / pair.fine.motion.duration))
     behind = [phase.mode for phase in motion.phases[1:]]
     if motion.phases[-1].event:
@@ -309,7 +311,7 @@ def _told(loop: Loop, set_point: float, pair: _Pair, tol: float, ended: str, beg
     happened = zip(motion.events, behind, pair.event_errors.tolist(), strict=False)
     order = [loop.system.states.index(name) for name in told_first(loop.system.states)]
     return Trajectory(
-        loop=loop, set_point=set_point, motion=motion,
+        loop=loop, set_point=set_point, duration=duration, motion=motion,
         events=tuple(Happening(e.time, e.event, e.mode, after, error) for e, after, error in happened), tol=tol,
         time_error=pair.time_error, end_error=pair.end_error, state_errors=pair.state_errors[order],
         status=Status.CONVERGED if pair.within(tol) else Status.TOLERANCE_NOT_REACHED, ended=ended,

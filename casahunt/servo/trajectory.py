@@ -72,7 +72,8 @@ class Trajectory(Result):
     Attributes
     ----------
     loop, set_point : the loop; set point theta_d [rad].
-    motion : as the engine has it.
+    duration : length of the motion [s].
+    motion : as the engine has it, whose phases sum up to that but for rounding.
     events : in order.
     tol : the tolerance asked for.
     time_error : estimated largest error of an event time [s].
@@ -104,6 +105,7 @@ class Trajectory(Result):
 
     loop: Loop
     set_point: float
+    duration: float
     motion: Motion
     events: tuple[Happening, ...]
     tol: float
@@ -142,11 +144,6 @@ class Trajectory(Result):
     @cached_property
     def _order(self) -> list[int]:
         return [self.loop.system.states.index(name) for name in self.names]
-
-    @property
-    def duration(self) -> float:
-        """Length of the motion [s]."""
-        return self.motion.duration
 
     @property
     def intervals(self) -> int:
@@ -196,7 +193,8 @@ class Trajectory(Result):
     def dense(self, per_interval: int = 4) -> tuple[Array, Array]:
         """Times (m,) and states (n, m), dense where the motion is fast; at an event, those behind it."""
         times, states = self.motion.sample(per_interval)
-        kept = np.append(np.diff(times) > 0, True)
+        kept, times = np.append(np.diff(times) > 0, True), np.minimum(times, self.duration)
+        times[-1] = self.duration
         return times[kept], states[self._order][:, kept]
 
     def mode_at(self, times: Array) -> list[str]:

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from casahunt import InputError, Servo, cli
+from casahunt import InputError, Servo, cli, simulate
 from casahunt.servo.equilibria import equilibria
 from casahunt.servo.gains import lowest_stable_gain
 from casahunt.servo.linear.linear_loop import linear_loop
@@ -25,7 +25,6 @@ from casahunt.servo.parts import (
     SWITCH,
     TWO_MASSES,
     Loop,
-    loop_motion,
     loop_of,
     transfer_function,
 )
@@ -201,6 +200,6 @@ def test_a_motion_that_starts_between_the_corners_stays_there(values):
         for corner in rests.corners[:, :-1]:
             for part, stays in ((0.99, True), (1.01, False)):
                 start = dict(zip(names, middle + part * (corner - middle), strict=True))
-                seen = loop_motion(servo, 50.0, start=start)
+                seen = simulate(servo, set_point=0.0, time=50.0, start=start)
                 moved = np.ptp(seen.states, axis=1).max()
                 assert moved < 1e-12 if stays else moved > 1e-9, (rests.mode, corner, part)

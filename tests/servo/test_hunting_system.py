@@ -24,6 +24,8 @@ from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.cycles import system_of
 from casahunt.servo.find_orbit import find_orbit
 from casahunt.servo.hunting import hunting_system
+from casahunt.servo.parts.functions import FieldOf
+from casahunt.servo.parts.wiring import Wiring
 from casahunt.servo.servo import Servo
 from problems.table1 import REFERENCE, servo
 from scripts.report.stick_band import band_system
@@ -188,6 +190,9 @@ def test_it_is_data(form: Servo, model):
     n = len(system.names.parameters)
     assert system_of(model, n).vector_form.modes == system.vector_form.modes
     assert {mode.name for mode in system.modes} == set(again.vector_form.modes)
+    wiring = system.modes[0].field.key[0]  # one that is made again, where it is kept no more, is the same
+    other = Wiring(wiring.active)
+    assert other is not wiring and other == wiring and FieldOf(other) == system.modes[0].field
 
 
 def test_a_softened_slide_is_left_in_the_direction_of_its_motion():

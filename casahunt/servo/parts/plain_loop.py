@@ -21,7 +21,7 @@ from .pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from .switch import SWITCH
 
 FRICTIONS: Mapping[str, Part] = {"switch": SWITCH, "lugre": LUGRE}
-ALONE = 'model, gain: must be given with a Servo, such as (servo, "switch", 0.04); a loop of parts has both'
+ASKED_ALONE = 'model, gain: must be given with a Servo, such as (servo, "switch", 0.04); a loop of parts has both'
 """Said of a servo without them."""
 PID_KEYS = PID_PARAMETERS[:-1]
 """Of a servo whose controller is given by its gains, without the gain of the loop."""
@@ -75,7 +75,7 @@ def loop_asked(servo: Servo | Loop, model: Model | None, gain: float | None) -> 
         return servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
     a_servo(servo)
     if model is None or gain is None:
-        raise InputError(ALONE)
+        raise InputError(ASKED_ALONE)
     friction: Any = choice_of("model", model, MODELS)
     return loop_of(servo, friction, sensible("gain", gain, power=COMPUTED))
 

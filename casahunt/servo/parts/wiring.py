@@ -110,13 +110,15 @@ class _Numbers:
 
 
 class Wiring:
-    """The parts of a loop with their laws, in one mode of each.  One object for one combination: see `wired`.
+    """The parts of a loop with their laws, in one mode of each; equal where they are: see `wired`.
 
     others: signals that come from elsewhere, whatever the parts give.
     """
 
     def __init__(self, active: Active, others: Mapping[str, Function] | None = None) -> None:
         self.active = active
+        self._key: Any = active if others is None else object()
+        self._hash = hash(self._key)
         self._affine_rates: dict[tuple[str, str], ca.Function] = {}
         self._givers: dict[str, tuple[Function, float | None]] = {n: (f, None) for n, f in UNGIVEN.items()}
         self._read: dict[Function, tuple[str, ...]] = {}
@@ -128,6 +130,12 @@ class Wiring:
                 taken[name] = part.name
                 self._givers[name] = function, sign
         self._givers.update({name: (function, None) for name, function in (others or {}).items()})
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Wiring) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return self._hash
 
     def __reduce__(self) -> Any:
         return _wired_again, (packed(self.active, self.parts),)
@@ -229,7 +237,7 @@ def _compiled(wiring: Wiring, names: tuple[str, ...]) -> tuple[Caller, tuple[str
 
 @kept(maxsize=512)
 def wired(active: Active) -> Wiring:
-    """The wiring of these parts: the same object for the same ones, by which what is compiled is found again."""
+    """The wiring of these parts, which is made once."""
     return Wiring(active)
 
 
