@@ -35,7 +35,7 @@ from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
 from .cycles import Kind
 from .friction import Model
-from .parts.ahead import measured
+from .parts.ahead import errors_of, measured
 from .parts.fate import fate
 from .parts.loop import Loop
 from .parts.plain_loop import loop_asked
@@ -46,16 +46,19 @@ Array = np.ndarray
 
 REFINEMENT = 30.0
 """Ratio of the march tolerances of two motions that are compared."""
-FIRST, COARSEST, FINEST = 1 / 10, 1e-4, 1e-11
+FIRST, COARSEST, FINEST = 1 / 30, 1e-4, 1e-11
 """March tolerance of the first motion in units of the tolerance; the largest one; the smallest one that rounding lets
 the march reach."""
 LEAST = 0.1
 """Smallest error estimate in units of the finer march tolerance."""
 HOPELESS = 1e-2
 """No motion is marched with a larger tolerance."""
-SPAN = 20.0
-"""March tolerances are relative to this part of the sizes that states have at first: a step may be so many times as
-large as the hunting that it ends in."""
+AS_IT_HUNTS, SPAN = 0.1, 20.0
+"""March tolerances are relative to the sizes that states have in a motion from rest at this part of the error at which
+the torque is static friction, and at least to this part of those that they have at first: a step may be so many times
+as large as the hunting that it ends in."""
+PHASES_LOOKED_AT = 3
+"""From the start: more of them show sizes that a motion which grows comes to later."""
 MOST_EVENTS, LONGEST_MESH = 20_000, 2_000_000
 """After which a motion is not followed further: some thousand periods."""
 THROWN_OUT = 100.0
@@ -267,14 +270,21 @@ class _Runs:
 
     def __init__(self, loop: Loop, start: Mapping[str, float], time: float) -> None:
         self.loop, self.start, self.time, self.system = loop, dict(start), time, loop.system
-        swing = measured(loop, start, 0.0)
-        self.scale = np.array([swing.sizes[name] / SPAN or 1.0 for name in self.system.states])
+        beside = AS_IT_HUNTS * (max(errors_of(loop)) or 1.0)
+        first, hunting = (
+            np.array([sizes[name] for name in self.system.states])
+            for sizes in (measured(loop, start, 0.0, many=PHASES_LOOKED_AT).sizes,
+                          measured(loop, loop.at_rest(-beside), 0.0).sizes)
+        )
+        self.far = float(first[self.system.states.index("x1")]) or 1.0
+        scale = np.minimum(np.maximum(hunting, first / SPAN), first)
+        self.scale = np.where(scale > 0, scale, 1.0)
         self.kind: Kind = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
 
     def __call__(self, tau: float) -> _Run:
         p, form = self.system.values(None), self.system.vector_form
         place = self.system.states.index("x1")
-        limit, now, events, ended = THROWN_OUT * SPAN * self.scale[place], 0.0, 0, ""
+        limit, now, events, ended = THROWN_OUT * self.far, 0.0, 0, ""
         began = clock.monotonic()
         effort.at(
             lambda: f"followed to {now:.4g} s of {self.time:.4g} s{effort.left(now, self.time, began)}, to the march "

@@ -105,7 +105,7 @@ def test_map_and_motion_of_both_forms():
     assert b == pytest.approx(a, rel=1e-9)
     a, b = (simulate(servo, "switch", 0.1, time=6.0) for servo in (times, gains))
     np.testing.assert_allclose(b.states[:, -1], a.states[:, -1], atol=1e-9)
-    assert b.modes[-1] == a.modes[-1]
+    assert b.mode_at([6.0]) == a.mode_at([6.0])
 
 
 @pytest.mark.slow

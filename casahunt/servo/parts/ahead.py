@@ -76,7 +76,7 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
         return Outcome("undecided", "two computations of the motion do not agree; ask for a larger tolerance")
     largest = np.abs(moved.states).max(axis=1)
     end = np.where(np.abs(moved.states[:, -1]) > ROUNDING_OF_A_STATE * largest, moved.states[:, -1], 0.0)
-    static, limited = _errors_of(loop)
+    static, limited = errors_of(loop)
     if not largest.any():
         return Outcome("at rest", "it stands at the set point, held by static friction", rests_since=0.0)
     unit = static or float(largest[place]) or 1.0
@@ -129,18 +129,21 @@ def _all_along(swings: Array, pattern: int) -> bool:
     return bool(np.abs(swings - last).max() <= PUSHED_OFF * swings.max())
 
 
-def measured(loop: Loop, start: Mapping[str, float], amplitude: float, work: float = WORK_OF_A_FATE) -> Swing:
+def measured(
+    loop: Loop, start: Mapping[str, float], amplitude: float, work: float = WORK_OF_A_FATE,
+    many: int = PHASES_THAT_MEASURE,
+) -> Swing:  # fmt: skip
     """What measures a motion of which nothing is known but its start: its sizes and times in its first phases.
 
     start: its states at the start, by name, all others zero; amplitude: of hunting that is of interest, at most [rad];
-    work: allowed (effort.py).
+    work: allowed (effort.py); many: phases that are looked at.
     """
     state = loop.state(**start)
     x, phases = np.array(list(state.values())), list[Segment]()
 
     def enough(segment: Segment) -> bool:
         phases.append(segment)
-        return len(phases) == PHASES_THAT_MEASURE
+        return len(phases) == many
 
     with suppress(MarchFailure, effort.PartGivenUp), effort.at_most(work):
         march(
@@ -153,7 +156,7 @@ def measured(loop: Loop, start: Mapping[str, float], amplitude: float, work: flo
     return Swing(dict(start), amplitude, lasted or 1.0, sizes)
 
 
-def _errors_of(loop: Loop) -> tuple[float, float]:
+def errors_of(loop: Loop) -> tuple[float, float]:
     """Errors at which the torque is static friction, and its limit [rad]; 0 where there is none, or not known."""
     steepest = 0.0
     for off in ERRORS_LOOKED_AT:

@@ -60,7 +60,7 @@ def switch_friction(
     sticks = Law(
         gives={at + "friction": lambda x, s, p: getattr(s, pull), at + "moving": lambda x, s, p: 0.0,
                at + "direction": lambda x, s, p: 0.0},
-        holds=lambda x, s, p: -forward(x, s, p) * backward(x, s, p),
+        holds=lambda x, s, p: ca.fmin(-forward(x, s, p), backward(x, s, p)),
     )  # fmt: skip
     plus, minus = f"{called}slip+", f"{called}slip-"
     return Part(
