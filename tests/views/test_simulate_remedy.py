@@ -19,12 +19,13 @@ def test_a_remedy_in_the_continuous_loop_is_called_by_its_servo(capsys):
 
 @pytest.mark.slow
 def test_motions_that_could_not_be_followed_are_known(capsys, tmp_path):
-    """One grows until it is too large, one creeps to the edge of Fs/(kp + ki/leak), where only rounding goes on."""
+    """One grows, and is followed until that is seen; one creeps to the edge of Fs/(kp + ki/leak), where only rounding
+    goes on."""
     path = tmp_path / "rotary.toml"
     path.write_text(dump(ROTARY))
     code, out, _ = run(capsys, "simulate", path, "--gain", 1, "--error-filter-time", 0.0792, "--json", "--quiet")
     grown = one_json(out)
-    assert code == 0 and grown["verdict"] == "growing" and grown["time"] < 100 and abs(grown["end"]["x1"]) > 1e3
+    assert code == 0 and grown["verdict"] == "growing" and grown["time"] < 100 and abs(grown["end"]["x1"]) > 100
     code, out, _ = run(capsys, "simulate", path, "--gain", 1, "--leak", 1.4, "--json", "--quiet")
     rests = one_json(out)
     assert code == 0 and rests["verdict"] == "at rest"
