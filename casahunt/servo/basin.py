@@ -42,7 +42,7 @@ from .outcome import SETTLES, Kind
 from .parts.fate import LEFT_OF_A_SWING, Swing, fate
 from .parts.loop import Loop
 from .parts.lugre import LUGRE
-from .parts.plain_loop import loop_of
+from .parts.plain_loop import LoopResult, loop_asked, servo_of_loop
 from .parts.verbs import loop_cycle
 from .problem import HuntingOrbit
 from .sampled.motion import static_of
@@ -101,7 +101,7 @@ class Trial(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Basin(Result):
+class Basin(LoopResult):
     """The border between settling and hunting.
 
     Attributes
@@ -149,16 +149,6 @@ class Basin(Result):
     side: int = -1
     motions: int = 2
 
-    @property
-    def model(self) -> Model:
-        """The friction model: "switch" or "lugre"."""
-        return "lugre" if LUGRE in self.loop.present else "switch"
-
-    @property
-    def gain(self) -> float:
-        """The gain K."""
-        return self.loop.value("gain")
-
     def _more(self) -> dict[str, Any]:
         multiplier, stable = (self.outer.half_multiplier, self.outer.stable) if self.outer else (None, None)
         return {"outer_half_multiplier": multiplier, "outer_stable": stable}
@@ -187,7 +177,8 @@ def basin(
     Parameters
     ----------
     servo, model, gain
-        the servo, its friction model and gain K > 0 [V/rad]; or a loop of parts, which says both itself.
+        the servo, its friction model and gain K > 0 [V/rad]; or a loop of parts, without a model, at its own gain or
+        another one.
     options
         tolerance of the cycles.
     offset
@@ -213,12 +204,10 @@ def basin(
     if not 1e-6 <= require("offset", offset) <= 0.5:
         raise InputError(f"offset = {offset:g}: must lie between 1e-6 and 0.5")
     options = of_kind("options", options or Options(), Options)
-    if not isinstance(servo, Loop):
-        return _of_one_inertia(servo, model or "switch", 1.0 if gain is None else gain, options, offset)
-    if model is not None or gain is not None:
-        raise InputError("model, gain: must be left out, a loop of parts says both itself: loop.replace(gain=...)")
-    static_of(servo)  # refuses a loop without
-    return _of_a_loop(servo, options)
+    loop = loop_asked(servo, model, gain)
+    static_of(loop)  # refuses a loop without
+    asked = servo_of_loop(loop) if isinstance(servo, Loop) else (servo, model, gain)
+    return _of_a_loop(loop, options) if asked is None else _of_one_inertia(*asked, loop, options, offset)
 
 
 def _of_a_loop(loop: Loop, options: Options) -> Basin:
@@ -234,7 +223,7 @@ def _of_a_loop(loop: Loop, options: Options) -> Basin:
     return replace(found, outer=outer, why_no_outer=why, irregular=outer is None, outer_position=position)
 
 
-def _of_one_inertia(servo: Servo, model: Model, gain: float, options: Options, offset: float) -> Basin:
+def _of_one_inertia(servo: Servo, model: Any, gain: Any, loop: Loop, options: Options, offset: float) -> Basin:
     """The border by the unstable cycle of the servo.  Raises InputError, NoOrbit."""
     unstable = find_orbit(servo, model, gain, branch="unstable", options=replace(options, half=True))
     outer, why, outer_position = None, "", math.nan
@@ -245,7 +234,7 @@ def _of_one_inertia(servo: Servo, model: Model, gain: float, options: Options, o
         why = str(error)
     border = stick_position(unstable)
     beyond = offset if outer is None else min(offset, 0.5 * abs(outer_position / border - 1))
-    motions = _Motions(loop_of(servo, model, gain), Swing.of(outer or unstable))
+    motions = _Motions(loop, Swing.of(outer or unstable))
     inside, outside = (motions.follow(-border * factor) for factor in (1 - offset, 1 + beyond))
     return Basin(motions.loop, border, unstable.error_estimate, inside, outside, offset, unstable, outer, why,
                  outer_position=outer_position)  # fmt: skip

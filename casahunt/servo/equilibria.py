@@ -47,24 +47,21 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import COMPUTED, choice_of, sensible
-from ..errors import InputError
 from ..export import Columns
-from ..results import Result
 from ..roots import boundary
 from .basin import let_go
-from .friction import MODELS, Model
+from .friction import Model
 from .linear.open_loop import open_loop_of_parts
 from .parts.cascade import P_PI
 from .parts.inertia import INERTIA
 from .parts.loop import Loop
 from .parts.lugre import LUGRE
 from .parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
-from .parts.plain_loop import loop_of
+from .parts.plain_loop import LoopResult, loop_asked
 from .parts.switch import SWITCH
 from .rest_states import Rests, rest_states
 from .sampled.motion import static_of, torque_gain
-from .servo import Servo, a_servo
+from .servo import Servo
 from .units import column
 
 Array = np.ndarray
@@ -85,7 +82,7 @@ PROVES = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibria(Result):
+class Equilibria(LoopResult):
     """The equilibria of a servo at one gain.
 
     Attributes
@@ -131,16 +128,6 @@ class Equilibria(Result):
     c: Array = field(default_factory=lambda: np.zeros(0))
     largest: Array = field(default_factory=lambda: np.zeros(0))
     threshold: float = math.nan
-
-    @property
-    def model(self) -> Model:
-        """The friction model: "switch" or "lugre"."""
-        return "lugre" if LUGRE in self.loop.present else "switch"
-
-    @property
-    def gain(self) -> float:
-        """The gain K."""
-        return self.loop.value("gain")
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -223,7 +210,8 @@ def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | No
     Parameters
     ----------
     servo, model, gain
-        the servo, its friction model and gain K > 0 [V/rad]; or a loop of parts, which says both itself.
+        the servo, its friction model and gain K > 0 [V/rad]; or a loop of parts, without a model, at its own gain or
+        another one.
 
     Returns
     -------
@@ -240,15 +228,7 @@ def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | No
     >>> float(found.largest.max()) < 0  # no member of the generalised Jacobian has an eigenvalue on the right
     True
     """
-    if isinstance(servo, Loop):
-        if model is not None or gain is not None:
-            raise InputError("model, gain: must be left out, a loop of parts says both itself: loop.replace(gain=...)")
-        loop = servo
-    else:
-        a_servo(servo)
-        choice_of("model", model or "switch", MODELS)
-        gain = sensible("gain", 1.0 if gain is None else gain, power=COMPUTED)
-        loop = loop_of(servo, model or "switch", gain)
+    loop = loop_asked(servo, model, gain)
     rests, not_answered = rest_states(loop)
     opened = open_loop_of_parts(loop)
     c, largest, limit = np.zeros(0), np.zeros(0), math.nan

@@ -38,6 +38,7 @@ from .friction import MODELS, Model
 from .gains import typical_gain
 from .linear.open_loop import open_loop
 from .parts.loop import Loop
+from .parts.plain_loop import loop_asked
 from .parts.verbs import fold_in, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
@@ -288,7 +289,9 @@ def find_fold(
     (0.64734, 20.468)
     """
     if isinstance(servo, Loop):
-        return _of_a_loop(servo, vary, options)
+        if start is not None:
+            raise InputError("start: must be left out, a loop begins where it hunts by itself")
+        return _of_a_loop(loop_asked(servo, model, None), vary, options)
     if vary != "gain":
         raise InputError(f"vary = {vary}: must be gain of a servo; of a loop of parts it is any parameter (loop_of)")
     began = time.perf_counter()

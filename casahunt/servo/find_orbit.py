@@ -107,6 +107,8 @@ def find_orbit(
         return _of_a_loop(loop_asked(servo, model, gain), branch, vary, start, options or Options(tol=1e-9))
     if model is None or gain is None:
         raise InputError(ASKED_ALONE)
+    if vary != "gain" or start is not None:
+        raise InputError("vary, start: must be left out with a Servo; casahunt.servo.parts.loop_of makes a loop of it")
     began = time.perf_counter()
     options = of_kind("options", options or Options(), Options)
     check_problem(servo, model, gain)

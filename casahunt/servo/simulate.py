@@ -115,8 +115,6 @@ def simulate(
     >>> motion.verdict.kind, motion.status.ok
     ('hunting', True)
     """
-    if isinstance(servo, Loop) and model is not None:
-        raise InputError(f"model = {model!r}: must be left out, a loop has its friction as a part")
     loop = loop_asked(servo, model, gain)
     sensible("time", time, power=COMPUTED)
     tol = number("tol", tol)

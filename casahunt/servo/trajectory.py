@@ -20,11 +20,10 @@ from ..errors import InputError, Status
 from ..export import Columns
 from ..motion import Motion
 from ..results import Result
-from .friction import Model
 from .outcome import Outcome
 from .parts.ahead import Moved, ahead
 from .parts.loop import Loop
-from .parts.lugre import LUGRE
+from .parts.plain_loop import LoopResult
 
 Array = np.ndarray
 
@@ -66,7 +65,7 @@ class Happening(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Result):
+class Trajectory(LoopResult):
     """A simulated motion.
 
     Attributes
@@ -115,21 +114,6 @@ class Trajectory(Result):
     status: Status
     ended: str
     wall_s: float
-
-    @property
-    def model(self) -> Model:
-        """The friction model."""
-        return "lugre" if LUGRE in self.loop.present else "switch"
-
-    @property
-    def gain(self) -> float:
-        """K [V/rad]."""
-        return self.loop.value("gain")
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """The names of the loop's parts."""
-        return tuple(part.name for part in self.loop.present)
 
     @property
     def error_estimate(self) -> float:

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli
-from casahunt.servo.basin import Trial, _Motions, basin, let_go, stick_position
+from casahunt.servo.basin import Trial, _Motions, _of_a_loop, basin, let_go, stick_position
 from casahunt.servo.parts import (
     BY_DIRECTION,
     DEAD_BAND,
@@ -147,10 +147,11 @@ def two_masses(loop: Loop, a: float) -> float:
 @pytest.mark.slow
 def test_a_loop_of_one_inertia_has_the_border_of_its_servo():
     """By motions alone, against the unstable cycle in 34 digits; on both sides, as friction is the same on both."""
-    found = basin(loop_of(Servo(), "switch", 0.4))
+    found = _of_a_loop(loop_of(Servo(), "switch", 0.4), Options())
     assert found.border == pytest.approx(UNSTABLE["switch"][0.4]["amplitude"], rel=found.error_estimate + 1e-6)
     assert found.confirmed and found.side == -1 and found.outer.amplitude > found.border
-    bristles = basin(loop_of(Servo(), "lugre", 0.4))  # where it stands differs by what it has crept on the cycle
+    # with bristles, where it stands differs by what it has crept on the cycle
+    bristles = _of_a_loop(loop_of(Servo(), "lugre", 0.4), Options())
     assert bristles.border == pytest.approx(basin(Servo(), "lugre", 0.4).border, rel=2e-4)
 
 
@@ -195,7 +196,7 @@ def test_friction_by_direction_is_looked_at_on_both_sides():
 def test_what_settles_from_nowhere_or_everywhere(capsys, tmp_path, monkeypatch):
     """Below the fold gain the servo hunts, above it comes to rest from every start."""
     path = tmp_path / "loop.toml"
-    parts = '[loop]\nparts = ["one inertia", "Switch friction", "PID by times", "integrator"]\n[values]\n'
+    parts = '[loop]\nparts = ["one inertia", "Switch friction", "PID by times", "integrator", "loads"]\n[values]\n'
     path.write_text(f"{parts}gain = 0.7\n")
     assert cli.main(["basin", str(path)]) == 1
     assert "comes to rest from each of 13 starts" in " ".join(capsys.readouterr().err.split())
@@ -207,6 +208,13 @@ def test_what_settles_from_nowhere_or_everywhere(capsys, tmp_path, monkeypatch):
     assert "motions from rest" in " ".join(capsys.readouterr().out.split())
     monkeypatch.setattr(_Motions, "follow", lambda _, x1: Trial(abs(x1), np.array([abs(x1)]), "hunting"))
     with pytest.raises(NoOrbit, match=r"no border of coming to rest .* of 19 starts at rest, .*, 19 hunt"):
-        basin(loop_of(Servo(), "switch", 0.5))
-    with pytest.raises(InputError, match="model, gain: must be left out"):
+        _of_a_loop(loop_of(Servo(), "switch", 0.5), Options())
+    with pytest.raises(InputError, match="a loop has its friction as a part"):
         basin(TWO, "switch", 0.1)
+
+
+def test_a_loop_that_is_a_servo_has_its_border():
+    for model in ("switch", "lugre"):
+        found, servo = basin(loop_of(Servo(), model, 0.4)), basin(Servo(), model, 0.4)
+        assert found.border == pytest.approx(servo.border, rel=found.error_estimate + servo.error_estimate)
+        assert found.unstable is not None and found.confirmed

@@ -10,9 +10,25 @@ from functools import cache
 import numpy as np
 import pytest
 
-from casahunt import InputError, NoOrbit, Servo, Status, Trajectory, cli, find_orbit, simulate
+from casahunt import (
+    InputError,
+    NoOrbit,
+    Servo,
+    Status,
+    Trajectory,
+    basin,
+    cli,
+    equilibria,
+    find_fold,
+    find_orbit,
+    simulate,
+)
+from casahunt.errors import ComesToRest
 from casahunt.motion.phases import MarchFailure
+from casahunt.servo import simulate as searching
+from casahunt.servo.other_end import other_end
 from casahunt.servo.parts import loop_of
+from casahunt.servo.parts.plain_loop import servo_of_loop
 from casahunt.servo.simulate import _Runs
 from problems import taylor
 
@@ -290,12 +306,49 @@ def test_wrong_input(model, gain, more, words):
 
 
 def test_a_servo_without_its_friction_model_or_gain_says_how_it_is_asked():
-    for verb in (simulate, find_orbit):
+    loop = loop_of(TABLE_1, "switch", 0.1)
+    for verb in (simulate, find_orbit, basin, equilibria):
         for asked in ((), ("switch",), (None, 0.1)):
             with pytest.raises(InputError, match=r'must be given with a Servo, such as \(servo, "switch", 0.04\)'):
                 verb(TABLE_1, *asked)
+        with pytest.raises(InputError, match="a loop has its friction as a part"):
+            verb(loop, "lugre")
     with pytest.raises(InputError, match="a loop has its friction as a part"):
-        simulate(loop_of(TABLE_1, "switch", 0.1), "lugre")
+        find_fold(loop, "lugre")
+    for wrong in ({"vary": "static"}, {"start": {"x1": -0.1}}):
+        with pytest.raises(InputError, match="vary, start: must be left out with a Servo"):
+            find_orbit(TABLE_1, "switch", 0.1, **wrong)
+
+
+def test_a_loop_whose_numbers_no_servo_has_is_none():
+    """Without integral action it stops where kp |x1| is below static friction, for good."""
+    loop = loop_of(TABLE_1, "switch", 0.04).replace(ki=0.0)
+    assert servo_of_loop(loop) is None and servo_of_loop(loop.replace(ki=1.0)) is not None
+    found = simulate(loop, time=20.0)
+    kp = TABLE_1.torque_gains(0.04)[0]
+    assert found.verdict.kind == "at rest" and kp * abs(found.end[0]) < 0.53 and other_end(found) is None
+    with pytest.raises(ComesToRest):
+        find_orbit(loop)
+
+
+def test_two_runs_that_are_two_motions_know_no_time(monkeypatch, capsys):
+    """The finer runs begin elsewhere: events without a partner, and states that differ."""
+    real, runs = _Runs.__call__, []
+
+    def elsewhere(self, tau):
+        runs.append(tau)
+        other = _Runs(self.loop, {**self.start, "x1": self.start["x1"] * (1 - 0.3 * (len(runs) % 2))}, self.time)
+        return real(other, tau)
+
+    monkeypatch.setattr(_Runs, "__call__", elsewhere)
+    found = simulate(TABLE_1, "switch", 0.04, time=20.0)
+    assert found.status is Status.TOLERANCE_NOT_REACHED and found.end_error > 1e-3 and found.time_error > 1e-3
+    assert cli.main(["simulate", "--gain", "0.04", "--time", "20", "--quiet"]) == 1
+    assert "not to the tolerance" in capsys.readouterr().err
+    monkeypatch.setattr(searching, "_event_errors", lambda fine, coarse: np.full(len(fine[0]), np.nan))
+    assert simulate(TABLE_1, "switch", 0.04, time=20.0).time_error == math.inf
+    assert cli.main(["simulate", "--gain", "0.04", "--time", "20", "--quiet"]) == 1
+    assert "not even its sequence of events" in capsys.readouterr().err
 
 
 def test_a_march_that_fails_is_reported(monkeypatch):

@@ -115,7 +115,7 @@ def linear_loop(servo: Servo | Loop, gain: float | None = None) -> LinearLoop:
     """
     loop = open_loop(servo, gain)
     if isinstance(servo, Loop):
-        gain, (kp, kd, ki) = loop_asked(servo, "switch", gain).value("gain"), (math.nan,) * 3
+        gain, (kp, kd, ki) = loop_asked(servo, None, gain, usual="switch").value("gain"), (math.nan,) * 3
     else:
         assert gain is not None  # else the loop was not opened
         kp, kd, ki = servo.torque_gains(gain)

@@ -148,7 +148,7 @@ def margins(
         return margins_of(open_loop(servo, gain), require("delay", delay, at_least=0))
     if delay:
         raise InputError("delay: must be the drive's, Drive(delay=...)")
-    return _as_built(pulse_transfer(loop_asked(servo, "switch", gain), drive))
+    return _as_built(pulse_transfer(loop_asked(servo, None, gain, usual="switch"), drive))
 
 
 def _as_built(loop: PulseTransfer) -> Margins:

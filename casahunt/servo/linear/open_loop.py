@@ -87,7 +87,7 @@ def open_loop(servo: Servo | Loop, gain: float | None = None) -> OpenLoop:
     Raises InputError: a gain out of range, or a loop that is not linear.
     """
     if isinstance(servo, Loop):
-        found = open_loop_of_parts(loop_asked(servo, "switch", gain))
+        found = open_loop_of_parts(loop_asked(servo, None, gain, usual="switch"))
         if found is None:
             raise not_linear(servo)
         return found

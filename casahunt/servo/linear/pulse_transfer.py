@@ -30,7 +30,7 @@ from ..drive import Drive
 from ..parts.loop import Loop
 from ..parts.part import Part
 from ..sampled.as_run import as_run
-from ..sampled.controller import READ, RUN, numbers_of, sample_of
+from ..sampled.controller import NOT_FINITE, READ, RUN, numbers_of, sample_of
 from ..sampled.plant import plant_of
 from .open_loop import not_linear, slopes_of, smooth
 
@@ -124,6 +124,8 @@ def pulse_transfer(loop: Loop, drive: Drive) -> PulseTransfer:
     buffers.inputs[0][:] = list(numbers_of(run, drive).values())
     buffers.trigger()
     M, reads, torque, direct = (each.copy() for each in buffers.outputs)
+    if not all(np.isfinite(each).all() for each in (M, reads, torque, direct)):
+        raise InputError(f"{loop.name}: {NOT_FINITE}; there are no margins")
     M, torque, reads = _seen(M, torque, reads)
     return PulseTransfer(whole[:, :-1], held, c[:-1], M, reads, torque, direct, T, int(late))
 

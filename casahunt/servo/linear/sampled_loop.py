@@ -88,7 +88,7 @@ def as_continuous(servo: Servo, gain: float, drive: Drive) -> Servo:
     """The servo whose continuous loop moves as that of a drive at low frequencies.  Raises InputError: none does."""
     lag, K = lag_of(drive, servo), gain * servo.motor_gain
     s = np.exp(2j * np.pi * (np.arange(ON_THE_CIRCLE) + 0.5) / ON_THE_CIRCLE) / (3 * lag)
-    L = pulse_transfer(loop_asked(servo, "switch", gain), drive).response(-1j * s)
+    L = pulse_transfer(loop_asked(servo, None, gain, usual="switch"), drive).response(-1j * s)
     law = L * s**2 * (servo.inertia * s + servo.friction.viscous)
     ki, kp, kd, more = (float(np.mean(law / s**k).real) for k in range(4))
     if min(servo.inertia + more, kp) <= 0 or kd < 0:

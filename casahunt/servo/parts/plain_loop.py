@@ -10,6 +10,7 @@ from typing import Any
 
 from ...checks import COMPUTED, choice_of, sensible
 from ...errors import InputError
+from ...results import Result
 from ..controller import Pid, torque_gains_of
 from ..friction import MODELS, Model
 from ..servo import PID_PARAMETERS, Servo, a_servo, called, flatten, unflatten
@@ -66,14 +67,41 @@ def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
     return Loop(parts, {name: value for name, value in numbers.items() if name in wanted}, f"{model} servo")
 
 
-def loop_asked(servo: Servo | Loop, model: Model | None, gain: float | None) -> Loop:
+class LoopResult(Result):
+    """What is known of a loop: its friction model, its gain and its parts."""
+
+    loop: Loop
+
+    @property
+    def model(self) -> Model:
+        """The friction model: "lugre", or "switch" of any friction that is rigid."""
+        return "lugre" if LUGRE in self.loop.present else "switch"
+
+    @property
+    def gain(self) -> float:
+        """K [V/rad]."""
+        return self.loop.value("gain")
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names of the loop's parts."""
+        return tuple(part.name for part in self.loop.present)
+
+
+def loop_asked(
+    servo: Servo | Loop, model: Model | None, gain: float | None, *, usual: Model | None = None
+) -> Loop:
     """What is asked about as a loop: a servo with a friction model at a gain, or a loop at its own gain or another.
 
-    Raises InputError: it is neither, or model or gain are none.
+    usual: the model of a servo, where none is given. Raises InputError: it is neither, a servo without model or gain,
+    or a loop with a model.
     """
     if isinstance(servo, Loop):
+        if model is not None:
+            raise InputError(f"model = {model!r}: must be left out, a loop has its friction as a part")
         return servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
     a_servo(servo)
+    model = model or usual
     if model is None or gain is None:
         raise InputError(ASKED_ALONE)
     friction: Any = choice_of("model", model, MODELS)
@@ -81,13 +109,18 @@ def loop_asked(servo: Servo | Loop, model: Model | None, gain: float | None) -> 
 
 
 def servo_of_loop(loop: Loop) -> tuple[Servo, Model, float] | None:
-    """The servo that a loop is, its friction model and its gain; None where it has other parts."""
+    """The servo that a loop is, its friction model and its gain; None where it has other parts, or no servo has its
+    numbers, as without integral action."""
     model: Any = next((model for model, part in FRICTIONS.items() if part in loop.present), None)
     if model is None or {*by_gains(loop).present} != {INERTIA, FRICTIONS[model], PID_BY_GAINS, INTEGRATOR}:
         return None
     numbers = by_gains(loop).parameters
     keys = {key: name for key, name in zip(PID_KEYS, called(PID_KEYS), strict=True) if name in numbers}
-    return unflatten({key: numbers[name] for key, name in keys.items()}), model, numbers["gain"]
+    try:
+        servo = unflatten({key: numbers[name] for key, name in keys.items()})
+        return servo, model, sensible("gain", numbers["gain"], power=COMPUTED)
+    except InputError:
+        return None
 
 
 def by_gains(loop: Loop) -> Loop:

@@ -104,7 +104,7 @@ def as_built(servo: Servo | Loop, gain: float | None, drive: Drive) -> AsBuilt:
     >>> found.kind, round(found.dead_band, 5)  # rad: it hunts by counts
     ('hunting', 0.00173)
     """
-    loop = loop_asked(servo, "switch", gain)
+    loop = loop_asked(servo, None, gain, usual="switch")
     motions = motions_of(loop, drive)
     worst = max(motions, key=lambda motion: BY_SEVERITY.index(motion.verdict.kind))
     kind, count = worst.verdict.kind, len(motions)

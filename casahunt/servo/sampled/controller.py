@@ -57,6 +57,8 @@ RUN = ("sample_time", "trapezoid")
 """What these depend on, and the rules of the states, beside the parameters of the loop."""
 STUCK_AHEAD = 32, 128, 512
 """Samples of a stick that are looked at at once: at first, then, and from then on."""
+NOT_FINITE = "a part of the controller runs away within one sample, which no drive runs; give a shorter sample time"
+"""Said where the backward rule has no solution."""
 MOST_CHANGES = 8
 """Modes that end at one sample."""
 ON_ITS_EDGE = 1e-12
@@ -106,6 +108,11 @@ def _solved(J: ca.SX, r: ca.SX) -> ca.SX:
     for k in reversed(range(r.numel())):
         r[k] = (r[k] - sum(J[k, j] * r[j] for j in range(k + 1, r.numel()))) / J[k, k]
     return r
+
+
+def _check_finite(value: float) -> None:
+    if not math.isfinite(value):
+        raise InputError(f"controller: {NOT_FINITE}")
 
 
 @kept(maxsize=256)
@@ -164,25 +171,6 @@ def numbers_of(loop: Loop, drive: Drive) -> dict[str, float]:
     """What a sample depends on: the parameters of the loop, and those of its rules."""
     rules = drive.sample_time, float(drive.integration == "trapezoid")
     return loop.parameters | dict(zip(RUN, rules, strict=True))
-
-
-class LinearMap(NamedTuple):
-    """Y -> M Y + c by M's factors and directions: (m,) what is there of each, what each is driven by, and whether that
-    drives one that stays for ever; u = row Y + at_zero."""
-
-    factors: Array
-    directions: Array
-    there: Array
-    drive: Array
-    driven: Array
-    row: Array
-    at_zero: float
-
-    @property
-    def last(self) -> Array:
-        """Where each goes."""
-        stays = self.factors == 1
-        return np.where(stays, self.there, self.drive / np.where(stays, 1, 1 - self.factors))
 
 
 class Controller:
@@ -256,6 +244,7 @@ class Controller:
         self.Y[:] = self._out[0]
         self.a, self.moved = a, moved
         u = float(self._out[1][0])
+        _check_finite(u)
         return self._to_step(u) if self.step else u
 
     def _changes(self) -> bool:
@@ -311,27 +300,16 @@ class Controller:
         """Whether the next sample reads what the last one did, and the one before."""
         return not self.moved and self.reading(x) == self.a
 
-    def _map(self) -> LinearMap | None:
-        """How Y goes on while the reading stays; None where it is not linear, or its directions nearly dependent."""
-        if self.modes not in self._directions:
-            self._directions[self.modes] = self._directions_of_the_map()
-        if (known := self._directions[self.modes]) is None:
-            return None
-        factors, directions, inverse, row = known
-        self._from[:], self._read[:], self._p[:] = 0.0, (self.a, self.a, 0.0, 0.0), self.p
-        self._run()
-        there, drive = inverse @ self.Y, inverse @ self._out[0]
-        driven = (factors == 1) & (np.abs(drive) > ONCE_MORE * np.abs(drive).max())
-        return LinearMap(factors, directions, there, drive, driven, row, float(self._out[1][0]))
-
     def _directions_of_the_map(self) -> tuple[Array, Array, Array, Array] | None:
-        """(factors, directions, their inverse, row of u) of the map in these modes."""
+        """(factors, directions, their inverse, row of u) of Y -> M Y + c in these modes while the reading stays; None
+        where that is not linear, or its directions are nearly dependent."""
         if self._compiled.linear is None:
             return None
         buffers = self._compiled.linear.buffers
         for store, value in zip(buffers.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
             store[:] = value
         buffers.trigger()
+        _check_finite(float(buffers.outputs[0].sum()))
         factors, directions = np.linalg.eig(buffers.outputs[0])
         if np.linalg.cond(directions) > MAP_CONDITION:
             return None
@@ -367,16 +345,24 @@ class Controller:
 
     def stays_within(self, low: float, high: float) -> bool:
         """Whether u stays between two limits for ever if the reading stays."""
-        linear = self._map()
-        if linear is None or linear.driven.any():
+        if self.modes not in self._directions:
+            self._directions[self.modes] = self._directions_of_the_map()
+        if (known := self._directions[self.modes]) is None:
+            return False
+        factors, directions, inverse, row = known
+        self._from[:], self._read[:], self._p[:] = 0.0, (self.a, self.a, 0.0, 0.0), self.p
+        self._run()
+        there, drive = inverse @ self.Y, inverse @ self._out[0]  # along each direction, and what it is driven by
+        stays = factors == 1
+        if np.any(stays & (np.abs(drive) > ONCE_MORE * np.abs(drive).max())):
             return False
         self._from[:] = self.Y
         self._run()
         now, events = float(self._out[1][0]), self._out[2].copy()
-        last, factors = linear.last, linear.factors
-        dies = (linear.row @ linear.directions) * (linear.there - last)
-        lasting = (np.abs(factors) >= 1) & (factors != 1) & (np.abs(dies) > 0)
-        if lasting.any() or not self._same_modes(np.real(linear.directions @ last), events):
+        last = np.where(stays, there, drive / np.where(stays, 1, 1 - factors))
+        dies = (row @ directions) * (there - last)
+        lasting = (np.abs(factors) >= 1) & ~stays & (np.abs(dies) > 0)
+        if lasting.any() or not self._same_modes(np.real(directions @ last), events):
             return False
         one_way = (np.imag(factors) == 0) & (np.real(factors) >= 0)
         parts, steady = np.real(dies), now - float(np.real(dies.sum()))

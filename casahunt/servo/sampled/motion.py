@@ -18,13 +18,12 @@ import numpy as np
 from ...checks import COMPUTED, moderate, of_kind, sensible
 from ...errors import InputError
 from ...export import Columns
-from ...results import Result
 from ..drive import Drive
 from ..friction import Model
 from ..outcome import Outcome
 from ..parts.loop import Loop
 from ..parts.lugre import LUGRE
-from ..parts.plain_loop import loop_asked
+from ..parts.plain_loop import LoopResult, loop_asked
 from ..servo import Servo
 from ..simulate import start_of
 from ..trajectory import told_first
@@ -43,7 +42,7 @@ FAR_AWAY = 1e3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SampledMotion(Result):
+class SampledMotion(LoopResult):
     """The motion of the loop as built.
 
     Attributes
@@ -86,21 +85,6 @@ class SampledMotion(Result):
     rests_since: float
     far: bool
     wall_s: float
-
-    @property
-    def model(self) -> Model:
-        """The friction model."""
-        return "lugre" if LUGRE in self.loop.present else "switch"
-
-    @property
-    def gain(self) -> float:
-        """K [V/rad]."""
-        return self.loop.value("gain")
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """The names of the loop's parts."""
-        return tuple(part.name for part in self.loop.present)
 
     @property
     def duration(self) -> float:
@@ -190,7 +174,7 @@ def _check_stops(model: str, drive: Drive) -> None:
 
 
 def simulate_sampled(
-    servo: Servo | Loop, gain: float | None = None, drive: Drive | None = None, *, model: Model = "switch",
+    servo: Servo | Loop, gain: float | None = None, drive: Drive | None = None, *, model: Model | None = None,
     set_point: float = 1.0, time: float = 100.0, position: float = 0.0, velocity: float = 0.0, integral: float = 0.0,
     bristle: float = 0.0, start: Mapping[str, float] | None = None,
 ) -> SampledMotion:  # fmt: skip
@@ -201,7 +185,7 @@ def simulate_sampled(
     servo, gain, drive
         the servo, its gain > 0, and its drive; or a loop of parts, which says its gain itself.
     model
-        of a servo: "switch" or "lugre", whose sticks are followed sample by sample.
+        of a servo: "switch", the default, or "lugre", whose sticks are followed sample by sample.
     set_point
         theta_d [rad]; where it lies between two counts of the encoder the error that is read is never 0.
     time
@@ -232,7 +216,7 @@ def simulate_sampled(
     """
     drive = of_kind("drive", drive, Drive, "such as Drive(sample_time=1e-3, encoder=2000)")
     sensible("time", time, power=COMPUTED)
-    loop = loop_asked(servo, model, gain)
+    loop = loop_asked(servo, model, gain, usual="switch")
     _check_stops("lugre" if LUGRE in loop.present else "switch", drive)
     theta_d, given = moderate("set_point", set_point), {"velocity": velocity, "integral": integral, "bristle": bristle}
     return followed(loop, drive, theta_d, time, start_of(loop, theta_d, position, given, start))

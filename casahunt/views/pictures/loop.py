@@ -84,7 +84,7 @@ def bode(
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
     if drive is not None:
-        built = [loop_asked(whose, "switch", gain) for whose, gain in each]
+        built = [loop_asked(whose, None, gain, usual="switch") for whose, gain in each]
         handles += _as_built(built, drive, omega[omega <= last], l_size, l_phase)
     if not isinstance(servo, Loop):
         phases[0].semilogx(omega, _degrees(servo.controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)

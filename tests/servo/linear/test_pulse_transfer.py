@@ -9,11 +9,12 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import cont2discrete, tf2ss
 
-from casahunt import Drive, InputError, Servo, margins
+from casahunt import Drive, InputError, Servo, margins, simulate_sampled
 from casahunt.servo.linear.pulse_transfer import gain_in, pulse_transfer
 from casahunt.servo.parts import (
     CLAMPING,
     DEAD_BAND,
+    INERTIA,
     INTEGRATOR,
     LOAD_SWITCH,
     NO_FRICTION,
@@ -26,6 +27,7 @@ from casahunt.servo.parts import (
     Part,
     loop_of,
     series,
+    state_space,
     transfer_function,
 )
 
@@ -252,3 +254,12 @@ def test_the_gain_of_a_map_is_its_exponential_less_one(t):
         found, exact = gain_in(A, t), expm(A * t) - np.eye(5)
         assert np.abs(found - exact).max() < 1e-12 * max(1, np.abs(exact).max())
         assert not found[:, 0].any()
+
+
+def test_a_part_that_runs_away_within_a_sample_is_refused():
+    """x' = x/T: by the backward rule (1 - 1) x = x, which has no solution."""
+    runs_away = state_space([[1000.0]], [[1.0]], [[6.28]], 2.0)
+    loop, drive = Loop((INERTIA, SWITCH, runs_away), {"gain": 0.04}), Drive(sample_time=1e-3)
+    for verb in (lambda: margins(loop, drive=drive), lambda: simulate_sampled(loop, drive=drive, time=0.1)):
+        with pytest.raises(InputError, match="runs away within one sample"):
+            verb()
