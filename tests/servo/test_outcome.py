@@ -85,6 +85,15 @@ def test_a_stuck_servo_is_judged_by_where_it_breaks_away_to():
     assert abs(taylor.switch_half_cycle(corner, gain, 1e-4)[0]) < 1e-4
 
 
+def test_a_motion_that_ends_in_the_kink_of_its_bristles_goes_on_beside_it():
+    """At rest: |x2| as it is takes ever shorter steps there."""
+    motion = simulate(TABLE_1, "lugre", 0.5, position=0.9995)
+    loop, (times, states) = motion.loop, motion.motion.sample(1)
+    errors = np.zeros(len(states))
+    for mode in ("", "slide"):
+        assert ahead(loop, Moved(times, states, errors, mode)).kind == "at rest"
+
+
 def test_rounding_is_not_judged():
     """A servo that creeps to its set point leaves positions of 1e-18 rad, which grow or shrink by rounding."""
     found = simulate(TABLE_1, "switch", 0.7721022688090521, set_point=0.1, time=51.56885110479699).verdict

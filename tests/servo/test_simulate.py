@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -264,6 +265,7 @@ def test_the_regulator_task_ends_in_the_limit_cycle(orbit, model):
 def test_verdicts(servo, model, gain, kind, more):
     found = simulate(servo, model, gain, **more)
     assert found.status.ok
+    assert bool(found.ended) == (kind == "growing")  # then it is not followed to the end
     assert found.verdict.kind == kind, found.verdict.sentence
     assert found.verdict.sentence
 
@@ -329,6 +331,24 @@ def test_a_loop_whose_numbers_no_servo_has_is_none():
     assert found.verdict.kind == "at rest" and kp * abs(found.end[0]) < 0.53 and other_end(found) is None
     with pytest.raises(ComesToRest):
         find_orbit(loop)
+
+
+def test_a_motion_is_cut_short_only_where_it_is_seen_to_grow(monkeypatch):
+    """Asked at every event, a motion that hunts or rests goes on; and one of two runs cut short is no other's error."""
+    monkeypatch.setattr(searching, "THROWN_OUT", 1e-3)
+    for gain in (0.04, 0.8):
+        found = simulate(TABLE_1, "switch", gain, time=20.0)
+        assert found.ended == "" and found.duration == 20.0
+    monkeypatch.undo()
+    real, runs = _Runs.__call__, []
+
+    def one_cut(self, tau):
+        runs.append(tau)
+        return replace(real(self, tau), ended="" if len(runs) % 2 else "cut short")
+
+    monkeypatch.setattr(_Runs, "__call__", one_cut)
+    found = simulate(TABLE_1, "switch", 0.04, time=5.0)
+    assert found.end_error == math.inf and found.status is Status.TOLERANCE_NOT_REACHED
 
 
 def test_two_runs_that_are_two_motions_know_no_time(monkeypatch, capsys):

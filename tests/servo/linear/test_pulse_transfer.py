@@ -260,6 +260,10 @@ def test_a_part_that_runs_away_within_a_sample_is_refused():
     """x' = x/T: by the backward rule (1 - 1) x = x, which has no solution."""
     runs_away = state_space([[1000.0]], [[1.0]], [[6.28]], 2.0)
     loop, drive = Loop((INERTIA, SWITCH, runs_away), {"gain": 0.04}), Drive(sample_time=1e-3)
-    for verb in (lambda: margins(loop, drive=drive), lambda: simulate_sampled(loop, drive=drive, time=0.1)):
+    for verb in (
+        lambda: margins(loop, drive=drive),
+        lambda: simulate_sampled(loop, drive=drive, time=0.1),
+        lambda: simulate_sampled(loop, drive=drive, time=0.1, velocity=1.0),  # it is not asked first whether it rests
+    ):
         with pytest.raises(InputError, match="runs away within one sample"):
             verb()
