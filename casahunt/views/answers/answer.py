@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from ...checks import error_text, to_absolute_error, to_error
 from ...orbits import Orbit
+from ...servo.parts.loop import Loop
 
 PLAIN_DIGITS = 4
 """Digits of a number in a plain line."""
@@ -33,6 +34,16 @@ class Answer(NamedTuple):
 def item(label: str, text: str) -> str:
     """A line with its label."""
     return f"  {label:15s}  {text}"
+
+
+def called(loop: Loop) -> str:
+    """What a loop is called; a file gives it no name."""
+    return "loop" if loop.name == Loop.name else loop.name
+
+
+def parts_of(loop: Loop) -> list[str]:
+    """The line of its parts, of a loop of a file."""
+    return [item("parts", ", ".join(part.name for part in loop.present))] if loop.name == Loop.name else []
 
 
 def short(x: float, error: float = 0.0) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from ...checks import error_text, to_error
 from ...servo.basin import Basin, Trial
 from ...servo.outcome import Kind
-from .answer import Answer, angle, complex_text, item, short
+from .answer import Answer, angle, called, complex_text, item, parts_of, short
 
 ENDS: dict[Kind, str] = {
     "at rest": "it came to rest", "decaying": "it came to rest", "hunting": "it hunted on",
@@ -20,14 +20,12 @@ POSITIONS_SHOWN = 6
 """Positions of a motion that are shown, at most."""
 
 
-def basin_answer(found: Basin, tol: float, count: float = 0.0, parts: str = "") -> Answer:
+def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
     """What is said of a border.
 
-    tol: to which the positions of the two motions are known; count: of the encoder [rad], 0 without one; parts: the
-    line of them, of a loop of parts.
+    tol: to which the positions of the two motions are known; count: of the encoder [rad], 0 without one.
     """
-    title = "loop" if parts else f"{found.model} servo"
-    title, border = f"{title} at gain {found.gain:.10g} V/rad", angle(found.border, found.error_estimate)
+    title, border = f"{called(found.loop)} at gain {found.gain:.10g} V/rad", angle(found.border, found.error_estimate)
     unseen = found.border < count
     if found.confirmed:
         head = f"{title}: where it sticks within {border} of the set point it comes to rest, a little farther away it "
@@ -37,7 +35,7 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0, parts: str = "") 
     else:
         head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
         means = item("what it means", "nearer and farther the servo may come to rest or hunt")
-    plain = [head, *([parts] if parts else []), means]
+    plain = [head, *parts_of(found.loop), means]
     plain += [item("farther away", _outer(found)), item("tried", _tried(found))]
     if unseen:
         counts = f"that distance is {short(found.border / count)} counts of the encoder"

@@ -6,21 +6,17 @@ import math
 from collections.abc import Iterator
 
 from ...servo.equilibria import PROVES, Equilibria
-from .answer import Answer, angle, item, short
+from .answer import Answer, angle, called, item, parts_of, short
 
 NO_LIMIT = "no limit"
 AT_THE_SET_POINT = 1e-9
 """Of a servo that stands as near to its set point as that [rad], it stands there."""
 
 
-def equilibria_answer(found: Equilibria, parts: str = "") -> Answer:
-    """What is said of the equilibria at a gain.
-
-    parts: the line of them, of a loop of parts.
-    """
-    title = "loop" if parts else f"{found.model} servo"
+def equilibria_answer(found: Equilibria) -> Answer:
+    """What is said of the equilibria at a gain."""
     low, high = found.ranges.get("x1", (math.nan, math.nan))
-    plain = [f"{title} at gain {found.gain:.10g} V/rad: {_where(low, high)}", *([parts] if parts else [])]
+    plain = [f"{called(found.loop)} at gain {found.gain:.10g} V/rad: {_where(low, high)}", *parts_of(found.loop)]
     if math.isfinite(found.integral_limit):
         plain.append(item("there", f"with any integral of the error up to {short(found.integral_limit)} rad s"))
     elif "torque" in found.ranges:

@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ...servo.parts.loop import Loop
-from .answer import Answer, angle, item, short
-from .simulate import HEADS, called
+from .answer import Answer, angle, called, item, parts_of, short
+from .simulate import HEADS
 
 if TYPE_CHECKING:
     from ...servo.drive import Drive
@@ -35,8 +34,7 @@ def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     name = f"{called(found.loop)} as built at gain {found.gain:.10g} V/rad"
     yield f"{name}, set point {found.set_point:.10g} rad, {found.duration:.10g} s: {HEADS[verdict.kind]}"
     yield item("because", verdict.sentence)
-    if found.loop.name == Loop.name:
-        yield item("parts", ", ".join(found.parts))
+    yield from parts_of(found.loop)
     yield item("drive", "; ".join(drive_said(found.drive)))
     if verdict.kind == "hunting":
         low, high = found.readings

@@ -10,10 +10,9 @@ import numpy as np
 from ...checks import error_text, to_absolute_error, to_error
 from ...servo.other_end import OtherEnd
 from ...servo.outcome import SETTLES, Outcome
-from ...servo.parts.loop import Loop
 from ...servo.simulate import NAMED
 from ...servo.trajectory import Trajectory
-from .answer import Answer, angle, item, rhythm, short, within
+from .answer import Answer, angle, called, item, parts_of, rhythm, short, within
 
 HEADS = {
     "hunting": "hunting",
@@ -59,17 +58,11 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
         yield item("other starts", elsewhere(other, found.duration))
     elif seen.kind in SETTLES:
         yield item("other starts", NOT_LOOKED_AT)
-    if found.loop.name == Loop.name:
-        yield item("parts", ", ".join(found.parts))
+    yield from parts_of(found.loop)
     end = [f"{_near(found)} the set point", f"velocity {within(found.end[1], found.state_errors[1])} rad/s"]
     yield item("at the end", ", ".join([*end, *_others(found)]))
     by = "" if math.isnan(found.peak_voltage) else f", by {short(found.peak_voltage)} V"
     yield item("largest torque", f"{short(found.peak_torque)} N m{by}")
-
-
-def called(loop: Loop) -> str:
-    """What a loop is called; a file gives it no name."""
-    return "loop" if loop.name == Loop.name else loop.name
 
 
 def _others(found: Trajectory) -> Iterator[str]:

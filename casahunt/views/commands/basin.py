@@ -29,12 +29,10 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     how, offset, loop = how_of(options), finite("offset", options.offset), loop_of(options)
-    if loop is not None:
-        found = basin(loop, options=how, offset=offset)
-    else:
-        found = basin(servo_of(options), model_of(options), gain_of(options), options=how, offset=offset)
+    asked: Any = (loop,) if loop else (servo_of(options), model_of(options), gain_of(options))
+    found = basin(*asked, options=how, offset=offset)
     drive = drive_of(options)
-    answer = basin_answer(found, how.tol, drive.count if drive else 0.0, shared.parts_line(loop) if loop else "")
+    answer = basin_answer(found, how.tol, drive.count if drive else 0.0)
     record = found.to_dict(table=False) | (shared.record_of(loop) if loop else {})
     give(options, record, answer, table=tables_of([found]), picture=("basin.basin", found))
     if not found.confirmed:

@@ -26,6 +26,5 @@ def run(options: argparse.Namespace) -> int:
     loop = loop_of(options)
     found = equilibria(loop) if loop else equilibria(servo_of(options), model_of(options), gain_of(options))
     record = found.to_dict(table=False) | (shared.record_of(loop) if loop else {})
-    answer = equilibria_answer(found, shared.parts_line(loop) if loop else "")
-    give(options, record, answer, table=tables_of([found]), picture=("equilibria.equilibria", found))
+    give(options, record, equilibria_answer(found), table=tables_of([found]), picture=("equilibria.equilibria", found))
     return 0
