@@ -1,11 +1,10 @@
 """Public functions say what they take, return and raise: the rules of the house that numpydoc alone cannot say.
 
 Public is what stands in the `__all__` of the package, of a room of the engine or of `casahunt.servo.parts`, and the
-methods of such classes; of problems/ what
-all its files share (gallery.py).  `numpydoc lint` (pyproject.toml) checks every Parameters section that is there: its
-names, their order, their meanings.  Whether a section must be there depends on the function: one that takes several
-things has all sections, one that takes one or none may say in a sentence what it returns.  All others say in a sentence
-what they do, and shapes in a line.
+methods of such classes; of problems/ what all its files share (gallery.py). `numpydoc lint` (pyproject.toml), which
+is run here, checks every Parameters section that is there: its names, their order, their meanings. Whether a section
+must be there depends on the function: one that takes several things has all sections, one that takes one or none may
+say in a sentence what it returns. All others say in a sentence what they do, and shapes in a line.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
-from numpydoc.hooks.validate_docstrings import AstValidator
+from numpydoc.hooks.validate_docstrings import AstValidator, run_hook
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted(path for folder in ("casahunt", "problems") for path in (ROOT / folder).rglob("*.py"))
@@ -104,6 +103,10 @@ def faults(path: Path) -> Iterator[tuple[str, ast.FunctionDef, str]]:
 
 def test_public_functions_say_what_they_take_return_and_raise():
     assert not [f"{path.stem}.{name}: {said}" for path in SOURCES for name, _, said in faults(path)]
+
+
+def test_sections_agree_with_signatures():
+    assert run_hook([str(path) for path in SOURCES], config=ROOT) == 0  # what `numpydoc lint` prints
 
 
 def test_other_functions_say_it_in_a_sentence():

@@ -150,10 +150,12 @@ def follow_for(
         collocation scheme.
     duration
         how long [s].
-    tol, most
-        error of an interval, relative to the sizes; how many there may be.
+    tol
+        error of an interval, relative to the sizes.
     until
         called with every phase; True ends the motion.
+    most
+        how many intervals there may be.
 
     Returns
     -------
