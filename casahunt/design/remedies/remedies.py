@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -79,6 +80,7 @@ def remedies(
     uncertainty: Uncertainty | None = None,
     options: Options | None = None,
     progress: Callable[[Cure], None] | None = None,
+    executor: Executor | None = None,
 ) -> Cures:
     """What stops the hunting: the smallest size of each remedy, and its price.
 
@@ -99,6 +101,9 @@ def remedies(
         tolerance of the sizes; default 1e-8.
     progress
         called with every row as it is found.
+    executor
+        any concurrent.futures.Executor, such as a ProcessPoolExecutor (spawn), to which the rows are shared out;
+        default: one after the other.
 
     Returns
     -------
@@ -121,11 +126,12 @@ def remedies(
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     require("margin", margin, above=0, at_most=LARGER_SIZES[-1])
     asked = _asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin)
+    tasks = [(asked, remedy.name, misfit) for remedy, misfit in _looked_at(asked, wanted)]
     rows = []
-    for remedy, misfit in _looked_at(asked, wanted):
-        rows.append(Cure(remedy.name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy))
-        if progress is not None:
-            progress(rows[-1])
+    for row in (executor.map if executor else map)(_row_of, tasks):
+        rows.append(row)
+        if progress:
+            progress(row)
     loop, swing = asked.loop, asked.swing
     rows.sort(key=_price(task(loop, swing, 0.0).peak_torque, swing))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
@@ -224,6 +230,13 @@ def _price(today: float, hunting: Swing) -> Callable[[Cure], tuple[bool, float]]
         return not row.ends_hunting, price if math.isfinite(price) else math.inf
 
     return of
+
+
+def _row_of(task: tuple[_Asked, str, str]) -> Cure:
+    """One remedy, by its name, found and priced where it fits."""
+    asked, name, misfit = task
+    remedy = remedy_of(name, asked.model)
+    return Cure(name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy)
 
 
 def _row(asked: _Asked, remedy: Remedy) -> Cure:

@@ -12,8 +12,11 @@ A part is made once, in a module, and compared by identity; numbers are those of
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
+from pickle import PicklingError
 from typing import Any
 
 Function = Callable[[Any, Any, Any], Any]
@@ -156,3 +159,27 @@ class Part:
 
     def __repr__(self) -> str:
         return f"<Part: {self.name}>"
+
+    @property
+    def root(self) -> tuple[Any, Any]:
+        """Where it stands: (module, name there), or (maker, arguments).
+
+        Raises
+        ------
+        PicklingError : it is no global of a module, and does not say how it is made.
+        """
+        if self.made_by is not None:
+            return self.made_by
+        for module in list(sys.modules.values()):
+            for name, value in list(vars(module).items()) if hasattr(module, "__dict__") else ():
+                if value is self:
+                    return module.__name__, name
+        raise PicklingError(f"the part {self.name!r} cannot be sent: it must be a global of a module")
+
+    def __reduce__(self) -> Any:
+        return part_at, self.root
+
+
+def part_at(first: Any, second: Any) -> Any:
+    """The part that stands at a root."""
+    return getattr(import_module(first), second) if isinstance(first, str) else first(*second)

@@ -29,23 +29,23 @@ from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.parts.plain_loop import loop_of
-from ...servo.parts.table import remedy_name
 from ...servo.sampled.check import AsBuilt
 from ..answers.answer import Answer
 from ..evidence.cure_page import TITLE, cure_page
 from ..evidence.record import made
 from . import identify as identification
-from .arguments import add_command, add_out, drive_of, how_of, positive
+from .arguments import add_command, add_out, drive_of, how_of
 from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
+from .pool import processes
 from .progress import progress, tell
 from .remedies import (
-    DEMANDS,
     add_demands,
     advice_of,
     as_it_is_found,
     built_lines,
+    demands_of,
     fails_as_built,
     none_within,
     remedies_as_built,
@@ -80,8 +80,7 @@ def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
     began, (fit, read) = time.perf_counter(), identification.fit_of(options)
     how, stream = how_of(options), progress(options)
-    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
-    names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
+    names, limits, jobs = demands_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
@@ -92,10 +91,11 @@ def run(options: argparse.Namespace) -> int:
     say_what_is_left_out(options, found.servo, found.uncertainty)
     tell(stream, "computing the fold")
     fold = _fold(found, how)
-    cures = remedies(
-        found.servo, found.model, gain, only=names, options=how, uncertainty=found.uncertainty,
-        progress=lambda row: tell(stream, as_it_is_found(row)), **limits,
-    )  # fmt: skip
+    with processes(jobs) as pool:
+        cures = remedies(
+            found.servo, found.model, gain, only=names, options=how, uncertainty=found.uncertainty,
+            progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **limits,
+        )  # fmt: skip
     built = remedies_as_built(options, cures, loop_of(found.servo, "switch", gain))
     cures = that_holds(cures, built, limits, of_a_set=True)
     suspect, doubt = identification.suspected(options, found), _doubt(found)

@@ -40,6 +40,7 @@ from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
+from .pool import jobs_of, processes
 from .progress import progress, tell
 from .sampled import checked_lines
 from .uncertain import uncertainty_of
@@ -96,6 +97,14 @@ def add_demands(command: Any) -> None:
     command.add_argument(
         "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
     )
+    command.add_argument("--jobs", metavar="J", help="processes, to which remedies are shared out (default: all cores)")
+
+
+def demands_of(options: argparse.Namespace) -> tuple[list[str], dict[str, float], int]:
+    """The remedies that are looked at, none for all; what they may cost; and in how many processes."""
+    names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
+    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
+    return names, limits, min(jobs_of(options), len(names) or len(REMEDY_NAMES))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -104,17 +113,17 @@ def run(options: argparse.Namespace) -> int:
     loop = loop_of(options)
     if loop is not None:
         left_out(options, "of a loop of parts it is not known", "uncertainty")
-    names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
-    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
+    names, limits, jobs = demands_of(options)
     margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
     uncertainty = uncertainty_of(options, servo)
 
     def computed() -> Cures:
-        return remedies(
-            loop or servo, None if loop else model, None if loop else gain, only=names, options=how,
-            uncertainty=uncertainty, margin=margin,
-            progress=lambda row: tell(stream, as_it_is_found(row)), **limits,
-        )  # fmt: skip
+        with processes(jobs) as pool:
+            return remedies(
+                loop or servo, None if loop else model, None if loop else gain, only=names, options=how,
+                uncertainty=uncertainty, margin=margin,
+                progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **limits,
+            )  # fmt: skip
 
     def checked() -> tuple[Cures, dict[str, AsBuilt | str]]:
         found = computed()

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
-from concurrent.futures import BrokenExecutor
 from typing import Any
 
 import numpy as np
 
-from ... import effort, interrupts
+from ... import effort
 from ...design.uncertainty.samples import Samples, draw, sample
-from ...design.uncertainty.set import Uncertainty
 from ...design.uncertainty.summary import Summary, summary
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
 from ...errors import NoOrbit, Status
-from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.problem import HuntingFold
-from ...servo.servo import Servo
 from ..answers.uncertainty import uncertainty_answer
 from .arguments import add_command, count_of, how_of, model_of, servo_of
 from .console import orbit_line
 from .output import give
+from .pool import jobs_of, processes
 from .progress import progress, say, tell, teller
 from .uncertain import uncertainty_of
 
@@ -56,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     """
     began = time.perf_counter()
     model, how = model_of(options), how_of(options)
-    n, jobs = count_of("samples", options.samples, 1), count_of("jobs", options.jobs, 1)
+    n, jobs = count_of("samples", options.samples, 1), jobs_of(options)
     seed = count_of("seed", options.seed, 0)
     servo = servo_of(options)
     uncertainty = uncertainty_of(options, servo)
@@ -69,10 +65,11 @@ def run(options: argparse.Namespace) -> int:
     tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     tell(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
     told, since = teller(out), time.monotonic()
-    samples = _solved(
-        servo, model, uncertainty, n, seed, jobs, how, fold,
-        lambda i: told(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
-    )  # fmt: skip
+    with processes(jobs) as pool:
+        samples = sample(
+            servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold,
+            report=lambda i: told(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
+        )  # fmt: skip
     tell(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
     worst = worst_corner(
         servo,
@@ -120,40 +117,3 @@ def _record(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary
         "status": status.name.lower(),
         "wall_s": wall_s,
     }
-
-
-def _solved(
-    servo: Servo,
-    model: Any,
-    uncertainty: Uncertainty,
-    n: int,
-    seed: int,
-    jobs: int,
-    how: Options,
-    fold: HuntingFold,
-    report: Callable[[int], None],
-) -> Samples:
-    if jobs == 1:
-        return sample(servo, model, uncertainty, n, seed=seed, options=how, fold=fold, report=report)
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor
-
-    # Fresh interpreters: a forked one would inherit CasADi's state and whatever threads there are.
-    with interrupts.held():  # a semaphore that is only half there nobody would give back
-        spawn = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(jobs, mp_context=spawn, initializer=interrupts.serve)
-    done = False
-    try:
-        with interrupts.kept_from_children():
-            for _ in range(jobs):  # every task starts a process, as long as none is idle
-                pool.submit(int)
-        samples = sample(servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold, report=report)
-        done = True
-        return samples
-    except BrokenExecutor:
-        raise NoOrbit(
-            "a process that solves samples has died, perhaps for want of memory; take fewer --jobs",
-            Status.NOT_CONVERGED,
-        ) from None
-    finally:
-        pool.shutdown(wait=done, cancel_futures=True)  # an interrupt does not wait for what is under way

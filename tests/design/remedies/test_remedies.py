@@ -1,6 +1,8 @@
 """The smallest sizes that end hunting, against an independent stick map, and what the rows say."""
 
 import math
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
 
@@ -280,3 +282,15 @@ def test_a_servo_that_hunts_has_not_settled():
     assert step.kind == "hunting" and math.isnan(step.settling) and orbit.amplitude < 0.02
     calm = task(loop.replace(gain=0.8), Swing.of(orbit), 0.0)
     assert calm.kind in SETTLES and calm.settling > 0
+
+
+@pytest.mark.slow
+def test_rows_are_those_of_other_processes():
+    """To the last bit, told in the same order; and a row that does not fit is one wherever it is asked."""
+    only, told = ["leak", "gain", "dither"], []
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+        there = remedies(Servo(), "lugre", 0.3, only=only, progress=lambda row: told.append(row.name),
+                         executor=executor)  # fmt: skip
+    here = remedies(Servo(), "lugre", 0.3, only=only)
+    assert there.to_dict() == here.to_dict() and told == only
+    assert [row.kind for row in here.remedies].count("does not fit") == 1

@@ -182,14 +182,15 @@ def test_bristles_as_a_part():
 ])  # fmt: skip
 def test_a_loop_can_be_sent_to_another_process(parts):
     """Its lambdas by where they stand: the system that comes back is equal, and shares what is compiled."""
-    system = Loop(parts, {part.size: 0.1 for part in parts if part.size}).system
-    again = pickle.loads(pickle.dumps(system))
-    assert again == system and again.vector_form == system.vector_form
+    loop = Loop(parts, {part.size: 0.1 for part in parts if part.size})
+    again = pickle.loads(pickle.dumps(loop))
+    assert again.system == loop.system and again.system.vector_form == loop.system.vector_form
+    assert again.parameters == loop.parameters and [part.name for part in again.parts] == [part.name for part in parts]
 
 
 def test_a_part_that_nobody_finds_again_cannot_be_sent():
     with pytest.raises(pickle.PicklingError, match="the part 'leak' cannot be sent: it must be a global of a module"):
-        pickle.dumps(Loop((*PLAIN, replace(LEAK)), {"leak": 0.1}).system)
+        pickle.dumps(Loop((*PLAIN, replace(LEAK)), {"leak": 0.1}))
 
 
 def test_members_of_an_ensemble_are_those_of_other_processes():
