@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from .servo.linear.linear_loop import LinearLoop, linear_loop
     from .servo.linear.margins import Margins, margins
     from .servo.lopsided import with_lopsided
+    from .servo.move import Move
     from .servo.outcome import Outcome
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
@@ -121,6 +122,7 @@ _HOMES = {
     "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
     "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
     "servo.servo": ("Servo", "load", "load_drive"),
+    "servo.move": ("Move",),
     "servo.simulate": ("simulate",),
     "servo.trajectory": ("Trajectory",),
     "views.explore.notebook": ("explore",),
@@ -186,6 +188,7 @@ __all__ = [
     "Margins",
     "Measurement",
     "Missed",
+    "Move",
     "Multipliers",
     "NoOrbit",
     "Options",

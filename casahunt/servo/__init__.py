@@ -17,6 +17,7 @@ branch.py         a branch of hunting cycles as data
 saved.py          hunting cycles and branches of them in files
 denial.py         what proves that a servo has no cycle
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
+move.py           the move that a servo makes: a profile of its set point
 trajectory.py     a motion as data: its events, what becomes of it
 simulate.py       the motion from any initial state
 sampled/          the loop as built: its motion, and quantisation told apart from stiction

@@ -35,6 +35,7 @@ from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
 from .cycles import Kind
 from .friction import Model
+from .move import Move, check_time, moving
 from .parts.ahead import errors_of, measured
 from .parts.fate import fate
 from .parts.loop import Loop
@@ -75,7 +76,7 @@ NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
 def simulate(
     servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, set_point: float = 1.0,
     time: float = 100.0, position: float = 0.0, velocity: float = 0.0, integral: float = 0.0, bristle: float = 0.0,
-    start: Mapping[str, float] | None = None, tol: float = 1e-6,
+    start: Mapping[str, float] | None = None, move: Move | None = None, tol: float = 1e-6,
 ) -> Trajectory:  # fmt: skip
     """The motion of the closed loop from an initial state.
 
@@ -96,6 +97,8 @@ def simulate(
         z [rad] at the start (LuGre only).
     start
         any other state of the loop at the start, by name, angles from the set point.
+    move
+        the profile by which the set point goes from `position` to theta_d; default: at once.
     tol
         bound on the error of event times [s] and of the final states relative to their largest values.
 
@@ -123,8 +126,10 @@ def simulate(
         raise InputError(f"tol = {tol:g}: must lie between {low:g} and {high:g}")
     theta_d = moderate("set_point", set_point, power=COMPUTED)
     given = {"velocity": velocity, "integral": integral, "bristle": bristle}
+    if move is not None:
+        check_time(move, theta_d - position, time)
     x = start_of(loop, theta_d, position, given, start)
-    return followed(loop, theta_d, x, time, tol)
+    return followed(loop, theta_d, x, time, tol, move)
 
 
 def start_of(
@@ -143,18 +148,20 @@ def start_of(
     return x | {choice_of("state", name, x): moderate(name, value) for name, value in (others or {}).items()}
 
 
-def followed(loop: Loop, set_point: float, start: Mapping[str, float], time: float, tol: float) -> Trajectory:
+def followed(
+    loop: Loop, set_point: float, start: Mapping[str, float], time: float, tol: float, move: Move | None = None
+) -> Trajectory:
     """The motion of a loop from the states of a start; of one that grows until it cannot be followed, half of it.
 
     Raises NotFollowed: it cannot be, and does not grow.
     """
     began = clock.perf_counter()
-    found = _refined(_Runs(loop, start, time), tol)
+    found = _refined(_Runs(loop, start, time, move), tol)
     if isinstance(found, _Pair):
-        return _told(loop, set_point, found, tol, found.fine.ended, began)
-    half = _refined(_Runs(loop, start, found.time / 2), tol) if found.time > 0 else found
+        return _told(loop, set_point, found, tol, move, found.fine.ended, began)
+    half = _refined(_Runs(loop, start, found.time / 2, move), tol) if found.time > 0 else found
     if isinstance(half, _Pair):
-        told = _told(loop, set_point, half, tol, f"it could not be followed beyond {found.time:.6g} s", began)
+        told = _told(loop, set_point, half, tol, move, f"it could not be followed beyond {found.time:.6g} s", began)
         if told.verdict.kind == "growing":
             return told
     what = f"the motion of {loop.name} cannot be followed"
@@ -266,13 +273,14 @@ def _refined(run: _Runs, tol: float) -> _Pair | MarchFailure:
 class _Runs:
     """One motion, marched with any march tolerance."""
 
-    def __init__(self, loop: Loop, start: Mapping[str, float], time: float) -> None:
-        self.loop, self.start, self.time, self.system = loop, dict(start), time, loop.system
-        beside = AS_IT_HUNTS * (max(errors_of(loop)) or 1.0)
+    def __init__(self, rest: Loop, start: Mapping[str, float], time: float, move: Move | None) -> None:
+        loop = moving(rest, move, -start["x1"])
+        self.loop, self.start, self.time, self.system = loop, loop.state(**start), time, loop.system
+        beside = AS_IT_HUNTS * (max(errors_of(rest)) or 1.0)
         first, hunting = (
-            np.array([sizes[name] for name in self.system.states])
+            np.array([sizes.get(name, np.inf) for name in self.system.states])
             for sizes in (measured(loop, start, 0.0, many=PHASES_LOOKED_AT).sizes,
-                          measured(loop, loop.at_rest(-beside), 0.0).sizes)
+                          measured(rest, rest.at_rest(-beside), 0.0).sizes)
         )
         self.far = float(first[self.system.states.index("x1")]) or 1.0
         scale = np.minimum(np.maximum(hunting, first / SPAN), first)
@@ -308,18 +316,21 @@ class _Runs:
         return _Run(Motion(self.system, p, tuple(phases), np.nan, self.scale, self.kind), self.time, ended, tau)
 
 
-def _told(loop: Loop, set_point: float, pair: _Pair, tol: float, ended: str, began: float) -> Trajectory:
+def _told(
+    loop: Loop, set_point: float, pair: _Pair, tol: float, move: Move | None, ended: str, began: float
+) -> Trajectory:
     """The finer one of two runs, with what they differ by as its errors."""
     duration = pair.fine.motion.duration if pair.fine.ended else pair.fine.time
     motion = replace(pair.fine.motion, error=max(pair.end_error, pair.time_error / pair.fine.motion.duration))
     behind = [phase.mode for phase in motion.phases[1:]]
     if motion.phases[-1].event:
         last = motion.phases[-1]
-        behind.append(loop.mode_at(**dict(zip(loop.system.states, last.behind.tolist(), strict=True))))
+        whole = moving(loop, move, -float(motion.phases[0].start[motion.system.states.index("x1")]))
+        behind.append(whole.mode_at(**dict(zip(motion.system.states, last.behind.tolist(), strict=True))))
     happened = zip(motion.events, behind, pair.event_errors.tolist(), strict=False)
-    order = [loop.system.states.index(name) for name in told_first(loop.system.states)]
+    order = [motion.system.states.index(name) for name in told_first(loop.system.states)]
     return Trajectory(
-        loop=loop, set_point=set_point, duration=duration, motion=motion,
+        loop=loop, set_point=set_point, duration=duration, motion=motion, move=move,
         events=tuple(Happening(e.time, e.event, e.mode, after, error) for e, after, error in happened), tol=tol,
         time_error=pair.time_error, end_error=pair.end_error, state_errors=pair.state_errors[order],
         status=Status.CONVERGED if pair.within(tol) else Status.TOLERANCE_NOT_REACHED, ended=ended,

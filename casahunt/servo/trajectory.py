@@ -20,6 +20,7 @@ from ..errors import InputError, Status
 from ..export import Columns
 from ..motion import Motion
 from ..results import Result
+from .move import Move, moving
 from .outcome import Outcome
 from .parts.ahead import Moved, ahead
 from .parts.loop import Loop
@@ -81,6 +82,7 @@ class Trajectory(LoopResult):
     status : CONVERGED where time_error and end_error are at most `tol`.
     ended : why the motion was not followed to the time asked for; "" where it was.
     wall_s : time to compute it [s].
+    move : the profile of the set point; None where it is at theta_d from the start.
 
     Examples
     --------
@@ -99,7 +101,7 @@ class Trajectory(LoopResult):
     _details = (
         "parts", "time = duration [s]", "tol", "verdict = verdict.kind", "reason = verdict.sentence",
         "amplitude = verdict.amplitude [rad]", "period = verdict.period [s]", "pattern = verdict.pattern",
-        "peak_torque [N m]", "peak_voltage [V]", "intervals", "wall_s [s]",
+        "peak_torque [N m]", "peak_voltage [V]", "intervals", "wall_s [s]", "move",
     )  # fmt: skip
 
     loop: Loop
@@ -114,6 +116,7 @@ class Trajectory(LoopResult):
     status: Status
     ended: str
     wall_s: float
+    move: Move | None = None
 
     @property
     def error_estimate(self) -> float:
@@ -127,7 +130,17 @@ class Trajectory(LoopResult):
 
     @cached_property
     def _order(self) -> list[int]:
-        return [self.loop.system.states.index(name) for name in self.names]
+        return [self.motion.system.states.index(name) for name in self.names]
+
+    @property
+    def distance(self) -> float:
+        """How far theta_d is from the start [rad]."""
+        return -float(self.motion.phases[0].start[self._order[0]])
+
+    @cached_property
+    def moving(self) -> Loop:
+        """The loop with its move."""
+        return moving(self.loop, self.move, self.distance)
 
     @property
     def intervals(self) -> int:
@@ -199,7 +212,7 @@ class Trajectory(LoopResult):
         -------
         (m,); at an event, that behind it.
         """
-        return self.loop.along(name, self.motion, self._inside(times))
+        return self.moving.along(name, self.motion, self._inside(times))
 
     @cached_property
     def peak_torque(self) -> float:
@@ -215,7 +228,7 @@ class Trajectory(LoopResult):
     def sticks(self) -> list[tuple[float, float]]:
         """From when to when the motor sticks [s]: where a mode lets it."""
         ends = np.cumsum([0.0, *(phase.duration for phase in self.motion.phases)])
-        stuck = [self.loop.signal("moving", each.mode, each.start[:, None])[0] == 0 for each in self.motion.phases]
+        stuck = [self.moving.signal("moving", each.mode, each.start[:, None])[0] == 0 for each in self.motion.phases]
         return [(a, b) for a, b, at in zip(ends[:-1], ends[1:], stuck, strict=True) if at]
 
     def shape(self) -> tuple[Array, Array]:
@@ -242,10 +255,11 @@ class Trajectory(LoopResult):
     @cached_property
     def verdict(self) -> Outcome:
         """What becomes of the motion: hunting, decaying, growing, at rest or undecided."""
-        times, states = self.motion.sample(1)
-        errors = np.empty(len(self._order))
-        errors[self._order] = self.state_errors
-        return ahead(self.loop, Moved(times, states, errors, self.motion.phases[-1].mode))
+        (times, states), names = self.motion.sample(1), self.loop.system.states
+        errors = dict(zip(self.names, self.state_errors.tolist(), strict=True))
+        kept = [self.motion.system.states.index(name) for name in names]
+        moved = Moved(times, states[kept], np.array([errors[name] for name in names]), self.motion.phases[-1].mode)
+        return ahead(self.loop, moved)
 
     def table(self, times: Array | None = None) -> Columns:
         """The motion as columns: time_s, position_rad, the other states (`COLUMNS`), torque_Nm, mode.
@@ -259,6 +273,8 @@ class Trajectory(LoopResult):
         states = dict(zip(self.names, x, strict=True))
         first = {"time_s": t, "position_rad": self.set_point + states.pop("x1")}
         named = {COLUMNS.get(name, name): values for name, values in states.items()}
+        if self.move is not None:
+            first["set_point_rad"] = self.set_point - self.signal("remaining", t)
         return {**first, **named, "torque_Nm": self.signal("torque", t), "mode": self.mode_at(t)}
 
     def _columns(self) -> Columns:

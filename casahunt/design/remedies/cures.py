@@ -13,10 +13,12 @@ from ...orbits import SystemOrbit
 from ...orbits.adapt import Options
 from ...results import Result
 from ...servo.friction import Model
+from ...servo.move import Move, told
 from ...servo.outcome import SETTLES, Kind
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Corners
 from .border import BORDERS
+from .price import TASK_STEP
 
 MARGIN_TO_CHOOSE = 0.1
 """What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""
@@ -44,8 +46,8 @@ class Cure(Result):
         nobody knows, as where friction is not the same in both directions.
     rest_error : the largest error at which the servo may stand still for ever, at `size` [rad].
     recommended_rest_error : the largest error of `rests` [rad]: demands are held against it.
-    peak_torque, peak_voltage : on a step of 1 rad, at the recommended size [N m], [V].
-    settling : of that step [s]; nan where it has not settled.
+    peak_torque, peak_voltage : on the step of the table, or its move, at the recommended size [N m], [V].
+    settling : since its start [s]; nan where it has not settled.
     beyond, stays : sizes from the recommended one up to three times the border, and the worst that motions do there:
         "at rest", "decaying", "undecided", "hunting", "growing".
     phase_margin, lowest_factor, highest_factor : of the linear loop without dry friction at the recommended size [deg],
@@ -151,6 +153,7 @@ class Cures(Result):
     stable : whether motions end in that cycle; where they leave it, hunting may have ended at a lower gain.
     irregular : whether the hunting repeats in no pattern: it swings up to the amplitude, its period is a mean one, and
         all sizes are as motions show them, seen and not proved.
+    step, move : by which the rows are priced: how far [rad], and the profile; None for a step of the set point.
 
     Examples
     --------
@@ -160,7 +163,7 @@ class Cures(Result):
     """
 
     _quantities = ("name", "model", "gain [V/rad]", "amplitude [rad]", "period [s]", "best")
-    _details = ("margin", "stable", "irregular")
+    _details = ("margin", "stable", "irregular", "step [rad]", "move")
 
     loop: Loop
     model: Model
@@ -172,6 +175,13 @@ class Cures(Result):
     margin: float = MARGIN_TO_CHOOSE
     stable: bool = True
     irregular: bool = False
+    step: float = TASK_STEP
+    move: Move | None = None
+
+    @property
+    def task(self) -> str:
+        """What the rows are priced by, in words."""
+        return told(self.move, self.step)
 
     @property
     def name(self) -> str:

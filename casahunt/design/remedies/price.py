@@ -1,8 +1,8 @@
-"""What a remedy costs: a step of 1 rad from rest, x1 = -1, all other states zero, simulated.
+"""What a remedy costs: a step from rest, or a move by a profile, simulated: x1 = -distance, all other states zero.
 
     peak        the largest |torque| of the motor on it [N m], and the voltage [V]
     settling    the time from which on |x1| stays within the error at rest, or within `SETTLED_WITHIN` of the step and
-                half of the amplitude of the hunting that is to end [s]
+                half of the amplitude of the hunting that is to end [s], since the start of the move
 """
 
 from __future__ import annotations
@@ -12,26 +12,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...motion import MarchFailure, Motion, follow_for
+from ...servo.move import Move, moving
 from ...servo.outcome import Kind
-from ...servo.parts.fate import Swing, fate
+from ...servo.parts.fate import TO_BE_SAMPLED, Points, Swing, fate
 from ...servo.parts.loop import Loop
 
+Array = np.ndarray
+
 TASK_STEP, SETTLED_WITHIN = 1.0, 0.02
-"""The step [rad], and the part of it within which it has settled."""
+"""The step, where no other is asked for [rad], and the part of it within which it has settled."""
 TASK_POINTS = 4
 """Of an interval, at which torque and error are looked at."""
 HALF_OF_IT = 0.5
 """Part of the hunting before within which a servo that hunts no more is."""
 
 
-def settled_within(hunting: float) -> float:
-    """The error within which the step has settled, if it may rest with none [rad]; hunting: the amplitude before."""
-    return min(SETTLED_WITHIN * TASK_STEP, HALF_OF_IT * hunting)
+def settled_within(hunting: float, step: float) -> float:
+    """The error within which a step has settled, if it may rest with none [rad]; hunting: the amplitude before."""
+    return min(SETTLED_WITHIN * step, HALF_OF_IT * hunting)
 
 
 @dataclass(frozen=True)
 class Task:
-    """The step: its peak torque [N m], nan where it was not followed or grows; settling time [s], nan where it has not
+    """The move: its peak torque [N m], nan where it was not followed or grows; settling time [s], nan where it has not
     settled; what became of it."""
 
     peak_torque: float
@@ -39,21 +43,46 @@ class Task:
     kind: Kind
 
 
-def task(loop: Loop, before: Swing, rest_error: float) -> Task:
-    """The step of 1 rad from rest.
+def task(loop: Loop, before: Swing, rest_error: float, step: float = TASK_STEP, move: Move | None = None) -> Task:
+    """A step from rest, or a move as far.
 
     before: the hunting that is to end: a servo that still hunts, or has that error, has not settled; rest_error: the
     largest at rest [rad]; nan where that is not known: then this step's.
     """
-    ended = fate(loop, loop.at_rest(-TASK_STEP), before, meshed=True)
+    start, mode, pieces = loop.at_rest(-step), "", list[tuple[Loop, Motion]]()
+    if move is not None:
+        try:
+            pieces.append(_moved(moving(loop, move, step), before, move.time(step), step))
+        except MarchFailure:
+            return Task(math.nan, math.nan, "undecided")
+        (moved, motion), end = pieces[0], pieces[0][1].phases[-1].behind
+        start = {name: x for name, x in zip(moved.system.states, end.tolist(), strict=True) if name in start}
+        mode = loop.mode_at(**start)
+    ended = fate(loop, start, before, meshed=True, mode=mode)
     if ended.kind in ("undecided", "growing"):
         return Task(math.nan, math.nan, ended.kind)
-    times, states = ended.motion.sample(TASK_POINTS)
-    x, within = states[loop.system.states.index("x1")], settled_within(before.amplitude)
+    pieces.append((loop, ended.motion))
+    began, times, x, peak = 0.0, list[Array](), list[Array](), 0.0
+    for one, motion in pieces:
+        t, states = motion.sample(TASK_POINTS)
+        times.append(began + t)
+        x.append(states[one.system.states.index("x1")])
+        peak, began = max(peak, float(np.abs(one.along("torque", motion, t)).max())), began + float(t[-1])
+    error, within = np.abs(np.concatenate(x)), settled_within(before.amplitude, step)
     within = float(np.fmax(rest_error, within))
     if math.isnan(rest_error) and ended.kind == "at rest":
-        within = max(within, abs(float(x[-1])))
-    outside = np.flatnonzero(np.abs(x) > within)
+        within = max(within, float(error[-1]))
+    outside = np.flatnonzero(error > within)
     last = int(outside[-1]) if outside.size else 0
-    settled = float(times[last]) if last < times.size - 1 and ended.kind != "hunting" else math.nan
-    return Task(float(np.abs(loop.along("torque", ended.motion, times)).max()), settled, ended.kind)
+    settled = float(np.concatenate(times)[last]) if last < error.size - 1 and ended.kind != "hunting" else math.nan
+    return Task(peak, settled, ended.kind)
+
+
+def _moved(loop: Loop, before: Swing, time: float, step: float) -> tuple[Loop, Motion]:
+    """The loop with a move, and its motion until that is over.  Raises MarchFailure."""
+    start, system = loop.at_rest(-step), loop.system
+    scale = np.array([before.sizes.get(name) or abs(x) or 1.0 for name, x in start.items()])
+    kind: Points = "radau" if any(mode.stiff for mode in system.modes) else "gauss"
+    p, x = system.values(None), np.array(list(start.values()))
+    phases = follow_for(system.vector_form, loop.mode_at(**start), x, p, scale, kind, time, TO_BE_SAMPLED)
+    return loop, Motion(system, p, tuple(phases), math.nan, scale, kind)

@@ -16,13 +16,14 @@ from itertools import product
 
 import numpy as np
 
-from ...checks import choice_of, require
+from ...checks import choice_of, require, sensible
 from ...errors import HuntsIrregularly, InputError
 from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
 from ...servo.friction import MODELS, Model
 from ...servo.linear.margins import Margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
+from ...servo.move import Move
 from ...servo.parts.cascade import P_PI
 from ...servo.parts.fate import Swing
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
@@ -47,7 +48,7 @@ from .border import (
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
 from .larger_sizes import stays
-from .price import task
+from .price import TASK_STEP, task
 from .sizes import more_of, scale_of
 
 NEVER_SETTLES = 30.0
@@ -78,6 +79,8 @@ def remedies(
     max_torque: float | None = None,
     margin: float = MARGIN_TO_CHOOSE,
     uncertainty: Uncertainty | None = None,
+    step: float = TASK_STEP,
+    move: Move | None = None,
     options: Options | None = None,
     progress: Callable[[Cure], None] | None = None,
     executor: Executor | None = None,
@@ -92,11 +95,13 @@ def remedies(
     only
         names of the remedies that are looked at; default all.  Of one that does not go with the loop its row says why.
     max_error, max_torque
-        demands: largest error at rest [rad], largest torque on a step of 1 rad [N m].
+        demands: largest error at rest [rad], largest torque on the step [N m].
     margin
         how much more of a remedy than at its border is recommended, relatively; above 0.
     uncertainty
         what is uncertain of the servo: each row then has the size for the worst one.
+    step, move
+        by which remedies are priced: how far the servo goes [rad], and the profile of its set point; default: at once.
     options
         tolerance of the sizes; default 1e-8.
     progress
@@ -125,7 +130,8 @@ def remedies(
     error = None if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     require("margin", margin, above=0, at_most=LARGER_SIZES[-1])
-    asked = _asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin)
+    step = sensible("step", step)
+    asked = replace(_asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin), step=step, move=move)
     tasks = [(asked, remedy.name, misfit) for remedy, misfit in _looked_at(asked, wanted)]
     rows = []
     for row in (executor.map if executor else map)(_row_of, tasks):
@@ -133,10 +139,10 @@ def remedies(
         if progress:
             progress(row)
     loop, swing = asked.loop, asked.swing
-    rows.sort(key=_price(task(loop, swing, 0.0).peak_torque, swing))
+    rows.sort(key=_price(task(loop, swing, 0.0, step, move).peak_torque, swing))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
     own = loop.value("gain"), swing.amplitude, swing.period
-    return Cures(loop, asked.model, *own, tuple(rows), best, margin, asked.stable, swing.irregular)
+    return Cures(loop, asked.model, *own, tuple(rows), best, margin, asked.stable, swing.irregular, step, move)
 
 
 def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
@@ -154,7 +160,7 @@ def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_s
 @dataclass(frozen=True, eq=False)
 class _Asked:
     """What all rows are about: the loop without a remedy, its friction model, its hunting and whether motions stay
-    there, how it is computed, what is uncertain of which servo; the margin."""
+    there, how it is computed, what is uncertain of which servo; the margin; the step and the move of its price."""
 
     loop: Loop
     model: Model
@@ -163,6 +169,8 @@ class _Asked:
     options: Options
     uncertain: tuple[Servo, Uncertainty] | None
     margin: float
+    step: float = TASK_STEP
+    move: Move | None = None
 
     @cached_property
     def box(self) -> dict[str, tuple[float, float]]:
@@ -256,7 +264,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     mended = with_remedy(loop, remedy, recommended)
     corners = _rests(remedy, recommended, _numbers(asked.farthest_at_rest))
     rest, rests = _largest(_rests(remedy, size, numbers)), _largest(corners)
-    step = task(mended, asked.swing, rests)
+    step = task(mended, asked.swing, rests, asked.step, asked.move)
     opened = open_loop_of_parts(mended)
     linear = NOT_LINEAR if opened is None else margins_of(opened)
     return Cure(

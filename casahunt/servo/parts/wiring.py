@@ -4,7 +4,8 @@
     rate    s.affine_rate(name, by) = (a, b), of a signal along the motion, s.name' = a + b s.by, in another signal
 
 Signals that no part need give have a value of their own (`UNGIVEN`): the controller's torque is that of the motor where
-nothing filters or limits it, the error is what is seen of the angle, and what is integrated is the error.
+nothing filters or limits it, the error is what is seen of the angle and of what remains of a move, and what is
+integrated is the error.
 """
 
 from __future__ import annotations
@@ -24,8 +25,12 @@ from .part import Function, Law, Part
 UNGIVEN: dict[str, Function] = {
     "angle": lambda x, s, p: s.motor_angle,
     "rate": lambda x, s, p: s.motor_rate,
-    "seen": lambda x, s, p: s.angle,
-    "seen_rate": lambda x, s, p: s.rate,
+    "remaining": lambda x, s, p: 0.0,
+    "remaining_rate": lambda x, s, p: 0.0,
+    "followed": lambda x, s, p: s.angle + s.remaining,
+    "followed_rate": lambda x, s, p: s.rate + s.remaining_rate,
+    "seen": lambda x, s, p: s.followed,
+    "seen_rate": lambda x, s, p: s.followed_rate,
     "error": lambda x, s, p: s.seen,
     "error_rate": lambda x, s, p: s.seen_rate,
     "derivative": lambda x, s, p: s.error_rate,

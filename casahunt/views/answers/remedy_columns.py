@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
 from ...design.remedies.cures import Cures
-from ...design.remedies.price import SETTLED_WITHIN, TASK_STEP, settled_within
+from ...design.remedies.price import SETTLED_WITHIN, settled_within
 from ...errors import NoOrbit
 from ...servo.simulate import simulate
 from .answer import short
@@ -28,10 +28,11 @@ def columns_meant(found: Cures, own: Mapping[str, str], *, of_a_set: bool) -> It
     yield "  ends it        the smallest size that does, or where less is more the largest"
     yield f"  choose         {100 * found.margin:g} % more of the remedy than that{more}"
     yield f"  error at rest  the largest at which the servo may stand still, with the size to choose{set_too}"
-    yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size{as_given}"
-    small = settled_within(found.amplitude) < SETTLED_WITHIN * TASK_STEP
-    within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the step"
-    yield f"  settles in     from then on the error of that step stays within {within}, or the error at rest"
+    yield f"  torque         the largest on a {found.task}, with that size{as_given}"
+    small = settled_within(found.amplitude, found.step) < SETTLED_WITHIN * found.step
+    within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the way"
+    since = "" if found.move is None else ", since its start,"
+    yield f"  settles in     from then on{since} the error stays within {within}, or the error at rest"
     yield "  order          the cheapest first: error at rest, torque and settling time together"
     if numbers := [f"{name}: {own[name]}" for name in names if name in own]:
         yield f"  sizes          of the controller's own numbers, in place of the present ones: {', '.join(numbers)}"
@@ -44,7 +45,8 @@ def today(found: Cures, most: float | None) -> str:
     if most is None:
         return ""
     with suppress(NoOrbit):
-        peak = simulate(found.loop, set_point=TASK_STEP, time=found.period).peak_torque
+        time = found.period + (0.0 if found.move is None else found.move.time(found.step))
+        peak = simulate(found.loop, set_point=found.step, time=time, move=found.move).peak_torque
         already = ", which is above that limit already" if peak > most else ""
-        return f"; the present controller asks for {short(peak)} N m on a step of {TASK_STEP:g} rad{already}"
+        return f"; the present controller asks for {short(peak)} N m on a {found.task}{already}"
     return ""

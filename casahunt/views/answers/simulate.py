@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...checks import error_text, to_absolute_error, to_error
+from ...servo.move import told
 from ...servo.other_end import OtherEnd
 from ...servo.outcome import SETTLES, Outcome
 from ...servo.simulate import NAMED
@@ -47,7 +48,8 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     seen = found.verdict
     partly = ", but not from every start" if other is not None and other.hunts else ""
     name = f"{called(found.loop)} at gain {found.gain:.10g} V/rad"
-    where = f"set point {found.set_point:.10g} rad, {found.duration:.10g} s"
+    move = "" if found.move is None else f", {told(found.move, found.distance)}"
+    where = f"set point {found.set_point:.10g} rad{move}, {found.duration:.10g} s"
     waits = "" if seen.kind != "decaying" or math.isnan(seen.waits) else "stuck for now, "
     yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
     yield item("because", _because(found))

@@ -5,6 +5,7 @@ output.py      what is printed: 80 columns, words explained; CSV tables
 output_paths.py what a command may write
 taken.py       what a servo file leaves to Table 1
 arguments.py   the arguments that they share, read and checked
+move.py        the profile of a move
 pool.py        processes that a command shares its work out to
 console.py     what else they share: files, how numbers are shown
 uncertain.py   what is uncertain of a servo, and what of it is left out

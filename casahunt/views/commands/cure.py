@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
     began, (fit, read) = time.perf_counter(), identification.fit_of(options)
     how, stream = how_of(options), progress(options)
-    names, limits, jobs = demands_of(options)
+    asked, limits, jobs = demands_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
@@ -93,8 +93,8 @@ def run(options: argparse.Namespace) -> int:
     fold = _fold(found, how)
     with processes(jobs) as pool:
         cures = remedies(
-            found.servo, found.model, gain, only=names, options=how, uncertainty=found.uncertainty,
-            progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **limits,
+            found.servo, found.model, gain, options=how, uncertainty=found.uncertainty,
+            progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **asked, **limits,
         )  # fmt: skip
     built = remedies_as_built(options, cures, loop_of(found.servo, "switch", gain))
     cures = that_holds(cures, built, limits, of_a_set=True)

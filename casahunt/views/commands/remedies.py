@@ -3,8 +3,8 @@
 Key `remedies` of the JSON object: the rows, as `Cure.to_dict` gives them; as_built, where the servo file has a table
 [drive]: by remedy, what the size to choose does in it (kind, dead_band, sentence), or why it was not checked. The one
 beside the page says besides of each row whether it ends hunting (ends_hunting, keeps_it_ended; said: why not), and has
-advice (the sentence that names a remedy), limits, task_step, uncertain, servo {key: value}, command, made {date,
-casahunt (version), servo_file, set}.
+advice (the sentence that names a remedy), limits, task (what the price is of, in words), uncertain, servo {key: value},
+command, made {date, casahunt (version), servo_file, set}.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
 from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain, folder
+from .move import add_profile, move_of
 from .output import give
 from .output_paths import write_results
 from .pool import jobs_of, processes
@@ -67,7 +68,7 @@ NOT_FOR_THE_WORST = "not found; the size to choose is for the values as given"
 """What is said of the worst servo of a set where no size was found for it."""
 HEADINGS = (
     ("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles"),
-    ("", "", "", "", "", "rest, rad", "step, N m", "in, s"),
+    ("", "", "", "", "", "rest, rad", "{}, N m", "in, s"),
 )
 NONE_AS_BUILT = "none of those that were checked brings every motion to rest (see below)"
 """Said where no remedy holds in the loop as built."""
@@ -95,16 +96,20 @@ def add_demands(command: Any) -> None:
     )  # fmt: skip
     command.add_argument("--max-error", metavar="RAD", help="largest error at rest that is allowed [rad]")
     command.add_argument(
-        "--max-torque", metavar="NM", help=f"largest torque on a step of {TASK_STEP:g} rad that is allowed [N m]"
+        "--max-torque", metavar="NM", help="largest torque on the step, or the move, that is allowed [N m]"
     )
+    command.add_argument("--step", default=TASK_STEP, metavar="RAD", help=f"how far (default {TASK_STEP:g} rad)")
+    add_profile(command)
     command.add_argument("--jobs", metavar="J", help="processes, to which remedies are shared out (default: all cores)")
 
 
-def demands_of(options: argparse.Namespace) -> tuple[list[str], dict[str, float], int]:
-    """The remedies that are looked at, none for all; what they may cost; and in how many processes."""
+def demands_of(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any], int]:
+    """Which remedies are looked at, and the step and move of their price, by `remedies`' names; what they may cost;
+    and in how many processes."""
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
     limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
-    return names, limits, min(jobs_of(options), len(names) or len(REMEDY_NAMES))
+    asked = {"only": names, "step": positive("step", options.step), "move": move_of(options)}
+    return asked, limits, min(jobs_of(options), len(names) or len(REMEDY_NAMES))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -113,16 +118,16 @@ def run(options: argparse.Namespace) -> int:
     loop = loop_of(options)
     if loop is not None:
         left_out(options, "of a loop of parts it is not known", "uncertainty")
-    names, limits, jobs = demands_of(options)
+    asked, limits, jobs = demands_of(options)
     margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
     uncertainty = uncertainty_of(options, servo)
 
     def computed() -> Cures:
         with processes(jobs) as pool:
             return remedies(
-                loop or servo, None if loop else model, None if loop else gain, only=names, options=how,
+                loop or servo, None if loop else model, None if loop else gain, options=how,
                 uncertainty=uncertainty, margin=margin,
-                progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **limits,
+                progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **asked, **limits,
             )  # fmt: skip
 
     def checked() -> tuple[Cures, dict[str, AsBuilt | str]]:
@@ -203,7 +208,7 @@ def _record(
         for value in given if isinstance(given, list) else [given]:
             words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
     return record | {
-        "advice": advice_of(found, limits, built, of_a_set=uncertain), "limits": limits, "task_step": TASK_STEP,
+        "advice": advice_of(found, limits, built, of_a_set=uncertain), "limits": limits, "task": found.task,
         "uncertain": uncertain, "parts": [part.name for part in found.loop.present], "servo": own,
         "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
         **({"as_built": plain(built)} if built else {}),
@@ -272,7 +277,7 @@ def remedy_lines(
     if ending:
         yield ""
         for words in HEADINGS:
-            yield ROW.format(*words).rstrip()
+            yield ROW.format(*(word.format("move" if found.move else "step") for word in words)).rstrip()
         for row in ending:
             yield from _row(row, of_a_set)
     others = [row for row in found.remedies if not row.ends_hunting]
@@ -376,7 +381,8 @@ def advice_of(
         unknown = _not_known(found)
         none = f"no remedy that ends it{within} was found" if unknown else f"none of these remedies ends it{within}"
         return none + today(found, limits.get("max_torque"))
-    prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, "N m on a step")
+    on = f"N m on a {'move' if found.move else 'step'}"
+    prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, on)
     costs = [f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price)]
     if math.isfinite(best.settling):
         costs.append(f"settles in {_settles(best.settling)} s")

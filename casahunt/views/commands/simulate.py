@@ -34,9 +34,10 @@ from ...servo.servo import assigned
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ..answers.simulate import simulation_answer
-from .arguments import add_command, drive_of, finite, gain_of, loop_of, model_of, positive, servo_of
+from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain
 from .loops.remedied import remedies_given, with_remedies
+from .move import PROFILE, add_profile, move_of
 from .output import give
 from .sampled import add_drive, of_drive
 
@@ -57,6 +58,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--state", action="append", default=[], metavar="NAME=VALUE", help="any other state of the loop at the start"
     )
+    add_profile(command)
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
     add_drive(command)
 
@@ -84,9 +86,10 @@ def run(options: argparse.Namespace) -> int:
     loop = with_remedies(servo_of(options), model, gain, remedies) if of_file is None else of_file
     numbers["start"] = assigned(options.state, "state", loop.system.states, "name=value")
     if drive is not None:
+        left_out(options, "moves by a profile are those of the continuous loop", *PROFILE)
         return of_drive(options, loop, drive, length, numbers)
     began = time.perf_counter()
-    found = simulate(loop, time=length, **numbers)
+    found = simulate(loop, time=length, move=move_of(options), **numbers)
     kind = found.verdict.kind
     try:
         other = other_end(found)

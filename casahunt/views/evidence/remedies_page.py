@@ -44,7 +44,7 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         *(["<h2>What ends it, the cheapest first</h2>", table([*HEAD], [_row(p, i) for i in ending]),
            f"<p class=dim>To choose: {p.n('margin', 'g', 100.0)} % more of the remedy than ends hunting"
            f"{' of the worst servo of the set' if record['uncertain'] else ''}; torque, voltage and settling are those "
-           f"of a step of {p.n('task_step', 'g')} rad from rest with that size.</p>"] if ending else []),
+           f"of a {p.text('task')} from rest with that size.</p>"] if ending else []),
         *_worst(p, ending),
         *built_section(p, {name: f"as_built/{name}" for name in record.get("as_built", {})}),
         figures.get("sizes", ""),

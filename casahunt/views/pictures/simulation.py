@@ -77,7 +77,11 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     curves = trajectory.set_point + x[0], x[1], trajectory.signal("torque", t)
     colour, static = LOOKS[trajectory.model].colour, trajectory.loop.parameters.get("static")
     levels = () if static is None else (-static, static)
-    return _three(ax, t, curves, trajectory.sticks, name, colour, trajectory.set_point, levels)
+    three = _three(ax, t, curves, trajectory.sticks, name, colour, trajectory.set_point, levels)
+    if trajectory.move is not None:
+        way = trajectory.set_point - trajectory.signal("remaining", t)
+        three[0].plot(t, way, color=NEUTRAL, linewidth=1.0, linestyle=(0, (5, 2)), zorder=3)
+    return three
 
 
 def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
