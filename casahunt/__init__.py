@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from .continuation.walk import walk, walk_naturally
     from .design.diagram import diagram, diagram_points
     from .design.ensemble import FoldEnsemble, fold_ensemble, orbit_ensemble
-    from .design.fold_curve.curve import fold_curve
-    from .design.fold_curve.data import FoldCurve
+    from .design.fold_curve import FoldCurve, fold_curve
     from .design.fold_map import FoldMap, fold_map
     from .design.identify.identify import Identification, identify
     from .design.record.file import Record
@@ -81,8 +80,7 @@ _HOMES = {
     "continuation.walk": ("walk", "walk_naturally"),
     "design.diagram": ("diagram", "diagram_points"),
     "design.ensemble": ("FoldEnsemble", "fold_ensemble", "orbit_ensemble"),
-    "design.fold_curve.curve": ("fold_curve",),
-    "design.fold_curve.data": ("FoldCurve",),
+    "design.fold_curve": ("FoldCurve", "fold_curve"),
     "design.fold_map": ("FoldMap", "fold_map"),
     "design.identify.identify": ("Identification", "identify"),
     "design.record.file": ("Record",),
