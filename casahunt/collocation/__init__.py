@@ -39,4 +39,4 @@ if TYPE_CHECKING:
     from .scheme import Scheme
 
 __all__ = ["Scheme", "flow_at", "minimise"]
-__getattr__ = lazily(__name__, {"ipopt": ("minimise",), "joints": ("flow_at",), "scheme": ("Scheme",)})
+__getattr__ = lazily(__name__)

@@ -61,26 +61,8 @@ if TYPE_CHECKING:
     from .system_orbit import SystemOrbit
 
 __all__ = [
-    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble",
-    "StateSensitivity", "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined",
+    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "StateSensitivity",
+    "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined",
     "state_sensitivity", "with_multipliers", "write_archive",
 ]  # fmt: skip
-__getattr__ = lazily(
-    __name__,
-    {
-        "adapt": ("refined",),
-        "archive": ("Archive", "write_archive"),
-        "closure": ("Closure",),
-        "cycle_search": ("find_cycle",),
-        "saved_cycle": ("load_orbit",),
-        "marched_mesh": ("orbit_from_motion",),
-        "options": ("Options",),
-        "family": ("Cycles",),
-        "floquet": ("Multipliers",),
-        "orbit": ("Arc", "Orbit"),
-        "ensemble": ("OrbitEnsemble", "orbit_ensemble"),
-        "batched_multipliers": ("with_multipliers",),
-        "state_sensitivity": ("StateSensitivity", "state_sensitivity"),
-        "system_orbit": ("SystemOrbit",),
-    },
-)
+__getattr__ = lazily(__name__)
