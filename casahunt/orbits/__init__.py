@@ -20,7 +20,6 @@ bordering.py the row under which the parameter is free
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 one_of_many.py whether a cycle is one of many at the same parameters
 fold_side.py on which side of a fold a cycle lies
-ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
 npz_arrays.py arrays of a file, unpacked within limits
 archive.py   orbits in files

@@ -11,10 +11,8 @@ loop.py                  parts and their numbers, and what is asked of them by n
 remedy.py                what is to be known of a part to find and to price its smallest size
 inertia.py               plant: one inertia
 two_masses.py            plant: motor and load with a shaft
-switch.py                Switch friction, of the motor and of the load
-by_direction.py          Switch friction that differs by direction
+switch.py                Switch friction, of the motor and of the load, and by direction
 with_exponent.py         Switch friction whose drop has an exponent of its own
-monotone_cubic.py        a table as a smooth expression
 tabulated.py             Switch friction by a table of velocity and torque
 lugre.py                 LuGre friction
 pid.py                   PID by times or by gains, and the integrator
@@ -48,7 +46,6 @@ from typing import TYPE_CHECKING
 from ...lazy import lazily
 
 if TYPE_CHECKING:
-    from .by_direction import BY_DIRECTION
     from .cascade import P_PI
     from .dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS, SHIFTED_DEAD_BAND
     from .dither import DITHERED
@@ -70,7 +67,7 @@ if TYPE_CHECKING:
     from .plain_loop import loop_of
     from .remedy import Remedy
     from .reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
-    from .switch import LOAD_SWITCH, NO_FRICTION, SWITCH
+    from .switch import BY_DIRECTION, LOAD_SWITCH, NO_FRICTION, SWITCH
     from .table import REMEDIES
     from .tabulated import friction_table
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT

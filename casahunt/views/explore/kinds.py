@@ -20,9 +20,9 @@ from ...continuation.walk import walk
 from ...design.remedies.border import BORDERS, Border, border
 from ...errors import ComesToRest, HuntsIrregularly, NoOrbit
 from ...orbits import Options, Orbit
-from ...servo.cycles import motor_torque
 from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
+from ...servo.hunting import motor_torque
 from ...servo.linear.margins import margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
