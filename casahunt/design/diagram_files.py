@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from ..continuation import SpecialPoint
 from ..errors import InputError
+from ..export import table
 from ..files import together, whole_text
 from ..orbits import Archive, Options
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows
@@ -21,7 +22,6 @@ from ..servo.friction import Model
 from ..servo.problem import HuntingOrbit
 from ..servo.saved import load_run, save_branch
 from ..servo.servo import Servo
-from ..tables import table
 from .diagram import DiagramPoint, branch_of
 
 SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": Archive.SIGN}

@@ -1,6 +1,5 @@
 """The loop as built: a controller that is run by its samples, and the exact motion of its plant between them.
 
-border.py     when an encoder may decide how a servo hunts
 as_run.py     what a drive adds to a loop: its remedies and its filter, as parts
 first_rise.py the first zero of a polynomial that rises
 steps.py      a mode of a plant: its steps as power series
