@@ -53,14 +53,11 @@ class Quantity(NamedTuple):
             parts = [Quantity(self.name, part, error=self.error).text for part in (value.real, value.imag)]
             return parts[0] if parts[1] == "0" else f"{parts[0]}{'' if parts[1][0] == '-' else '+'}{parts[1]}j"
         if isinstance(value, float | np.floating):
-            return self._number(float(value))
+            x = float(value)
+            if self.error is None or not math.isfinite(x):
+                return f"{x:.{UNESTIMATED_DIGITS}g}"
+            return to_absolute_error(x, self.error) if math.isfinite(self.error) else f"{x:.{UNKNOWN_DIGITS}g}"
         return _text(value)
-
-    def _number(self, x: float) -> str:
-        if self.error is None or not math.isfinite(x):
-            return f"{x:.{UNESTIMATED_DIGITS}g}"
-        return to_absolute_error(x, self.error) if math.isfinite(self.error) else f"{x:.{UNKNOWN_DIGITS}g}"
-
 
 def _text(value: Any) -> str:
     if isinstance(value, Enum):

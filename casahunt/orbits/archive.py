@@ -70,7 +70,16 @@ class _Writer:
     def text(self, content: Any) -> str:
         """Content as JSON text, in which orbits may stand; `finite` says whether there is one."""
         if isinstance(content, Orbit):
-            return self._orbit(content)
+            at, text, numbers = self.said.get(content, (-1, "", np.zeros(0)))
+            if at == self.used:
+                self.parts.append(numbers)
+                self.used += numbers.size
+                return text
+            at, count = self.used, len(self.parts)
+            text = self._plain(orbit_record(content, self))
+            numbers = np.concatenate(self.parts[count:])
+            self.said[content] = at, text, numbers
+            return text
         if isinstance(content, Mapping):
             return "{" + ", ".join(f"{json.dumps(name)}: {self.text(value)}" for name, value in content.items()) + "}"
         if isinstance(content, list | tuple):
@@ -83,19 +92,6 @@ class _Writer:
         except ValueError:
             self.finite = False
             return "null"
-
-    def _orbit(self, orbit: Orbit) -> str:
-        at, text, numbers = self.said.get(orbit, (-1, "", np.zeros(0)))
-        if at == self.used:
-            self.parts.append(numbers)
-            self.used += numbers.size
-            return text
-        at, count = self.used, len(self.parts)
-        text = self._plain(orbit_record(orbit, self))
-        numbers = np.concatenate(self.parts[count:])
-        self.said[orbit] = at, text, numbers
-        return text
-
 
 def orbit_record(orbit: Orbit, writer: _Writer) -> dict[str, Any]:
     """One orbit as JSON can say it.

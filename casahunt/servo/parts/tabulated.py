@@ -96,7 +96,14 @@ def friction_table(velocity: Sequence[float], torque: Sequence[float], static: f
     if len(v) != len(m):
         raise InputError(f"friction table: {len(v)} velocities and {len(m)} torques; must be as many")
     for k in range(len(v)):
-        _check(k, v, m)
+        # refuse an entry
+        called = f"friction table, entry {k + 1}"
+        number(f"{called}: velocity", v[k])
+        number(f"{called}: torque", m[k])
+        if m[k] == 0 or v[k] * m[k] < 0:
+            raise InputError(f"{called}: torque = {m[k]:g} at {v[k]:g} rad/s: must have the sign of the velocity")
+        if k and not v[k - 1] < v[k] and not (v[k - 1] == v[k] == 0 and m[k - 1] < 0 < m[k]):
+            raise InputError(f"{called}: velocity = {v[k]:g} behind {v[k - 1]:g} rad/s: velocities must rise")
     back = tuple((-a, -b) for a, b in zip(v, m, strict=True) if b < 0)[::-1]
     forward = tuple((float(a), float(b)) for a, b in zip(v, m, strict=True) if b > 0)
     for way, entries in (("v >= 0", forward), ("v <= 0", back)):
@@ -106,17 +113,6 @@ def friction_table(velocity: Sequence[float], torque: Sequence[float], static: f
     static = _breakaway("static", static, forward)
     static_back = static if static_back is None and back == forward else _breakaway("static_back", static_back, back)
     return _friction_table(forward, back, static, static_back)
-
-
-def _check(k: int, v: Sequence[float], m: Sequence[float]) -> None:
-    """Refuse an entry."""
-    called = f"friction table, entry {k + 1}"
-    number(f"{called}: velocity", v[k])
-    number(f"{called}: torque", m[k])
-    if m[k] == 0 or v[k] * m[k] < 0:
-        raise InputError(f"{called}: torque = {m[k]:g} at {v[k]:g} rad/s: must have the sign of the velocity")
-    if k and not v[k - 1] < v[k] and not (v[k - 1] == v[k] == 0 and m[k - 1] < 0 < m[k]):
-        raise InputError(f"{called}: velocity = {v[k]:g} behind {v[k - 1]:g} rad/s: velocities must rise")
 
 
 def _breakaway(name: str, value: float | None, entries: Entries) -> float:
