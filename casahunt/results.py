@@ -168,7 +168,10 @@ class Result:
         ------
         InputError : there is no such column.
         """
-        columns = {name: column for name, column in self._columns().items() if _of_numbers(column)}
+        columns = {
+            name: column for name, column in self._columns().items()
+            if not any(isinstance(value, str | Enum) for value in column)
+        }  # fmt: skip
         first, second, *_ = [*columns, "", ""]
         across, up = choice_of("column", across or first, columns), choice_of("column", up or second, columns)
         ax = new_axes() if ax is None else ax
@@ -253,10 +256,6 @@ def _words(quantities: tuple[Quantity, ...]) -> Iterator[Quantity]:
     for q in quantities:
         if isinstance(q.value, str | int | float | Enum | np.generic) or q.value is None:
             yield q
-
-
-def _of_numbers(column: Any) -> bool:
-    return not any(isinstance(value, str | Enum) for value in column)
 
 
 def _error_text(error: float | None) -> str:

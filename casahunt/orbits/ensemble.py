@@ -316,11 +316,6 @@ def _from_known(task: _OrbitTask) -> Callable[[Problem, Options], Any]:
     return find
 
 
-def _fixed(t: Transcription, count: int) -> Array:
-    """(B, .) border rows that hold lambda fixed."""
-    return np.repeat(t.system.border(parameter=1.0)[None], count, axis=0)
-
-
 def _expected(task: _OrbitTask, p: Array) -> Array:
     """(B, size) unknowns expected at parameters p (B, np), by the exact derivatives of the known cycle."""
     t, u, setting = unknowns_of(task.orbit)
@@ -355,7 +350,8 @@ def newton_of_many(t: Transcription, u: Array, settings: Setting, tol: float, si
             break
         lin = t.linearise(u[active], settings.of(active))
         rhs = np.stack([lin.rhs(), np.broadcast_to(side.right, (active.size, t.system.size))], axis=1)
-        y = t.system.solve(lin.matrix(_fixed(t, active.size)), rhs)
+        fixed = np.repeat(t.system.border(parameter=1.0)[None], active.size, axis=0)  # rows that hold lambda
+        y = t.system.solve(lin.matrix(fixed), rhs)
         du = lin.expand(y[:, 0], 1.0)
         with np.errstate(all="ignore"):
             size = sizes_of_steps(t, u[active], du)
