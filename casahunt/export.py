@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from importlib import import_module
@@ -41,8 +40,6 @@ Columns = Mapping[str, Sequence[Any] | np.ndarray]
 """A table: its columns by name, all of one length."""
 MAKER = "casahunt"
 """What files that name their program name."""
-JSON_SPACES = 1
-"""Indentation of a JSON file."""
 Rows = Iterable[Sequence[Any]]
 
 
@@ -78,16 +75,6 @@ def plain(value: Any, *, strict: bool = True) -> Any:
 def columns_from(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Columns:
     """A table from its rows; with its columns also where there is none."""
     return dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {name: () for name in names}
-
-
-def write_json(content: Mapping[str, Any], path: str | Path) -> None:
-    """A mapping of plain Python as a JSON file.
-
-    Raises InputError, OSError: as `files.whole_file`.
-    """
-    text = json.dumps(content, indent=JSON_SPACES, allow_nan=False, ensure_ascii=False)
-    with whole_text(path) as stream:
-        stream.write(text + "\n")
 
 
 def write_csv(columns: Columns, path: str | Path) -> None:

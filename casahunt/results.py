@@ -15,6 +15,7 @@ error vouches for (checks.to_error); where the error is 0 the number was given, 
 from __future__ import annotations
 
 import html
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +27,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from .checks import choice_of, error_text, shortened, to_absolute_error
-from .export import Columns, dataframe, new_axes, plain, write_csv, write_json
+from .export import Columns, dataframe, new_axes, plain, write_csv
+from .files import whole_text
 
 _SAID = re.compile(
     r"(?P<name>\w+)(?: = (?P<path>[\w.]+))?(?: \[(?P<unit>[^\]]+)\])?(?: (?P<sign>~|\+-) (?P<error>[\w.]+))?"
@@ -217,7 +219,9 @@ class Result:
         ------
         InputError, OSError : it cannot be written there, or the disk is full.
         """
-        write_json(self.to_dict(), path)
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+        with whole_text(path) as stream:
+            stream.write(text + "\n")
 
 
 def tables_of(results: Sequence[Result]) -> Columns:
