@@ -78,10 +78,10 @@ class FoldPoint(Result):
         confirmed alone.
     """
 
-    _quantities = ("value", "gain [V/rad] ~ error_estimate", "slope", "turns", "status")
+    _quantities = ("value", "border ~ error_estimate", "gain [V/rad]", "slope", "turns", "status")
     _details = (
         "amplitude = orbit.amplitude [rad]", "period = orbit.period [s]", "elasticity", "curvature", "how",
-        "border", "servo",
+        "servo",
     )  # fmt: skip
 
     value: float
