@@ -19,18 +19,17 @@ they are first read: who uses a room loads nothing of those above it.  Each has 
 are drawn by `casahunt.pictures`; systems of your own take `casahunt.hybrid`, `.motion`, `.orbits` and `.continuation`.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from . import interrupts  # noqa: F401  first: on the command line it answers Ctrl-C during the imports that follow
+from .lazy import lazily
 
 if TYPE_CHECKING:
     from .continuation.special_points import Missed, SpecialPoint
     from .continuation.walk import walk, walk_naturally
     from .design.diagram import diagram, diagram_points
     from .design.ensemble import FoldEnsemble, fold_ensemble, orbit_ensemble
-    from .design.fold_curve.curve import fold_curve
-    from .design.fold_curve.data import FoldCurve
+    from .design.fold_curve import FoldCurve, fold_curve
     from .design.fold_map import FoldMap, fold_map
     from .design.identify.identify import Identification, identify
     from .design.record.file import Record
@@ -77,66 +76,19 @@ if TYPE_CHECKING:
     from .servo.trajectory import Trajectory
     from .views.explore.notebook import explore
 
-_HOMES = {
-    "continuation.special_points": ("Missed", "SpecialPoint"),
-    "continuation.walk": ("walk", "walk_naturally"),
-    "design.diagram": ("diagram", "diagram_points"),
-    "design.ensemble": ("FoldEnsemble", "fold_ensemble", "orbit_ensemble"),
-    "design.fold_curve.curve": ("fold_curve",),
-    "design.fold_curve.data": ("FoldCurve",),
-    "design.fold_map": ("FoldMap", "fold_map"),
-    "design.identify.identify": ("Identification", "identify"),
-    "design.record.file": ("Record",),
-    "design.record.measure": ("Measurement", "measure"),
-    "design.remedies.cures": ("Cure", "Cures"),
-    "design.remedies.remedies": ("remedies",),
-    "design.sensitivity": ("Sensitivities", "fold_sensitivities"),
-    "design.tune.demands": ("Demands",),
-    "design.tune.tuning": ("Tuning", "tune"),
-    "design.uncertainty.samples": ("Samples", "sample_fold_gains"),
-    "design.uncertainty.set": ("Uncertainty", "load_uncertainty"),
-    "design.uncertainty.summary": ("Summary", "compare_uncertainty"),
-    "design.uncertainty.worst_corner": ("WorstCase", "worst_corner"),
-    "errors": ("InputError", "NoOrbit", "Status"),
-    "orbits.adapt": ("Options",),
-    "orbits.ensemble": ("OrbitEnsemble",),
-    "orbits.floquet": ("Multipliers",),
-    "orbits.orbit": ("Arc",),
-    "servo.basin": ("Basin", "basin"),
-    "servo.branch": ("Branch",),
-    "servo.controller": ("Controller", "Pid"),
-    "servo.denial": ("no_cycle",),
-    "servo.drive": ("Drive",),
-    "servo.equilibria": ("Equilibria", "equilibria"),
-    "servo.event_map.fixed_points": ("FixedPoints", "fixed_points"),
-    "servo.find_fold": ("find_fold",),
-    "servo.find_orbit": ("find_orbit",),
-    "servo.friction": ("Friction",),
-    "servo.linear.linear_loop": ("LinearLoop", "linear_loop"),
-    "servo.linear.margins": ("Margins", "margins"),
-    "servo.lopsided": ("with_lopsided",),
-    "servo.outcome": ("Outcome",),
-    "servo.problem": ("Fold", "Orbit"),
-    "servo.sampled.cause": ("Cause", "cause_of"),
-    "servo.sampled.check": ("AsBuilt", "as_built"),
-    "servo.sampled.motion": ("SampledMotion", "simulate_sampled"),
-    "servo.saved": ("load_branch", "load_orbit", "save_branch", "save_orbit"),
-    "servo.servo": ("Servo", "load", "load_drive"),
-    "servo.move": ("Move",),
-    "servo.simulate": ("simulate",),
-    "servo.trajectory": ("Trajectory",),
-    "views.explore.notebook": ("explore",),
-}
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
-_OTHER_NAMES = {
-    "Fold": "HuntingFold",
-    "Orbit": "HuntingOrbit",
-    "compare_uncertainty": "summary",
-    "sample_fold_gains": "sample",
-}
-"""What is called otherwise at home."""
-
-
+__all__ = [
+    "Arc", "AsBuilt", "Basin", "Branch", "Cause", "Controller", "Cure", "Cures", "Demands", "Drive", "Equilibria",
+    "FixedPoints", "Fold", "FoldCurve", "FoldEnsemble", "FoldMap", "Friction", "Identification", "InputError",
+    "LinearLoop", "Margins", "Measurement", "Missed", "Move", "Multipliers", "NoOrbit", "Options", "Orbit",
+    "OrbitEnsemble", "Outcome", "Pid", "Record", "SampledMotion", "Samples", "Sensitivities", "Servo", "SpecialPoint",
+    "Status", "Summary", "Trajectory", "Tuning", "Uncertainty", "WorstCase", "as_built", "basin", "cause_of",
+    "compare_uncertainty", "diagram", "diagram_points", "equilibria", "explore", "find_fold", "find_orbit",
+    "fixed_points", "fold_curve", "fold_ensemble", "fold_map", "fold_sensitivities", "identify", "linear_loop",
+    "load", "load_branch", "load_drive", "load_orbit", "load_uncertainty", "margins", "measure", "no_cycle",
+    "orbit_ensemble", "remedies", "sample_fold_gains", "save_branch", "save_orbit", "simulate", "simulate_sampled",
+    "tune", "walk", "walk_naturally", "worst_corner", "with_lopsided",
+]  # fmt: skip
+_public = lazily(__name__)
 _FORMER_NAMES = {
     "sampled_margins": "margins(servo, gain, drive=drive)", "Verdict": "Outcome", "SampledVerdict": "Outcome",
 }  # fmt: skip
@@ -145,13 +97,10 @@ _FORMER_NAMES = {
 
 def __getattr__(name: str) -> Any:
     """A public name, or `__version__` (the metadata of installed packages take 30 ms to import), when first read."""
-    if name in _HOME_OF:
-        value = getattr(import_module(f".{_HOME_OF[name]}", __name__), _OTHER_NAMES.get(name, name))
-        globals()[name] = value
-        return value
+    if name in _FORMER_NAMES:
+        raise AttributeError(f"module 'casahunt' has no attribute {name!r}: write {_FORMER_NAMES[name]}")
     if name != "__version__":
-        today = f": write {_FORMER_NAMES[name]}" if name in _FORMER_NAMES else ""
-        raise AttributeError(f"module 'casahunt' has no attribute {name!r}{today}")
+        return _public(name)
     from importlib.metadata import PackageNotFoundError, version
 
     try:
@@ -162,87 +111,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-__all__ = [
-    "Arc",
-    "AsBuilt",
-    "Basin",
-    "Branch",
-    "Cause",
-    "Controller",
-    "Cure",
-    "Cures",
-    "Demands",
-    "Drive",
-    "Equilibria",
-    "FixedPoints",
-    "Fold",
-    "FoldCurve",
-    "FoldEnsemble",
-    "FoldMap",
-    "Friction",
-    "Identification",
-    "InputError",
-    "LinearLoop",
-    "Margins",
-    "Measurement",
-    "Missed",
-    "Move",
-    "Multipliers",
-    "NoOrbit",
-    "Options",
-    "Orbit",
-    "OrbitEnsemble",
-    "Outcome",
-    "Pid",
-    "Record",
-    "SampledMotion",
-    "Samples",
-    "Sensitivities",
-    "Servo",
-    "SpecialPoint",
-    "Status",
-    "Summary",
-    "Trajectory",
-    "Tuning",
-    "Uncertainty",
-    "WorstCase",
-    "as_built",
-    "basin",
-    "cause_of",
-    "compare_uncertainty",
-    "diagram",
-    "diagram_points",
-    "equilibria",
-    "explore",
-    "find_fold",
-    "find_orbit",
-    "fixed_points",
-    "fold_curve",
-    "fold_ensemble",
-    "fold_map",
-    "fold_sensitivities",
-    "identify",
-    "linear_loop",
-    "load",
-    "load_branch",
-    "load_drive",
-    "load_orbit",
-    "load_uncertainty",
-    "margins",
-    "measure",
-    "no_cycle",
-    "orbit_ensemble",
-    "remedies",
-    "sample_fold_gains",
-    "save_branch",
-    "save_orbit",
-    "simulate",
-    "simulate_sampled",
-    "tune",
-    "walk",
-    "walk_naturally",
-    "worst_corner",
-    "with_lopsided",
-]

@@ -8,33 +8,39 @@
     mapping                      a mapping with texts as keys; where the keys are no texts, a list of [key, value]
     another result               its mapping, without its table
 
+A field of a CSV file, of which there is one writer:
+
+    number        repr of the plain number: all its digits, so that float() gives the same number back
+    not a number  nan, which float() and numpy read
+    words         quoted where they hold a comma, a quote or a line break
+    nothing       an empty field, for a word or a truth value that is not known (None)
+
+A value of another kind is a mistake of the program and raises TypeError: what str() makes of it nobody can read back.
 pandas is an extra: it is imported when it is first asked for.  A file is written whole or not at all.
 """
 
 from __future__ import annotations
 
+import csv
 import dataclasses
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from .checks import finite_or_none
 from .errors import InputError
 from .files import whole_text
-from .tables import table
 
 Columns = Mapping[str, Sequence[Any] | np.ndarray]
 """A table: its columns by name, all of one length."""
 MAKER = "casahunt"
 """What files that name their program name."""
-JSON_SPACES = 1
-"""Indentation of a JSON file."""
+Rows = Iterable[Sequence[Any]]
 
 
 def plain(value: Any, *, strict: bool = True) -> Any:
@@ -71,18 +77,8 @@ def columns_from(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Columns
     return dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {name: () for name in names}
 
 
-def write_json(content: Mapping[str, Any], path: str | Path) -> None:
-    """A mapping of plain Python as a JSON file.
-
-    Raises InputError, OSError: as `files.whole_file`.
-    """
-    text = json.dumps(content, indent=JSON_SPACES, allow_nan=False, ensure_ascii=False)
-    with whole_text(path) as stream:
-        stream.write(text + "\n")
-
-
 def write_csv(columns: Columns, path: str | Path) -> None:
-    """A table as a CSV file (tables.py).
+    """A table as a CSV file.
 
     Raises InputError, OSError: as `files.whole_file`.
     """
@@ -117,3 +113,37 @@ def extra(module: str, name: str, method: str) -> ModuleType:
         package = module.split(".")[0]
         install = f'python -m pip install "casahunt[{name}]"'
         raise InputError(f"{method}: needs {package}, which is not installed; install it with {install}") from None
+
+
+def cell(value: Any) -> str:
+    """One value as the text of its field.
+
+    Raises TypeError: the value is neither a number, a truth value nor text.
+    """
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool | int | float):
+        return repr(value)
+    raise TypeError(f"a CSV field must be a number, a truth value or text, not {type(value).__name__}")
+
+
+def table(stream: IO[str], columns: Sequence[str]) -> Callable[[Rows], None]:
+    """Write the header of a table.
+
+    stream: a text file opened with newline="". Returns function that writes rows of as many values. Raises ValueError,
+    TypeError: a row of another length, a value that is neither number nor text.
+    """
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+
+    def write(rows: Rows) -> None:
+        for row in rows:
+            if len(row) != len(columns):
+                raise ValueError(f"a row of {len(row)} values in a table of {len(columns)} columns")
+            writer.writerow([cell(value) for value in row])
+
+    return write

@@ -209,7 +209,17 @@ def alone_in(folder: Path, made: Sequence[Path] = ()) -> Iterator[None]:
     """
     with ExitStack() as held:
         if not _flock(folder, made, held):
-            _lock_file(folder, made, held)
+            path = folder / LOCK
+            try:
+                handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+            except FileExistsError:
+                raise InputError(f"{_taken(folder)}; if there is none, remove {str(path)!r}") from None
+            except OSError as error:
+                raise _said(path, error) from None
+            held.callback(unmake, made)  # called last, when the file is gone
+            held.callback(path.unlink, missing_ok=True)
+            with os.fdopen(handle, "w") as stream:
+                stream.write(f"{os.getpid()}\n")
         yield
 
 
@@ -240,20 +250,6 @@ def _flock(folder: Path, made: Sequence[Path], held: ExitStack) -> bool:
         held.callback(unmake, made)  # still locked: nobody else loses the folder
         return True
     return False
-
-
-def _lock_file(folder: Path, made: Sequence[Path], held: ExitStack) -> None:
-    path = folder / LOCK
-    try:
-        handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
-    except FileExistsError:
-        raise InputError(f"{_taken(folder)}; if there is none, remove {str(path)!r}") from None
-    except OSError as error:
-        raise _said(path, error) from None
-    held.callback(unmake, made)  # called last, when the file is gone
-    held.callback(path.unlink, missing_ok=True)
-    with os.fdopen(handle, "w") as stream:
-        stream.write(f"{os.getpid()}\n")
 
 
 def _taken(folder: Path) -> str:

@@ -32,48 +32,11 @@ if TYPE_CHECKING:
     from .views.pictures.uncertainty import histogram
 
 __all__ = [
-    "basin",
-    "bode",
-    "cobweb",
-    "diagram",
-    "elasticities",
-    "equilibria",
-    "fitted_records",
-    "fold_curves",
-    "fold_map",
-    "folded_record",
-    "histogram",
-    "motion",
-    "multipliers",
-    "operating_point",
-    "phase_portrait",
-    "remedy_sizes",
-    "rest_positions",
-    "sampled_motion",
-    "save",
-    "tasks",
-    "time_traces",
-]
-__getattr__ = lazily(
-    __name__,
-    {
-        "views.pictures.basin": ("basin",),
-        "views.pictures.branches": ("diagram", "multipliers"),
-        "views.pictures.equilibria": ("equilibria",),
-        "views.pictures.event_map": ("cobweb",),
-        "views.pictures.fold": ("elasticities",),
-        "views.pictures.fold_curve": ("fold_curves",),
-        "views.pictures.fold_map": ("fold_map",),
-        "views.pictures.identify": ("fitted_records",),
-        "views.pictures.loop": ("bode",),
-        "views.pictures.orbits": ("phase_portrait", "time_traces"),
-        "views.pictures.plotting": ("save",),
-        "views.pictures.remedies": ("remedy_sizes", "rest_positions"),
-        "views.pictures.simulation": ("folded_record", "motion", "sampled_motion"),
-        "views.pictures.tune": ("operating_point", "tasks"),
-        "views.pictures.uncertainty": ("histogram",),
-    },
-)
+    "basin", "bode", "cobweb", "diagram", "elasticities", "equilibria", "fitted_records", "fold_curves", "fold_map",
+    "folded_record", "histogram", "motion", "multipliers", "operating_point", "phase_portrait", "remedy_sizes",
+    "rest_positions", "sampled_motion", "save", "tasks", "time_traces",
+]  # fmt: skip
+__getattr__ = lazily(__name__)
 
 
 def __dir__() -> list[str]:

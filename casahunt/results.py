@@ -15,6 +15,7 @@ error vouches for (checks.to_error); where the error is 0 the number was given, 
 from __future__ import annotations
 
 import html
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +27,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from .checks import choice_of, error_text, shortened, to_absolute_error
-from .export import Columns, dataframe, new_axes, plain, write_csv, write_json
+from .export import Columns, dataframe, new_axes, plain, write_csv
+from .files import whole_text
 
 _SAID = re.compile(
     r"(?P<name>\w+)(?: = (?P<path>[\w.]+))?(?: \[(?P<unit>[^\]]+)\])?(?: (?P<sign>~|\+-) (?P<error>[\w.]+))?"
@@ -53,14 +55,11 @@ class Quantity(NamedTuple):
             parts = [Quantity(self.name, part, error=self.error).text for part in (value.real, value.imag)]
             return parts[0] if parts[1] == "0" else f"{parts[0]}{'' if parts[1][0] == '-' else '+'}{parts[1]}j"
         if isinstance(value, float | np.floating):
-            return self._number(float(value))
+            x = float(value)
+            if self.error is None or not math.isfinite(x):
+                return f"{x:.{UNESTIMATED_DIGITS}g}"
+            return to_absolute_error(x, self.error) if math.isfinite(self.error) else f"{x:.{UNKNOWN_DIGITS}g}"
         return _text(value)
-
-    def _number(self, x: float) -> str:
-        if self.error is None or not math.isfinite(x):
-            return f"{x:.{UNESTIMATED_DIGITS}g}"
-        return to_absolute_error(x, self.error) if math.isfinite(self.error) else f"{x:.{UNKNOWN_DIGITS}g}"
-
 
 def _text(value: Any) -> str:
     if isinstance(value, Enum):
@@ -171,7 +170,10 @@ class Result:
         ------
         InputError : there is no such column.
         """
-        columns = {name: column for name, column in self._columns().items() if _of_numbers(column)}
+        columns = {
+            name: column for name, column in self._columns().items()
+            if not any(isinstance(value, str | Enum) for value in column)
+        }  # fmt: skip
         first, second, *_ = [*columns, "", ""]
         across, up = choice_of("column", across or first, columns), choice_of("column", up or second, columns)
         ax = new_axes() if ax is None else ax
@@ -217,7 +219,9 @@ class Result:
         ------
         InputError, OSError : it cannot be written there, or the disk is full.
         """
-        write_json(self.to_dict(), path)
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+        with whole_text(path) as stream:
+            stream.write(text + "\n")
 
 
 def tables_of(results: Sequence[Result]) -> Columns:
@@ -256,10 +260,6 @@ def _words(quantities: tuple[Quantity, ...]) -> Iterator[Quantity]:
     for q in quantities:
         if isinstance(q.value, str | int | float | Enum | np.generic) or q.value is None:
             yield q
-
-
-def _of_numbers(column: Any) -> bool:
-    return not any(isinstance(value, str | Enum) for value in column)
 
 
 def _error_text(error: float | None) -> str:

@@ -21,7 +21,7 @@ PACKAGE = ROOT / "casahunt"
 ROOMS = ("hybrid", "collocation", "motion", "orbits", "continuation", "servo", "design", "views")
 ENGINE = ROOMS[:5]
 GROUND = (
-    "lazy", "roots", "interrupts", "errors", "checks", "effort", "compiled", "tables", "files", "export", "results",
+    "lazy", "roots", "interrupts", "errors", "checks", "effort", "compiled", "files", "export", "results",
 )  # fmt: skip
 TOP = ("__init__", "cli", "pictures", "__main__")
 PATHS = {path.relative_to(PACKAGE).with_suffix("").as_posix().replace("/", "."): path for path in PACKAGE.rglob("*.py")}
@@ -154,6 +154,12 @@ def test_the_servo_is_written_as_a_user_writes_a_system():
     assert taken == {"hybrid.__init__"} and names == {"Event", "Mode", "System"}
 
 
+def shown_homes(package: ast.Module) -> dict[str, tuple[str, str]]:
+    """(module, name there) of each name that the type checker sees a package import."""
+    froms = [node for node in ast.walk(package) if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module]
+    return {alias.asname or alias.name: (str(node.module), alias.name) for node in froms for alias in node.names}
+
+
 @cache
 def published() -> frozenset[tuple[str, str]]:
     """(module, name) of what stands in the `__all__` of the package or of a room of the engine, where it is defined."""
@@ -161,7 +167,7 @@ def published() -> frozenset[tuple[str, str]]:
     for room in ("casahunt", *(f"casahunt.{room}" for room in ENGINE)):
         package = importlib.import_module(room)
         for name in getattr(package, "__all__", ()):
-            home = {**package.__dict__.get("_HOME_OF", {})}.get(name)
+            home = shown_homes(tree("__init__"))[name][0] if room == "casahunt" else None
             value = getattr(package, name)
             homes |= {(room, name), (getattr(value, "__module__", home), getattr(value, "__name__", name))}
             homes |= {(f"casahunt.{home}", name)} if home else set()
@@ -214,20 +220,21 @@ def test_computing_draws_nothing():
     assert run.returncode == 0, run.stderr
 
 
-def test_public_names_are_looked_up_where_the_type_checker_sees_them():
-    """`casahunt.__getattr__` and the imports that only the type checker reads agree, and cover `__all__`."""
+@pytest.mark.parametrize("room", ["casahunt", "casahunt.pictures", "casahunt.servo.parts",
+                                  *(f"casahunt.{room}" for room in ENGINE)])  # fmt: skip
+def test_public_names_are_looked_up_where_the_type_checker_sees_them(room):
+    """What only the type checker imports is what `__getattr__` finds, and covers `__all__`."""
+    module = importlib.import_module(room)
+    homes = shown_homes(parsed(Path(module.__file__)))
+    homes.pop("lazily", None)
+    assert sorted(homes) == sorted(module.__all__)
+    for name, (home, there) in homes.items():
+        assert getattr(module, name) is getattr(importlib.import_module(f"{module.__package__}.{home}"), there)
+
+
+def test_the_names_of_the_package_are_listed():
     import casahunt
 
-    shown = {}
-    for node in ast.walk(tree("__init__")):
-        if isinstance(node, ast.ImportFrom) and node.level and node.module:
-            for alias in node.names:
-                shown[alias.asname or alias.name] = (node.module, alias.name)
-    looked_up = {
-        name: (home, casahunt._OTHER_NAMES.get(name, name)) for home, names in casahunt._HOMES.items() for name in names
-    }
-    assert looked_up == shown
-    assert sorted(looked_up) == sorted(casahunt.__all__)
     assert set(casahunt.__all__) <= set(dir(casahunt))
 
 

@@ -254,7 +254,7 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
             getattr(made("fold"), write)(tmp_path / "none" / "file")
     path = tmp_path / "r.json"
     path.write_text("before")
-    monkeypatch.setattr("casahunt.export.json.dumps", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("casahunt.results.json.dumps", lambda *a, **k: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         made("fold").to_json(path)
     assert path.read_text() == "before"

@@ -14,7 +14,7 @@ import pytest
 
 import casahunt
 from casahunt import cli, load_branch
-from casahunt.tables import cell, table
+from casahunt.export import cell, table
 
 WORDS = {"model", "parameter", "status", "special", "mode"}
 TRUTHS = {"stable"}
@@ -111,4 +111,4 @@ def test_there_is_no_other_writer():
     package = Path(casahunt.__file__).parent
     other = re.compile(r"csv\.(Dict)?[wW]riter|savetxt\(")
     others = [path.name for path in package.rglob("*.py") if other.search(path.read_text("utf-8"))]
-    assert others == ["tables.py"]
+    assert others == ["export.py"]

@@ -25,7 +25,6 @@ remesh.py         the mesh that makes it as small as asked for
 conditions.py     what the phases say of solutions: conditions, features, events there
 resolution.py     how well a condition is known inside an interval
 successors.py     does an event lead to the mode that follows?
-near_grazing.py   is an event met that is all but met?
 admissibility.py  is a root of the equations a motion?
 """
 
@@ -39,4 +38,4 @@ if TYPE_CHECKING:
     from .scheme import Scheme
 
 __all__ = ["Scheme", "flow_at", "minimise"]
-__getattr__ = lazily(__name__, {"ipopt": ("minimise",), "joints": ("flow_at",), "scheme": ("Scheme",)})
+__getattr__ = lazily(__name__)

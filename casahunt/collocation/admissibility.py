@@ -25,6 +25,9 @@ distance from that end, so that what must be clear of zero is its slope.
 One solution has no axis of members, many have theirs first (...); of many no sentence is asked for, but yes or no.
 
 Symbols: n states, d stages, N intervals, m points.
+
+An event that comes near zero and goes away again is looked at on equidistant times and at the tops between them; a top
+no farther from zero than it is known, on whichever side, says nothing: next to a grazing contact that is rounding.
 """
 
 from __future__ import annotations
@@ -36,7 +39,6 @@ import numpy as np
 from ..hybrid.system import Exit, Feature, VectorMode
 from ..roots import boundary
 from .conditions import Conditions, NotSymbolic
-from .near_grazing import comes_and_goes, tops_of
 from .resolution import BARELY, NOISE, RESOLUTION, dense_rule, largest_of_phase, not_clear
 from .successors import contradicted, taken_over, undecided
 from .transcription import Setting, Transcription
@@ -52,6 +54,38 @@ NOTHING_LEFT = 0.9
 """The same for a solution: the error estimate looks between the points, but must have something to see."""
 MOVES_BELOW = 1e-9
 """States that range over less than this part of their scale do not move: tolerances of cycles are larger."""
+
+
+def comes_and_goes(values: Array, tops: Array, doubt: Array | float, least: Array | float) -> tuple[Array, Array]:
+    """Where an event that is not met in the end is met in between: surely, and perhaps.
+
+    values, tops: (..., N, m) of the event, below zero before it is met, and `tops_of` them; doubt, least: (..., N, 1)
+    how well they are known, 0 for exactly; (..., 1, 1) what does not count.
+    Returns (..., N, m) bool: above `least` for sure, between times at which it is as far below zero; and no farther
+    below zero than it is known, between times at which it is, on intervals that do not resolve `least`.
+    """
+    near = (tops > least) | ((doubt > least) & (tops > -doubt))
+    if not near.any():
+        return near, near
+    flat = values.reshape(*values.shape[:-2], -1)
+    around = np.zeros_like(flat)
+    before = np.minimum.accumulate(flat, axis=-1)[..., :-2]
+    behind = np.minimum.accumulate(flat[..., ::-1], axis=-1)[..., -3::-1]
+    around[..., 1:-1] = np.maximum(before, behind)  # of the points before, and of those behind: tops lie between points
+    around = around.reshape(values.shape)
+    seen = (around < -least) & (tops > least + doubt)
+    unknown = (doubt > least) & (around < -doubt) & (tops > -doubt)
+    return np.asarray(seen), np.asarray(unknown | (around < -least) & (tops > least) & ~seen)
+
+
+def tops_of(values: Array) -> Array:
+    """Equidistant values (..., m), or what they come up to next to them: vertices of parabolas through neighbours."""
+    tops = values.copy()
+    left, middle, right = values[..., :-2], values[..., 1:-1], values[..., 2:]
+    bend, tilt = left - 2 * middle + right, left - right
+    peaked = (bend < 0) & (np.abs(tilt) <= -2 * bend)
+    tops[..., 1:-1] -= np.divide(tilt * tilt, bend, out=np.zeros_like(bend), where=peaked) / 8
+    return tops
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,13 +129,9 @@ class NodeSystem:
             return np.array(found).reshape(rhs.shape)
         columns = sign * (len(rhs) if rhs.ndim > 1 else 1)
         y = (self._solvers.get(columns) or self._solver(columns))(nonzeros, rhs)
-        if sign > 0 and self._holds(nonzeros):
+        if sign > 0 and nonzeros[self._of_lambda] and not nonzeros.take(self._of_others).any():  # a row about lambda
             y.T[-1] = rhs.T[-1] / nonzeros[self._of_lambda]
         return y
-
-    def _holds(self, nonzeros: Array) -> bool:
-        """Whether the border row is about lambda alone."""
-        return not nonzeros.take(self._of_others).any() and bool(nonzeros[self._of_lambda])
 
     def dense(self, nonzeros: Array) -> Array:
         """The matrix as a dense array (y, y), for tests and condition numbers."""

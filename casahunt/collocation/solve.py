@@ -61,23 +61,19 @@ def solve(
             return ipopt(t, u, setting, border=border, parameter=parameter)
         return newton(t, u, setting, border=border, parameter=parameter, accuracy=accuracy, rough=rough, nearby=nearby)
     if solver == "ipopt":
-        return _optimum(t, u, setting, parameter, bend)
+        # the extremum of lambda, by IPOPT
+        if t.intervals > OPTIMAL_INTERVALS:
+            return Solution(u, parameter, Status.NOT_CONVERGED, 0, np.inf, None, "ipopt", bend)
+        sense = -float(np.sign(bend))
+        moved = setting.moved(parameter)
+        best = maximise_parameter(t, u, replace(moved, dp=sense * moved.dp))
+        lam, lin = parameter + sense * best.parameter, None
+        if best.status.ok:
+            lin = t.linearise(best.u, setting.moved(lam))
+        residual = np.inf if lin is None else lin.residual_norm()
+        return Solution(best.u, lam, best.status, best.iterations, residual, lin, "ipopt", bend)
     turn = Turn(np.array([bend]))
     found = newton(
         t, u, setting, border=border, parameter=parameter, accuracy=accuracy, turn=turn, max_iterations=MOST_TURNS
     )
     return replace(found, bend=float(turn.bend[0]))
-
-
-def _optimum(t: Transcription, u: Array, setting: Setting, parameter: float, bend: float) -> Solution:
-    """The extremum of lambda, by IPOPT."""
-    if t.intervals > OPTIMAL_INTERVALS:
-        return Solution(u, parameter, Status.NOT_CONVERGED, 0, np.inf, None, "ipopt", bend)
-    sense = -float(np.sign(bend))
-    moved = setting.moved(parameter)
-    best = maximise_parameter(t, u, replace(moved, dp=sense * moved.dp))
-    lam, lin = parameter + sense * best.parameter, None
-    if best.status.ok:
-        lin = t.linearise(best.u, setting.moved(lam))
-    residual = np.inf if lin is None else lin.residual_norm()
-    return Solution(best.u, lam, best.status, best.iterations, residual, lin, "ipopt", bend)

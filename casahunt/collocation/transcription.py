@@ -260,29 +260,26 @@ class Transcription:
         if counted:
             effort.problem(self.intervals * (1 if u.ndim == 1 else len(u)))
         with np.errstate(all="ignore"):  # a wild iterate may overflow; `Linearisation.finite` tells
-            return self._linearise(u, setting)
-
-    def _linearise(self, u: Array, setting: Setting) -> Linearisation:
-        nodes, T, scale = self.nodes_of(u), self.durations_of(u), setting.scale
-        intervals, joints = self._eliminated(u, nodes, T, setting), self.joints(nodes, T, setting)
-        maps = np.empty((*nodes.shape[:-2], self.elements, self.n, intervals.maps.shape[-1]))
-        maps[..., self.inside, :, :] = intervals.maps
-        flow_residual = nodes.take(self.closed_elements + 1, axis=-2) - joints.flow[..., 0, :]
-        if self.closed:
-            maps[..., self.closed_forms, :, :] = joints.flow.swapaxes(-1, -2)
-            maps[..., self.closed_forms, :, :1] = -flow_residual[..., None]
-        closure = self.cycle.closure * (scale[..., None, :] / scale[..., :, None])
-        back = (closure @ nodes[..., -1, :, None])[..., 0]
-        return Linearisation(
-            transcription=self,
-            interval_residual=intervals.residual,
-            flow_residual=flow_residual,
-            closure_residual=nodes[..., 0, :] - back + self.shift / scale,
-            events=joints.events,
-            maps=maps,
-            closure=closure,
-            eliminated=intervals.stages,
-        )
+            nodes, T, scale = self.nodes_of(u), self.durations_of(u), setting.scale
+            intervals, joints = self._eliminated(u, nodes, T, setting), self.joints(nodes, T, setting)
+            maps = np.empty((*nodes.shape[:-2], self.elements, self.n, intervals.maps.shape[-1]))
+            maps[..., self.inside, :, :] = intervals.maps
+            flow_residual = nodes.take(self.closed_elements + 1, axis=-2) - joints.flow[..., 0, :]
+            if self.closed:
+                maps[..., self.closed_forms, :, :] = joints.flow.swapaxes(-1, -2)
+                maps[..., self.closed_forms, :, :1] = -flow_residual[..., None]
+            closure = self.cycle.closure * (scale[..., None, :] / scale[..., :, None])
+            back = (closure @ nodes[..., -1, :, None])[..., 0]
+            return Linearisation(
+                transcription=self,
+                interval_residual=intervals.residual,
+                flow_residual=flow_residual,
+                closure_residual=nodes[..., 0, :] - back + self.shift / scale,
+                events=joints.events,
+                maps=maps,
+                closure=closure,
+                eliminated=intervals.stages,
+            )
 
     def responses(self, u: Array, setting: Setting, along: Array) -> Array:
         """(k, size) how all unknowns of one solution move along directions of p (k, np), k > 0: by one Jacobian."""

@@ -75,42 +75,10 @@ if TYPE_CHECKING:
     from .walk import walk_to_end
 
 __all__ = [
-    "FOLD", "GRAZING", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium", "EquilibriumBranch",
-    "Expansion", "Fold", "FoldConstraints", "Folds", "Missed", "Monitor", "SpecialCurve", "SpecialEquilibrium",
-    "SpecialOrbit", "SpecialPoint", "born_at", "branch_off", "equilibria", "expansion", "expansion_beside",
-    "fold_between", "folds_near", "follow", "grazing", "largest", "monitors_of", "next_fold", "smallest",
-    "special_curve", "special_points_between", "special_walk", "user_monitor", "walk_to_end",
+    "FOLD", "GRAZING", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium",
+    "EquilibriumBranch", "Expansion", "Fold", "FoldConstraints", "Folds", "Missed", "Monitor", "SpecialCurve",
+    "SpecialEquilibrium", "SpecialOrbit", "SpecialPoint", "born_at", "branch_off", "equilibria", "expansion",
+    "expansion_beside", "fold_between", "folds_near", "follow", "grazing", "largest", "monitors_of", "next_fold",
+    "smallest", "special_curve", "special_points_between", "special_walk", "user_monitor", "walk_to_end",
 ]  # fmt: skip
-__getattr__ = lazily(
-    __name__,
-    {
-        "bifurcations": ("monitors_of",),
-        "birth": ("born_at",),
-        "branch": ("Branch",),
-        "crossings": ("special_points_between",),
-        "equilibrium_branch": ("Equilibrium", "EquilibriumBranch", "SpecialEquilibrium", "equilibria"),
-        "branching": ("branch_off",),
-        "extremum": ("largest", "smallest"),
-        "fold": ("Fold", "FoldConstraints", "fold_between"),
-        "fold_check": ("next_fold",),
-        "fold_ensemble": ("Folds", "expansion", "expansion_beside", "folds_near"),
-        "fold_expansion": ("Expansion",),
-        "following": ("follow",),
-        "terminations": ("End",),
-        "sheet": ("Axis",),
-        "special_charts": ("SpecialOrbit",),
-        "two_parameters": ("SpecialCurve", "special_curve", "special_walk"),
-        "walk": ("walk_to_end",),
-        "special_points": (
-            "FOLD",
-            "GRAZING",
-            "SUPERSTABLE",
-            "SYMMETRY_BREAKING",
-            "Missed",
-            "Monitor",
-            "SpecialPoint",
-            "user_monitor",
-        ),
-        "grazing_search": ("grazing",),
-    },
-)
+__getattr__ = lazily(__name__)

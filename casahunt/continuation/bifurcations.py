@@ -106,17 +106,14 @@ def _passes(
     return of_rank(None)
 
 
-def _pairs(orbit: Orbit) -> list[tuple[complex, complex]]:
-    return list(combinations(_nontrivial(orbit), 2))
-
-
 def _slope_is_sure(orbit: Orbit, point: CurvePoint) -> bool:
     return abs(float(point.row[-1])) > NOISE_OF_SLOPE * orbit.error_estimate
 
 
 def pair_of(orbit: Orbit) -> tuple[complex, complex]:
     """The two nontrivial multipliers whose product is nearest to 1; zeros where there are no two."""
-    return min(_pairs(orbit), key=lambda pair: abs(pair[0] * pair[1] - 1), default=(0j, 0j))
+    pairs = combinations(_nontrivial(orbit), 2)
+    return min(pairs, key=lambda pair: abs(pair[0] * pair[1] - 1), default=(0j, 0j))
 
 
 def _product(orbit: Orbit, point: CurvePoint) -> float:

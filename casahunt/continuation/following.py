@@ -205,7 +205,11 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     if outcome is _Pause.PHASE_GONE:
         return _Departure(way.sense, run.branch.orbits[-2])
     if outcome is _Pause.CUT_SHRINKS:
-        return _past_the_plane(run, way)
+        # on with the last cycle cut elsewhere, where it can be
+        fresh = cut_elsewhere(run.last, run.options)
+        if fresh is None:
+            return replace(way, previous=run.branch.orbits[-2], heading=None)
+        return _cut_anew(run, fresh, way.sense)
     if isinstance(outcome, End) and outcome.kind == POINT_KIND:
         outcome = through_rest(run.branch.orbits, run.branch.vary, outcome.value, run.options) or outcome
     if not isinstance(outcome, Orbit) and cut_by_planes(run.last):
@@ -215,7 +219,16 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     if isinstance(outcome, End):
         return outcome
     if not run.within(outcome):
-        return _at_bound(run, outcome)
+        # the branch goes on with a cycle beyond its range: it ends with that cycle on the bound, where it is one
+        vary = run.branch.vary
+        bound = run.how["high"] if run.value(outcome) > run.how["high"] else run.how["low"]
+        problem = outcome.problem.with_value(vary, bound)
+        reached = cast("AnyOrbit | None", solved_at(problem, unknowns_of(outcome), run.options))
+        if reached is None:
+            return End("range", f"the next cycle that was found lies beyond {vary} = {bound:.6g}, the end of the range")
+        run.add(passed=run.line.rest())
+        run.add(reached)
+        return End("range", f"{vary} reached {bound:.6g}, the end of the range", bound)
     if len(run.branch.orbits) + 1 >= run.max_points:
         return End("points", f"stopped after {run.max_points} points")
     sense = float(np.sign(run.value(outcome) - run.value(run.last))) or _sense(run.branch, way.sense)
@@ -223,19 +236,6 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     run.add(outcome)
     run.line.go_on_from(outcome)
     return _Departure(sense)
-
-
-def _at_bound(run: Run[AnyOrbit], beyond: AnyOrbit) -> End:
-    """The end of a branch that goes on with a cycle beyond its range: with that cycle on the bound, where it is one."""
-    vary = run.branch.vary
-    bound = run.how["high"] if run.value(beyond) > run.how["high"] else run.how["low"]
-    problem = beyond.problem.with_value(vary, bound)
-    reached = cast("AnyOrbit | None", solved_at(problem, unknowns_of(beyond), run.options))
-    if reached is None:
-        return End("range", f"the next cycle that was found lies beyond {vary} = {bound:.6g}, the end of the range")
-    run.add(passed=run.line.rest())
-    run.add(reached)
-    return End("range", f"{vary} reached {bound:.6g}, the end of the range", bound)
 
 
 def _after_planes(
@@ -289,7 +289,8 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
         try:
             after = next(steps)
         except StopIteration as end:
-            return _ended(run, end.value)
+            why = end.value
+            return End(why.kind, str(why), run.value(run.last)) if isinstance(why, Stopped) else cast(Complaint, why)
         except NoOrbit as error:
             return Complaint(str(error), error.status)
         before = run.last
@@ -355,19 +356,6 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
     run.add(passed=run.line.past(after))
     end = run.told_to_end() or comes_to(run.branch.orbits, run.branch.vary)
     return end or (LEADS_ELSEWHERE if GRAZING in run.looked_for and leads_elsewhere(after) else None)
-
-
-def _ended(run: Run[AnyOrbit], why: str) -> End | Complaint:
-    """Why a walk has ended, with the value of the parameter where it was to end."""
-    return End(why.kind, str(why), run.value(run.last)) if isinstance(why, Stopped) else cast(Complaint, why)
-
-
-def _past_the_plane(run: Run[AnyOrbit], way: _Departure[AnyOrbit]) -> _Departure[AnyOrbit]:
-    """On with the last cycle cut elsewhere, where it can be."""
-    fresh = cut_elsewhere(run.last, run.options)
-    if fresh is None:
-        return replace(way, previous=run.branch.orbits[-2], heading=None)
-    return _cut_anew(run, fresh, way.sense)
 
 
 def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:

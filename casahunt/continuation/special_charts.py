@@ -187,7 +187,8 @@ def special_chart(task: ChartSetting, reading: Evaluation, like: Sheet, m: float
         return special
     if task.monitor.kind != NEIMARK_SACKER.kind:
         return SpecialChart(task, sheet, (phi_s, phi_m), special)
-    at, right, left, up, down = (_angle(read.data) for read in (reading, above, below, ahead, behind))
+    reads = reading, above, below, ahead, behind
+    at, right, left, up, down = (abs(float(np.angle(pair_of(read.data)[0]))) for read in reads)
     bent = abs(right + left - 2 * at) - abs(right - left), abs(up + down - 2 * at) - abs(up - down) if back else 0.0
     if max(bent) > KINK:
         return f"the pair of multipliers meets at {_resonance(at > np.pi / 2)}"
@@ -215,7 +216,8 @@ def _special_orbit(
     if fold is not None:
         return SpecialOrbit(fold.orbit, fold.error_estimate, fold.sensitivities[axis.vary], phi_s)
     orbit, along_s = sheet.orbit, float(sheet.point.row[-1])
-    noise = abs(reading.value) + _noise(task.monitor, orbit)
+    of_monitor = task.monitor.noise(orbit) if task.monitor.by_multipliers else task.monitor.tolerance
+    noise = abs(reading.value) + of_monitor
     off = noise / max(abs(phi_s), float(np.sqrt(noise * np.hypot(phi_s, phi_m)))) if noise else 0.0
     error = max(orbit.parameter_error, orbit.error_estimate) + abs(along_s) * off
     slope = orbit.problem.unit(vary) * sheet.steepness / axis.rate(sheet.position)
@@ -223,11 +225,6 @@ def _special_orbit(
         slope -= orbit.problem.unit(vary) * along_s * phi_m / phi_s / axis.rate(sheet.position) if phi_s else np.inf
     shown = task.reported(orbit)
     return shown if isinstance(shown, str) else SpecialOrbit(shown, float(error), float(slope), phi_s)
-
-
-def _noise(monitor: Monitor, orbit: Orbit) -> float:
-    """Estimated error of a monitor."""
-    return monitor.noise(orbit) if monitor.by_multipliers else monitor.tolerance
 
 
 def not_what_it_is_called(monitor: Monitor, orbit: Orbit) -> str:
@@ -271,8 +268,3 @@ def passes_resonance(here: SpecialChart, there: SpecialChart, s: float, m: float
 
 def _resonance(turned: bool) -> str:
     return "-1: a 1:2 resonance" if turned else "+1: a 1:1 resonance"
-
-
-def _angle(orbit: Orbit) -> float:
-    """Of that pair, in [0, pi]."""
-    return abs(float(np.angle(pair_of(orbit)[0])))

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 
 from ..checks import choice_of
-from ..collocation.transcription import Setting
 from ..errors import NoOrbit
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, first_solved, solve_adaptively
@@ -223,7 +222,7 @@ def _step_and_tangent(
     if reached:
         return orbit, None, solved
     like = in_units_of(secant_direction(last, orbit, vary), last.scale, solved.setting.scale)
-    lin, setting = solved.solution.linearisation, _setting_at(solved)
+    lin, setting = solved.solution.linearisation, solved.setting.moved(solved.solution.parameter)
     dp = along(orbit.problem, vary, float(setting.p[orbit.problem.names.index(vary)]))
     following = replace(point_at(solved.t, solved.solution.u, setting, dp, like=like, lin=lin), moves=point.moves)
     if ds > SHARP_STEP and (cosine(point, following) < LEAST_COSINE or _astray(point, following, last, orbit, vary)):
@@ -236,10 +235,6 @@ def _astray(point: CurvePoint, following: CurvePoint, last: Orbit, orbit: Orbit,
     way = in_units_of(secant_direction(last, orbit, vary), last.scale, following.setting.scale)
     same = point.t.cycle == following.t.cycle
     return same and bool(np.linalg.norm(way) > ASTRAY_BY * float(way @ following.row))
-
-
-def _setting_at(solved: SolvedOrbit) -> Setting:
-    return solved.setting.moved(solved.solution.parameter)
 
 
 def step_along(

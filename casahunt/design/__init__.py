@@ -5,7 +5,7 @@
 diagram.py          the branch of a servo from a gain round the fold and back
 diagram_files.py    a diagram on the disk after every point, and taken up again
 sensitivity.py      the fold gain's derivatives by every parameter, from the adjoint
-fold_curve/         the fold gain against a second parameter
+fold_curve.py       the fold gain against a second parameter
 nearby.py           the fold of a servo near one whose fold is known
 ensemble.py         the folds of thousands of servos in one call
 fold_map.py         the fold gain over two parameters

@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..continuation import SpecialPoint
+from ..errors import InputError
+from ..export import table
 from ..files import together, whole_text
 from ..orbits import Archive, Options
 from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows
 from ..servo.friction import Model
 from ..servo.problem import HuntingOrbit
-from ..servo.saved import load_run, of_another_run, same_task, save_branch
+from ..servo.saved import load_run, save_branch
 from ..servo.servo import Servo
-from ..tables import table
 from .diagram import DiagramPoint, branch_of
 
 SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": Archive.SIGN}
@@ -122,10 +123,16 @@ def saved_points(task: DiagramTask, model: Model, out: Path) -> Left:
         return Left([], "")
     branch, run = load_run(path)
     before = run.get("special_before", [])
-    if not branch.orbits or "from" not in run or not isinstance(before, list) or len(before) != len(branch.special):
-        raise of_another_run(path, "it does not say how it was computed")
     asked = {key: value for key, value in task.settings.items() if value is not None}
-    same_task(path, branch, run, task.servo, model, asked)
+    another = [f"{key} = {run.get(key)}, not {value}" for key, value in asked.items() if run.get(key) != value]
+    another += ["another servo"] * (branch.servo != task.servo) + ["another model"] * (branch.model != model)
+    if not branch.orbits or "from" not in run or not isinstance(before, list) or len(before) != len(branch.special):
+        another = ["it does not say how it was computed"]
+    if another:
+        raise InputError(
+            f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "
+            "--resume out for a new start"
+        )
     special: dict[int, list[SpecialPoint[HuntingOrbit]]] = {}
     for point, i in zip(branch.special, before, strict=True):
         special.setdefault(i, []).append(point)

@@ -18,9 +18,9 @@ from typing import Any
 from ..continuation import Fold
 from ..export import Columns
 from ..results import Result
-from ..servo.problem import HuntingFold
-from ..servo.servo import PARAMETERS, PID_PARAMETERS, flatten
-from ..servo.units import GAIN_UNIT, column, unit_of
+from ..servo.parts.table import unit_of
+from ..servo.servo import PARAMETERS, PID_PARAMETERS
+from ..servo.units import column
 
 NAMES = tuple(dict.fromkeys(name for name in (*PARAMETERS, *PID_PARAMETERS) if name != "gain"))
 """Parameters that a fold gain may depend on; the controller's are those of one of its two forms."""
@@ -44,7 +44,7 @@ class Sensitivities(Result):
     -1.0
     """
 
-    _quantities = ("gain = fold.gain [V/rad] ~ fold.gain_error", "elasticities")
+    _quantities = ("parameter = fold.parameter", "value = fold.value ~ fold.value_error", "elasticities")
     _details = ("derivatives",)
 
     fold: Fold[Any]
@@ -56,26 +56,15 @@ class Sensitivities(Result):
         return self.fold.value + sum(self.derivatives[name] * change for name, change in changes.items())
 
     def _columns(self) -> Columns:
-        names, fold = list(self.elasticities), self.fold
-        if not isinstance(fold, HuntingFold):
-            parameter, value = fold.parameter, fold.orbit.problem.value
-            return {
-                "parameter": names,
-                "value": [value(name) for name in names],
-                f"fold_{parameter}": [fold.value] * len(names),
-                f"fold_{parameter}_error": [fold.absolute_error] * len(names),
-                "slope": [self.derivatives[name] for name in names],
-                "elasticity": [self.elasticities[name] for name in names],
-            }
-        values = flatten(fold.orbit.servo)
+        fold, names, unit = self.fold, list(self.elasticities), unit_of(self.fold.parameter)
         return {
-            "model": [fold.orbit.model] * len(names),
+            "model": [getattr(fold.orbit, "model", "loop")] * len(names),
             "parameter": names,
             "unit": [unit_of(name) for name in names],
-            "value": [values[name] for name in names],
-            column("fold_gain", GAIN_UNIT): [fold.gain] * len(names),
-            column("fold_gain_error", GAIN_UNIT): [fold.gain * fold.gain_error] * len(names),
-            "slope_V_per_rad_per_unit": [self.derivatives[name] for name in names],
+            "value": [fold.orbit.problem.value(name) for name in names],
+            column(f"fold_{fold.parameter}", unit): [fold.value] * len(names),
+            column(f"fold_{fold.parameter}_error", unit): [fold.absolute_error] * len(names),
+            f"{column('slope', unit)}_per_unit": [self.derivatives[name] for name in names],
             "elasticity": [self.elasticities[name] for name in names],
         }
 

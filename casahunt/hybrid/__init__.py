@@ -20,4 +20,4 @@ if TYPE_CHECKING:
     from .language import Event, Mode, System
 
 __all__ = ["Event", "Mode", "System"]
-__getattr__ = lazily(__name__, {"language": ("Event", "Mode", "System")})
+__getattr__ = lazily(__name__)

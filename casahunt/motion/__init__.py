@@ -38,14 +38,4 @@ __all__ = [
     "MarchFailure", "Motion", "Segment", "follow_for", "forward_sensitivity", "march", "simulate",
     "taylor_coefficients",
 ]  # fmt: skip
-__getattr__ = lazily(
-    __name__,
-    {
-        "phases": ("march",),
-        "recursion": ("taylor_coefficients",),
-        "segment": ("MarchFailure", "Segment"),
-        "sensitivity": ("forward_sensitivity",),
-        "motion": ("Motion",),
-        "simulation": ("follow_for", "simulate"),
-    },
-)
+__getattr__ = lazily(__name__)

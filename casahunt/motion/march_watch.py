@@ -140,7 +140,7 @@ def _events_at(exits: tuple[Exit, ...], field: Field, n: int, parameters: int) -
 def _looks(
     exits: tuple[Exit, ...], feature: Feature | None, n: int, parameters: int, degree: int, kind: Kind
 ) -> Caller:
-    """Events along an interval, what they come up to next to watched times (near_grazing.py), the highest of both, and
+    """Events along an interval, what they come up to next to watched times (admissibility.py), the highest of both, and
     the largest jump from one of its points to the next of a feature in symbols."""
     z, p, scale = ca.SX.sym("z", n), ca.SX.sym("p", parameters), ca.SX.sym("scale", n)
     x, X, end, ahead = (ca.SX.sym(name, rows) for name, rows in zip("xXea", (n, degree * n, n, n), strict=True))

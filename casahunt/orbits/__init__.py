@@ -20,7 +20,6 @@ bordering.py the row under which the parameter is free
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 one_of_many.py whether a cycle is one of many at the same parameters
 fold_side.py on which side of a fold a cycle lies
-ensemble_multipliers.py  the leading multipliers of many cycles
 ensemble.py  cycles of many problems near one whose cycle is known
 npz_arrays.py arrays of a file, unpacked within limits
 archive.py   orbits in files
@@ -61,26 +60,8 @@ if TYPE_CHECKING:
     from .system_orbit import SystemOrbit
 
 __all__ = [
-    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble",
-    "StateSensitivity", "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined",
+    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "StateSensitivity",
+    "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined",
     "state_sensitivity", "with_multipliers", "write_archive",
 ]  # fmt: skip
-__getattr__ = lazily(
-    __name__,
-    {
-        "adapt": ("refined",),
-        "archive": ("Archive", "write_archive"),
-        "closure": ("Closure",),
-        "cycle_search": ("find_cycle",),
-        "saved_cycle": ("load_orbit",),
-        "marched_mesh": ("orbit_from_motion",),
-        "options": ("Options",),
-        "family": ("Cycles",),
-        "floquet": ("Multipliers",),
-        "orbit": ("Arc", "Orbit"),
-        "ensemble": ("OrbitEnsemble", "orbit_ensemble"),
-        "batched_multipliers": ("with_multipliers",),
-        "state_sensitivity": ("StateSensitivity", "state_sensitivity"),
-        "system_orbit": ("SystemOrbit",),
-    },
-)
+__getattr__ = lazily(__name__)

@@ -70,7 +70,16 @@ class _Writer:
     def text(self, content: Any) -> str:
         """Content as JSON text, in which orbits may stand; `finite` says whether there is one."""
         if isinstance(content, Orbit):
-            return self._orbit(content)
+            at, text, numbers = self.said.get(content, (-1, "", np.zeros(0)))
+            if at == self.used:
+                self.parts.append(numbers)
+                self.used += numbers.size
+                return text
+            at, count = self.used, len(self.parts)
+            text = self._plain(orbit_record(content, self))
+            numbers = np.concatenate(self.parts[count:])
+            self.said[content] = at, text, numbers
+            return text
         if isinstance(content, Mapping):
             return "{" + ", ".join(f"{json.dumps(name)}: {self.text(value)}" for name, value in content.items()) + "}"
         if isinstance(content, list | tuple):
@@ -83,19 +92,6 @@ class _Writer:
         except ValueError:
             self.finite = False
             return "null"
-
-    def _orbit(self, orbit: Orbit) -> str:
-        at, text, numbers = self.said.get(orbit, (-1, "", np.zeros(0)))
-        if at == self.used:
-            self.parts.append(numbers)
-            self.used += numbers.size
-            return text
-        at, count = self.used, len(self.parts)
-        text = self._plain(orbit_record(orbit, self))
-        numbers = np.concatenate(self.parts[count:])
-        self.said[orbit] = at, text, numbers
-        return text
-
 
 def orbit_record(orbit: Orbit, writer: _Writer) -> dict[str, Any]:
     """One orbit as JSON can say it.
@@ -254,7 +250,26 @@ class Archive:
 
     def __init__(self, path: str | Path, kind: str) -> None:
         self.path = path
-        self.metadata, self.numbers = read(path, kind)
+        name = repr(str(path))
+        found = bounded(path, name, sum(npz_arrays.LARGEST_ARRAYS.values()) + npz_arrays.FRAME)
+        arrays = npz_arrays.arrays(found, name, {"metadata": np.uint8, "numbers": np.float64})
+        if arrays is None:
+            raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
+        text, numbers = arrays["metadata"].tobytes(), arrays["numbers"]
+        try:
+            metadata = json.loads(text, parse_constant=_not_a_number)
+        except (ValueError, RecursionError):
+            raise InputError(f"{name} is damaged: its metadata are not JSON") from None
+        if not isinstance(metadata, dict) or metadata.get("schema") != SCHEMA:
+            raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: its metadata have another schema")
+        if metadata.get("version") != VERSION:
+            version = metadata.get("version")
+            raise InputError(f"{name} has the schema version {version!r}; this program reads version {VERSION}")
+        if metadata.get("kind") != kind:
+            raise InputError(f"{name} holds {_article(metadata.get('kind'))}, not {_article(kind)}")
+        if not np.isfinite(numbers).all():
+            raise InputError(f"{name} is damaged: it holds NaN or infinity")
+        self.metadata, self.numbers = metadata, numbers
 
     def orbit(self, record: Mapping[str, Any], pose: Pose) -> Any:
         """The orbit of a record.
@@ -274,7 +289,41 @@ class Archive:
         ------
         KeyError, TypeError, ValueError : the record is none, or does not fit its numbers; see `checked`.
         """
-        return orbit_from(record, self.numbers, pose)
+        take = partial(_taken, self.numbers)
+        problem, repeats = pose(record), 2 if record["half"] else 1
+        cycle = problem.cycle(tuple((a["mode"], a["event"]) for a in record["arcs"]), repeats)
+        n, degree, kind = len(cycle.states), int(record["degree"]), record["scheme"]
+        scheme(degree, kind)  # refuses what does not exist
+
+        def arc(a: dict[str, Any]) -> Arc:
+            breaks = take(a["breaks"], -1)
+            if breaks[0] != 0 or breaks[-1] != 1 or not (np.diff(breaks) > 0).all():
+                raise ValueError("the breaks of an arc do not run from 0 to 1")
+            closed_form = a["states"]["shape"][1:2] == [1]
+            states = take(a["states"], breaks.size - 1, 1 if closed_form else degree + 1, n)
+            return Arc(a["mode"], a["event"], float(a["duration"]), breaks, states, take(a["end"], n))
+
+        orbit = (problem.orbit_type or Orbit)(
+            problem=problem,
+            repeats=repeats,
+            degree=degree,
+            kind=kind,
+            arcs=tuple(arc(a) for a in record["arcs"]),
+            period=float(record["period"]),
+            amplitude=float(record["amplitude"]),
+            period_error=float(record["period_error"]),
+            amplitude_error=float(record["amplitude_error"]),
+            parameter_error=float(record["parameter_error"]),
+            status=Status[record["status"]],
+            solver=record["solver"],
+            iterations=int(record["iterations"]),
+            unknowns=int(record["unknowns"]),
+            residual=float(record["residual"]),
+            wall_s=float(record["wall_s"]),
+            scale=take(record["scale"], n),
+        )
+        _check(orbit, cycle)
+        return orbit
 
     def checked(self, build: Callable[[], T]) -> T:
         """What a function makes of the content.
@@ -283,59 +332,13 @@ class Archive:
         ------
         InputError : the content does not fit: the function has raised what wrong content makes it raise.
         """
-        return checked(self.path, build)
-
-
-def read_orbit(path: str | Path, pose: Pose) -> Any:
-    """Read an orbit of one kind of problem, written by `save_orbit`.
-
-    Returns Orbit, of the class that its problem names. Raises InputError: anything else, saying what is wrong.
-    """
-    archive = Archive(path, "orbit")
-    return archive.checked(lambda: archive.orbit(archive.metadata["orbit"], pose))
-
-
-def checked(path: str | Path, build: Callable[[], T]) -> T:
-    """Build something from a file's content.
-
-    build: builds it; any exception of wrong content is taken for damage. Returns what `build` returns. Raises
-    InputError: the content does not fit.
-    """
-    try:
-        return build()
-    except KeyError as error:
-        what = f"{error} is missing or unknown"
-    except (TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
-        what = str(error)
-    raise InputError(f"{str(path)!r} is damaged: its metadata and its numbers do not fit ({what})")
-
-
-def read(path: str | Path, kind: str) -> tuple[dict[str, Any], Array]:
-    """Read a file of this schema.
-
-    kind: what it must hold: "orbit" or "branch". Returns metadata, and (m,) the numbers of all arrays, finite. Raises
-    InputError: no such file, none of this schema, version and kind, or damaged.
-    """
-    name = repr(str(path))
-    found = bounded(path, name, sum(npz_arrays.LARGEST_ARRAYS.values()) + npz_arrays.FRAME)
-    arrays = npz_arrays.arrays(found, name, {"metadata": np.uint8, "numbers": np.float64})
-    if arrays is None:
-        raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
-    text, numbers = arrays["metadata"].tobytes(), arrays["numbers"]
-    try:
-        metadata = json.loads(text, parse_constant=_not_a_number)
-    except (ValueError, RecursionError):
-        raise InputError(f"{name} is damaged: its metadata are not JSON") from None
-    if not isinstance(metadata, dict) or metadata.get("schema") != SCHEMA:
-        raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: its metadata have another schema")
-    if metadata.get("version") != VERSION:
-        version = metadata.get("version")
-        raise InputError(f"{name} has the schema version {version!r}; this program reads version {VERSION}")
-    if metadata.get("kind") != kind:
-        raise InputError(f"{name} holds {_article(metadata.get('kind'))}, not {_article(kind)}")
-    if not np.isfinite(numbers).all():
-        raise InputError(f"{name} is damaged: it holds NaN or infinity")
-    return metadata, numbers
+        try:
+            return build()
+        except KeyError as error:
+            what = f"{error} is missing or unknown"
+        except (TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+            what = str(error)
+        raise InputError(f"{str(self.path)!r} is damaged: its metadata and its numbers do not fit ({what})")
 
 
 def _not_a_number(text: str) -> float:
@@ -355,49 +358,6 @@ def _taken(numbers: Array, place: dict[str, Any], *shape: int) -> Array:
     if not 0 <= at <= numbers.size - size:
         raise ValueError(f"{numbers.size} numbers are not enough")
     return numbers[at : at + size].reshape(found).copy()
-
-
-def orbit_from(record: Mapping[str, Any], numbers: Array, pose: Pose) -> Any:
-    """The orbit of a record.
-
-    record: of `orbit_record`; numbers: (m,) the numbers of all arrays. Returns Orbit, of the class that its problem
-    names. Raises KeyError, TypeError, ValueError: the record is none, or does not fit its numbers; see `checked`.
-    """
-    take = partial(_taken, numbers)
-    problem, repeats = pose(record), 2 if record["half"] else 1
-    cycle = problem.cycle(tuple((a["mode"], a["event"]) for a in record["arcs"]), repeats)
-    n, degree, kind = len(cycle.states), int(record["degree"]), record["scheme"]
-    scheme(degree, kind)  # refuses what does not exist
-
-    def arc(a: dict[str, Any]) -> Arc:
-        breaks = take(a["breaks"], -1)
-        if breaks[0] != 0 or breaks[-1] != 1 or not (np.diff(breaks) > 0).all():
-            raise ValueError("the breaks of an arc do not run from 0 to 1")
-        closed_form = a["states"]["shape"][1:2] == [1]
-        states = take(a["states"], breaks.size - 1, 1 if closed_form else degree + 1, n)
-        return Arc(a["mode"], a["event"], float(a["duration"]), breaks, states, take(a["end"], n))
-
-    orbit = (problem.orbit_type or Orbit)(
-        problem=problem,
-        repeats=repeats,
-        degree=degree,
-        kind=kind,
-        arcs=tuple(arc(a) for a in record["arcs"]),
-        period=float(record["period"]),
-        amplitude=float(record["amplitude"]),
-        period_error=float(record["period_error"]),
-        amplitude_error=float(record["amplitude_error"]),
-        parameter_error=float(record["parameter_error"]),
-        status=Status[record["status"]],
-        solver=record["solver"],
-        iterations=int(record["iterations"]),
-        unknowns=int(record["unknowns"]),
-        residual=float(record["residual"]),
-        wall_s=float(record["wall_s"]),
-        scale=take(record["scale"], n),
-    )
-    _check(orbit, cycle)
-    return orbit
 
 
 def _check(orbit: Orbit, cycle: Cycle) -> None:

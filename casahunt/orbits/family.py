@@ -17,13 +17,14 @@ import numpy as np
 
 from ..checks import choice_of, number
 from ..collocation.transcription import Setting, Transcription
+from ..hybrid.expressions import check_scalar
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind, Problem
 from ..hybrid.system import Cycle, Feature, Signature
 from ..hybrid.vector_form import Names
 from ..motion.phases import Segment
 from .closure import Closure, Section, with_sections
-from .observables import check_expression, scalar_of
+from .observables import scalar_of
 from .other_start import rotated, strongest
 from .recurrence import image_of
 from .restart import Start
@@ -378,5 +379,6 @@ def measured_of(system: System, measure: str | Function | None) -> str | Functio
     """
     if measure is None:
         return next((state for state in system.states if state not in system.angles), system.states[0])
-    check_expression("measure", scalar_of(measure, system.names))
+    g = scalar_of(measure, system.names)
+    check_scalar("measure", g.function, g.names)
     return measure

@@ -17,7 +17,6 @@ import numpy as np
 from ..checks import choice_of
 from ..compiled import Caller, alone, caller, kept
 from ..errors import InputError
-from ..hybrid.expressions import check_scalar
 from ..hybrid.system import Cycle, VectorMode
 from ..hybrid.vector_form import Names, Scalar
 
@@ -52,14 +51,6 @@ class _Coordinate:
 
     def __call__(self, x: Any, p: Any) -> Any:
         return getattr(x, self.name)
-
-
-def check_expression(what: str, g: Scalar) -> None:
-    """Whether an expression is a scalar of states and parameters.
-
-    Raises InputError: it is none, or cannot be evaluated with symbols.
-    """
-    check_scalar(what, g.function, g.names)
 
 
 def is_mirrored(g: Expression, cycle: Cycle) -> bool:

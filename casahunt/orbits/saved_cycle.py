@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..hybrid.language import Function, System
-from . import archive
 from .amplitude import amplitude_off
+from .archive import Archive
 from .closure import Closure, Section
 from .family import Family
 from .orbit import unknowns_of
@@ -76,8 +76,8 @@ def load_orbit(path: str | Path, system: System, *, measure: str | Function | No
     ...     load_orbit(Path(folder, "orbit.npz"), belt).period == orbit.period
     True
     """
-    metadata, numbers = archive.read(path, "orbit")
-    measured = archive.checked(path, lambda: dict(metadata["orbit"]["measured"]))
+    archive = Archive(path, "orbit")
+    measured = archive.checked(lambda: dict(archive.metadata["orbit"]["measured"]))
     if "state" in measured and measure not in (None, measured["state"]):
         raise InputError(f"{str(path)!r}: its amplitude is that of the state {measured['state']!r}; leave out measure=")
     if "state" not in measured and not callable(measure):
@@ -86,7 +86,7 @@ def load_orbit(path: str | Path, system: System, *, measure: str | Function | No
             "give it as measure="
         )
     loaded: SystemOrbit = archive.checked(
-        path, lambda: archive.orbit_from(metadata["orbit"], numbers, lambda record: posed(system, record, measure))
+        lambda: archive.orbit(archive.metadata["orbit"], lambda record: posed(system, record, measure))
     )
     off = amplitude_off(*unknowns_of(loaded), loaded.amplitude)
     if not off <= max(OTHER_MEASURE * loaded.amplitude_error, SAME_MEASURE):

@@ -11,7 +11,6 @@ gains.py          gains of the right size, and stability without dry friction, i
 outcome.py        what becomes of a motion: the words, and the record
 parts/            controllers, frictions, loads and remedies, of which a loop is made
 hunting.py        the Switch and LuGre servo as systems: one inertia, PID, integrator, friction
-cycles.py         the servo in the terms of the engine: its vectors and schemes
 problem.py        the hunting servo as a problem for the engine; its orbits and folds
 branch.py         a branch of hunting cycles as data
 saved.py          hunting cycles and branches of them in files

@@ -34,10 +34,10 @@ from ..export import Columns, columns_from
 from ..orbits import Options, Orbit
 from ..results import Result
 from ..roots import boundary
-from .cycles import motor_torque
 from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
 from .friction import Model
+from .hunting import motor_torque
 from .outcome import SETTLES, Kind
 from .parts.fate import LEFT_OF_A_SWING, Swing, fate
 from .parts.loop import Loop

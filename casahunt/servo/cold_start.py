@@ -36,11 +36,11 @@ import numpy as np
 from ..errors import NoOrbit, Status
 from ..motion import MarchFailure, Segment
 from ..orbits import Options, orbit_from_motion
-from .cycles import SCHEMES, Kind, mirrored
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import SCAN_LOW, Scan, scan
 from .event_map.secant_search import CLOSER, near_stable, near_typical
 from .friction import Model
+from .hunting import SCHEMES, Kind, mirrored
 from .problem import Hunting, HuntingOrbit, hunting
 from .servo import Servo
 

@@ -78,12 +78,3 @@ def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:
 def steepest(friction: Friction) -> float:
     """The largest drop -g'(v) of the Stribeck curve [N m s/rad]: at v = vs/sqrt(2)."""
     return math.sqrt(2 / math.e) * (friction.static - friction.coulomb) / friction.stribeck_velocity
-
-
-def bristle_rate(v: Any, speed: Any, z: Any, g: Any, stiffness: Any) -> Any:
-    """The bristle's z' = v - sigma0 |v| z / g(v).
-
-    v: velocity x2 [rad/s]; speed: |v| [rad/s], given by the caller, who knows its sign; z: bristle deflection [rad]; g:
-    value of the Stribeck curve at v [N m]; stiffness: sigma0 [N m/rad]. Returns z' [rad/s].
-    """
-    return v - stiffness * speed * z / g

@@ -15,9 +15,8 @@ from ..checks import require
 from ..continuation.fold import Fold
 from ..hybrid import System
 from ..orbits import Closure, Cycles, Orbit
-from .cycles import SCHEMES, Kind, system_of
 from .friction import Model
-from .hunting import STATES
+from .hunting import SCHEMES, STATES, Kind, system_of
 from .servo import Servo, flatten
 
 Array = np.ndarray

@@ -10,15 +10,14 @@ from typing import Any
 
 from ..checks import choice_of, require
 from ..continuation import Missed, SpecialPoint
-from ..errors import InputError
 from ..orbits import Archive, write_archive
 from ..orbits.archive import save_orbit
 from .branch import Branch
 from .friction import MODELS
 from .problem import Hunting, HuntingOrbit
-from .servo import Servo, flatten, unflatten
+from .servo import flatten, unflatten
 
-__all__ = ["load_branch", "load_orbit", "load_run", "of_another_run", "same_task", "save_branch", "save_orbit"]
+__all__ = ["load_branch", "load_orbit", "load_run", "save_branch", "save_orbit"]
 
 INTERRUPTED = "interrupted"
 """Why a branch or a curve ends that is not at its end."""
@@ -155,28 +154,6 @@ def load_run(path: str | Path) -> tuple[Branch, dict[str, Any]]:
     archive = Archive(path, "branch")
     run = archive.metadata.get("run", {})
     return archive.checked(lambda: _branch(archive)), run if isinstance(run, dict) else {}
-
-
-def same_task(
-    path: Path, found: Any, said: Mapping[str, Any], servo: Servo, model: str, asked: Mapping[str, Any]
-) -> None:
-    """Refuse to go on with what another run has left.
-
-    found: the branch; said, asked: the settings that it was computed with, and those asked for, by their
-    names on the command line.
-    """
-    another = [f"{key} = {said.get(key)}, not {value}" for key, value in asked.items() if said.get(key) != value]
-    another += ["another servo"] * (found.servo != servo) + ["another model"] * (found.model != model)
-    if another:
-        raise of_another_run(path, "; ".join(another))
-
-
-def of_another_run(path: Path, why: str) -> InputError:
-    """The refusal of a file that cannot be gone on with."""
-    return InputError(
-        f"resume: {str(path)!r} is of another run ({why}); give what it was computed with, or leave --resume out for "
-        "a new start"
-    )
 
 
 def _branch(archive: Archive) -> Branch:

@@ -33,8 +33,8 @@ from ..checks import COMPUTED, choice_of, moderate, number, sensible
 from ..errors import InputError, NotFollowed, Status
 from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
-from .cycles import Kind
 from .friction import Model
+from .hunting import Kind
 from .move import Move, check_time, moving
 from .parts.ahead import errors_of, measured
 from .parts.fate import fate

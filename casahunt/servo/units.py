@@ -34,12 +34,6 @@ def unit_of(name: str) -> str:
     return next(unit for key, unit in PARAMETER_UNITS.items() if key.rpartition(".")[2] == name)
 
 
-def with_unit(name: str) -> str:
-    """The heading of a column: `friction.static [N m]`, or the bare name where there is no unit."""
-    unit = unit_of(name)
-    return f"{name} [{unit}]" if unit else name
-
-
 def column(name: str, unit: str | None = None) -> str:
     """The name of a column of a CSV file: `friction.viscous_Nms_per_rad`; the name alone for a plain number.
 

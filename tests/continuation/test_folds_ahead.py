@@ -8,8 +8,7 @@ import pytest
 
 from casahunt import NoOrbit, Options, Servo
 from casahunt.continuation import folds_ahead
-from casahunt.design.fold_curve.curve import fold_curve
-from casahunt.design.fold_curve.data import FoldCurve
+from casahunt.design.fold_curve import FoldCurve, fold_curve
 from casahunt.errors import Status
 
 

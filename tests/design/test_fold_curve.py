@@ -10,8 +10,7 @@ import pytest
 
 from casahunt import InputError, NoOrbit, Options, Servo, find_fold
 from casahunt.continuation import SpecialPoint, special_curve, two_parameters
-from casahunt.design.fold_curve.curve import fold_curve, unfed
-from casahunt.design.fold_curve.data import FoldCurve, cubic_through_points
+from casahunt.design.fold_curve import FoldCurve, cubic_through_points, fold_curve, unfed
 from casahunt.errors import Status
 
 TOL = 1e-8

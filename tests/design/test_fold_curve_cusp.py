@@ -14,8 +14,7 @@ from casahunt.continuation import two_parameters
 from casahunt.continuation.sheet import Axis
 from casahunt.continuation.special_charts import SpecialOrbit
 from casahunt.continuation.special_points import FOLD
-from casahunt.design.fold_curve.curve import fold_curve
-from casahunt.design.fold_curve.data import FoldPoint
+from casahunt.design.fold_curve import FoldPoint, fold_curve
 from casahunt.errors import Status
 
 
@@ -36,7 +35,7 @@ def test_a_curve_goes_round_a_cusp(monkeypatch, first):
         @property
         def special(self) -> SpecialOrbit:
             problem = SimpleNamespace(value=lambda _: axis.value(self.position))
-            orbit = SimpleNamespace(s=self.s, problem=problem, gain=1 + self.s / 10, status=Status.CONVERGED)
+            orbit = SimpleNamespace(s=self.s, problem=problem, error_estimate=0.0, status=Status.CONVERGED)
             return SpecialOrbit(orbit, 1e-9, 0.0, 6 * self.s)
 
     def again(_: object, orbit: Any, __: object, ___: object, position: float, *____: object) -> Turning:
@@ -50,7 +49,7 @@ def test_a_curve_goes_round_a_cusp(monkeypatch, first):
     # No servo is known to have a cusp: charts of one in closed form stand for those of its folds.
     monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
     monkeypatch.setattr(two_parameters, "chart_at", again)
-    monkeypatch.setattr("casahunt.design.fold_curve.curve._FoldCurveTask.fold", fold)
+    monkeypatch.setattr("casahunt.design.fold_curve._FoldCurveTask.fold", fold)
 
     seen: list[FoldPoint] = []
     found = fold_curve(Servo(), "switch", vary=axis.vary, start=axis.start, end=axis.end, report=seen.append)

@@ -8,6 +8,7 @@ import pytest
 
 from casahunt import Fold, Options, Servo, find_fold
 from casahunt.design.sensitivity import NAMES, fold_sensitivities
+from casahunt.servo.parts import loop_of
 
 STEP = 2e-4
 """Relative step of the five-point difference: its own error is STEP^4, the folds' 1e-11/STEP."""
@@ -68,3 +69,15 @@ def test_linear_prediction():
     slopes = fold_sensitivities(fold_of("switch"))
     near = find_fold(Servo().replace(**{"friction.static": 0.5301}), "switch", options=Options(tol=1e-10))
     assert slopes.linear({"friction.static": 1e-4}) == pytest.approx(near.gain, rel=1e-5)
+
+
+def test_a_loop_has_those_of_the_servo_that_it_is():
+    own, of_loop = (fold_sensitivities(find_fold(*asked)) for asked in (
+        (Servo(), "switch"), (loop_of(Servo(), "switch", 0.1),)))  # fmt: skip
+    assert repr(of_loop).startswith("<Sensitivities: parameter gain, value 0.64733908")
+    one, other = own._columns(), of_loop._columns()
+    assert list(one) == list(other) and set(other["model"]) == {"loop"}
+    there = {name: slope for name, slope in zip(other["parameter"], other["slope_V_per_rad_per_unit"], strict=True)}
+    for name, slope in own.derivatives.items():
+        if name.startswith("friction.") and slope:
+            assert there[name.split(".")[1]] == pytest.approx(slope, rel=1e-5)

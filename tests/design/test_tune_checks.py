@@ -38,7 +38,7 @@ def test_what_stays_undecided_is_said(unscanned, monkeypatch, servo, capsys):
     def too_short(servo, model, gain, *, time, **start):
         return undecided(simulate(servo, model, gain, time=0.3, **start))
 
-    monkeypatch.setattr("casahunt.design.tune.tasks.simulate", too_short)
+    monkeypatch.setattr("casahunt.design.tune.check.simulate", too_short)
     assert main(["tune", "--quiet"]) == 0
     said = capsys.readouterr()
     assert "not everything verified" in said.out

@@ -67,10 +67,15 @@ def test_followed_in_the_belts_speed():
         next(walk(found(), vary="speed", low=0.1, high=0.5))
 
 
+def read_orbit(path, pose):
+    file = archive.Archive(path, "orbit")
+    return file.checked(lambda: file.orbit(file.metadata["orbit"], pose))
+
+
 def test_kept_in_a_file(tmp_path):
     orbit = found()
     archive.save_orbit(orbit, tmp_path / "belt.npz")
-    loaded = archive.read_orbit(
+    loaded = read_orbit(
         tmp_path / "belt.npz", lambda record: replace(belt.PROBLEM, values=tuple(record["parameters"].values()))
     )
     assert loaded.problem == orbit.problem and loaded.period == orbit.period
@@ -79,14 +84,14 @@ def test_kept_in_a_file(tmp_path):
     with np.load(tmp_path / "belt.npz") as file:
         arrays = dict(file)
     np.savez(tmp_path / "more.npz", **arrays, notes=np.zeros(3))
-    assert archive.read_orbit(tmp_path / "more.npz", lambda record: orbit.problem).period == orbit.period
+    assert read_orbit(tmp_path / "more.npz", lambda record: orbit.problem).period == orbit.period
     np.savez(tmp_path / "flat.npz", **{**arrays, "numbers": arrays["numbers"][None]})
     with pytest.raises(InputError, match="2 dimensions"):
-        archive.read_orbit(tmp_path / "flat.npz", lambda record: orbit.problem)
+        read_orbit(tmp_path / "flat.npz", lambda record: orbit.problem)
     for name in arrays:
         np.savez(tmp_path / "fewer.npz", **{name: arrays[name]})
         with pytest.raises(InputError, match="it has no metadata"):
-            archive.read_orbit(tmp_path / "fewer.npz", lambda record: orbit.problem)
+            read_orbit(tmp_path / "fewer.npz", lambda record: orbit.problem)
 
 
 def test_a_cycle_of_one_problem_is_never_solved_as_anothers():

@@ -15,7 +15,7 @@ from casahunt import Branch, Options, Servo, SpecialPoint, find_orbit, walk
 from casahunt.design.diagram_files import DiagramTask, saved_points
 from casahunt.hybrid.examples import belt
 from casahunt.orbits import load_orbit as load_cycle
-from casahunt.orbits.archive import VERSION, read
+from casahunt.orbits.archive import VERSION, Archive
 from casahunt.servo.saved import load_branch, load_orbit, save_branch, save_orbit
 from problems import table1
 
@@ -64,7 +64,8 @@ def test_a_branch_that_grows(tmp_path):
         branch = Branch("switch", Servo(), tuple(orbits[:k]), f"point {k}", special[: k - 1])
         save_branch(branch, tmp_path / "grown.npz", run={"k": k}, said=said)
         save_branch(branch, tmp_path / "alone.npz", run={"k": k})
-        grown, alone = (read(tmp_path / f"{name}.npz", "branch") for name in ("grown", "alone"))
+        files = (Archive(tmp_path / f"{name}.npz", "branch") for name in ("grown", "alone"))
+        grown, alone = ((each.metadata, each.numbers) for each in files)
         assert grown[0] == alone[0] and np.array_equal(grown[1], alone[1])
     assert len(said) == 3
 

@@ -14,7 +14,6 @@ from casahunt import InputError, NoOrbit, Options, Servo, cli, find_fold
 from casahunt.collocation.scheme import scheme
 from casahunt.motion.march_step import Stepper
 from casahunt.motion.march_watch import EventWatch
-from casahunt.servo.cycles import system_of
 from casahunt.servo.event_map import fixed_points as module
 from casahunt.servo.event_map.fixed_points import fixed_points
 from casahunt.servo.event_map.half_cycle import SECTION, half_cycle
@@ -27,6 +26,7 @@ from casahunt.servo.event_map.slopes import (
     one_sided,
     rounding,
 )
+from casahunt.servo.hunting import system_of
 from problems import table1
 from problems.taylor import switch_half_cycle
 

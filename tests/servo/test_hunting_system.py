@@ -21,9 +21,8 @@ from casahunt.motion import simulate
 from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import Options
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.cycles import system_of
 from casahunt.servo.find_orbit import find_orbit
-from casahunt.servo.hunting import hunting_system
+from casahunt.servo.hunting import hunting_system, system_of
 from casahunt.servo.parts.functions import FieldOf
 from casahunt.servo.parts.wiring import Wiring
 from casahunt.servo.servo import Servo

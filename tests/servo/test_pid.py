@@ -24,7 +24,7 @@ from casahunt import (
     simulate,
     walk,
 )
-from casahunt.design.fold_curve.curve import fold_curve
+from casahunt.design.fold_curve import fold_curve
 from casahunt.design.nearby import values_of
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.design.uncertainty.set import Uncertainty, check_box

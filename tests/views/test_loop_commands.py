@@ -186,12 +186,11 @@ def test_the_border_in_two_parameters(capsys, loop_file, tmp_path):
     words = "--from", 0.02, "--to", 0.03, "--points", 2, "--csv", tmp_path / "b.csv", "--plot", tmp_path / "b.png"
     words = "--vary", "dead_band", "--tol", "1e-7", "--details", *words
     code, out, err = run(capsys, "fold-curve", loop_file("dead band"), *words)
-    rows = [{k: float(v) for k, v in row.items() if k != "turns"}
-            for row in csv.DictReader((tmp_path / "b.csv").read_text().splitlines())]  # fmt: skip
-    assert code == 0 and re.match(r"loop: \d+ points; dead_band = 0\.03, gain = 0\.05685", out)
-    assert [rows[0]["dead_band"], rows[-1]["dead_band"]] == [0.02, 0.03] and is_picture(tmp_path / "b.png")
-    assert err.splitlines()[0].startswith("loop    K = 0.0827375") and "gain [V/rad]: up to which" in out
-    size, K = rows[-1]["dead_band"], rows[-1]["gain"]
+    rows = list(csv.DictReader((tmp_path / "b.csv").read_text().splitlines()))
+    assert code == 0 and re.match(r"loop: where hunting ends, at \d+ values of dead_band; dead_band reached 0\.03", out)
+    assert [float(rows[i]["value"]) for i in (0, -1)] == [0.02, 0.03] and is_picture(tmp_path / "b.png")
+    assert "K = 0.0827375" in err.splitlines()[0] and "dead_band [rad]; gain: up to which the loop can hunt" in out
+    size, K = float(rows[-1]["value"]), float(rows[-1]["gain"])
     assert border(K, "dead band", size, 1.001 * size, 1.8 * size) == pytest.approx(size, rel=1e-6)
 
 
@@ -201,9 +200,9 @@ def test_a_border_between_two_parameters_that_are_no_gain(capsys, loop_file):
     code, out, _ = run(capsys, "fold-curve", loop_file("leak", leak=0.1), *words, "--json", "--quiet")
     found = one_json(out)
     (curve,) = found["curves"]
-    assert (code, found["failures"], found["way"]) == (0, [], "up") and (curve["vary"], curve["other"]) == (
-        "leak", "integral_time")  # fmt: skip
-    assert curve["table"]["leak"][-1] == pytest.approx(LEAK, rel=1e-5)
+    assert (code, found["failures"], found["way"]) == (0, [], "up")
+    assert (curve["fold_in"], curve["vary"]) == ("leak", "integral_time")
+    assert curve["points"][-1]["border"] == pytest.approx(LEAK, rel=1e-5)
 
 
 CURVE = "fold-curve", "--from", 0.5, "--to", 0.6

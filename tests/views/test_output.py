@@ -18,7 +18,8 @@ from casahunt import Servo, cli, find_orbit
 from casahunt.checks import to_absolute_error, to_error
 from casahunt.cli import main
 from casahunt.servo.servo import KEYS
-from casahunt.servo.units import PARAMETER_UNITS, column, with_unit
+from casahunt.servo.units import PARAMETER_UNITS, column
+from casahunt.views.answers.answer import named
 from casahunt.views.commands.output import LINE_WIDTH, MEANINGS, meanings, wrapped
 from casahunt.views.glossary import FAMILIAR, GLOSSARY, OTHER_FORMS, glossary_page, words_in
 
@@ -242,8 +243,8 @@ def test_a_word_of_the_glossary(capsys):
 
 def test_every_parameter_has_its_unit():
     assert set(PARAMETER_UNITS) == {*KEYS, "gain"}
-    assert with_unit("friction.viscous") == "friction.viscous [N m s/rad]"
-    assert with_unit("controller.kp") == "controller.kp"
+    assert named("friction.viscous") == "friction.viscous [N m s/rad]"
+    assert named("controller.kp") == "controller.kp"
     assert column("servo.motor_gain") == "servo.motor_gain_Nm_per_V"
     assert column("controller.ki") == "controller.ki_per_s"
 

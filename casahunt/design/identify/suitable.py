@@ -12,9 +12,8 @@ import numpy as np
 
 from ...checks import require
 from ...errors import InputError
-from ...servo.drive import Drive
+from ...servo.drive import ENCODER_BORDER, Drive
 from ...servo.linear.sampled_loop import as_continuous, lag_of
-from ...servo.sampled.border import ENCODER_BORDER
 from ...servo.servo import Servo
 from ..record.file import Record
 from ..record.measure import Measurement, measured

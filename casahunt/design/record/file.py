@@ -22,8 +22,7 @@ from ...export import Columns
 from ...files import bounded
 from ...results import Result
 from .layout import Layout, column_of, layout_of, text_of
-from .reading import Column, Reading, column_read, torque_read, torque_wanted
-from .samples import samples_of
+from .reading import Column, Reading, column_read, samples_of, torque_read, torque_wanted
 from .units import Quantity, Unit, parsed_unit, quantity_of, split_header
 
 Array = np.ndarray
@@ -54,7 +53,7 @@ _COUNTS: dict[Quantity, frozenset[str]] = {
 class Record(Result):
     """A position measured at increasing times.
 
-    Columns may be what other packages hand out, such as a column of pandas or a channel of a file: samples.py.
+    Columns may be what other packages hand out, such as a column of pandas or a channel of a file: reading.py.
 
     Attributes
     ----------

@@ -9,8 +9,7 @@ loop_set.py   the linear loops of a box of servos: the worst one, the gains that
 tasks.py      regulator tasks, simulated until they are decided
 problem.py    one problem of a tuning for IPOPT
 best_gain.py  a tuning with a given controller: the best gain for every servo of the set
-refusal.py    which demand stands against which
-search.py     the search over the controller's numbers, worst servos as cutting planes
+search.py     the search over the controller's numbers, worst servos as cutting planes; what is in the way
 check.py      what supports a tuning, computed apart from the search
 tuning.py     all of it: `tune`
 """

@@ -33,13 +33,14 @@ from ...servo.friction import Model
 from ...servo.linear.margins import Margins, margins
 from ...servo.problem import HuntingFold
 from ...servo.servo import Servo, flatten
+from ...servo.simulate import simulate
 from ..ensemble import folds_of
 from ..nearby import fold_beside, said, servo_at
 from ..uncertainty.set import Uncertainty
 from .best_gain import Answer, Given
 from .demands import DEMANDS, Demands, silent
 from .loop_set import loop_box
-from .tasks import SimulatedTask, regulator_tasks
+from .tasks import SimulatedTask, stated
 
 Array = np.ndarray
 
@@ -204,7 +205,10 @@ def _simulated(answer: Answer, given: Given, span: float, amplitude: float) -> t
     for friction, servo in servos.items():
         given.tell(f"verifying: simulating the tasks with the {friction} friction")
         try:
-            tasks += regulator_tasks(servo, given.model, answer.gain, span, amplitude, friction)
+            tasks += [
+                SimulatedTask(friction, said, simulate(servo, given.model, answer.gain, time=span, **start))
+                for said, start in stated(servo, answer.gain, amplitude).items()
+            ]
         except NoOrbit as error:
             missing.append(f"the tasks with the {friction} friction were not simulated: {error}")
     return tasks, missing

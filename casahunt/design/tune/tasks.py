@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...results import Result
-from ...servo.friction import Model
 from ...servo.servo import Servo
-from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 
 TASK_STEPS = (1.0, 0.1)
@@ -45,20 +43,6 @@ class SimulatedTask(Result):
     def decided(self) -> bool:
         """The motion shows where it ends."""
         return self.motion.verdict.kind != "undecided" and self.motion.status.ok
-
-
-def regulator_tasks(
-    servo: Servo, model: Model, gain: float, span: float, amplitude: float, friction: str
-) -> list[SimulatedTask]:
-    """Simulated motions towards a set point: two steps from rest, and a breakaway beside the set point.
-
-    servo, model, gain: the problem; gain K > 0 [V/rad]; span: length of the motions [s]; amplitude: of the
-    breakaway [rad]. Raises NoOrbit: a motion could not be computed.
-    """
-    return [
-        SimulatedTask(friction, said, simulate(servo, model, gain, time=span, **start))
-        for said, start in stated(servo, gain, amplitude).items()
-    ]
 
 
 def stated(servo: Servo, gain: float, amplitude: float) -> dict[str, dict[str, Any]]:

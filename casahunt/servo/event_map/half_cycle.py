@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from ...motion import Segment, march
-from ..cycles import SCHEMES, Kind, motor_torque, system_of
 from ..friction import Model
+from ..hunting import SCHEMES, Kind, motor_torque, system_of
 from ..servo import Servo
 
 Array = np.ndarray

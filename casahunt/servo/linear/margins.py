@@ -39,7 +39,7 @@ from ..parts.loop import Loop
 from ..parts.plain_loop import loop_asked
 from ..servo import Servo
 from .open_loop import OpenLoop, open_loop
-from .pulse_transfer import PulseTransfer, pulse_transfer
+from .pulse_transfer import pulse_transfer
 
 Array = np.ndarray
 Response = Callable[[Array], Array]
@@ -148,11 +148,8 @@ def margins(
         return margins_of(open_loop(servo, gain), require("delay", delay, at_least=0))
     if delay:
         raise InputError("delay: must be the drive's, Drive(delay=...)")
-    return _as_built(pulse_transfer(loop_asked(servo, None, gain, usual="switch"), drive))
-
-
-def _as_built(loop: PulseTransfer) -> Margins:
-    """The margins of a loop as its drive runs it."""
+    # the margins of a loop as its drive runs it
+    loop = pulse_transfer(loop_asked(servo, None, gain, usual="switch"), drive)
     last, poles = math.pi / loop.sample_time, loop.poles
     rough = last * np.geomspace(LOWEST_SEEN**2, 1, FREQUENCIES // 10)
     unit = rough[np.abs(loop.response(rough)) >= 1][-1:]

@@ -11,10 +11,8 @@ loop.py                  parts and their numbers, and what is asked of them by n
 remedy.py                what is to be known of a part to find and to price its smallest size
 inertia.py               plant: one inertia
 two_masses.py            plant: motor and load with a shaft
-switch.py                Switch friction, of the motor and of the load
-by_direction.py          Switch friction that differs by direction
+switch.py                Switch friction, of the motor and of the load, and by direction
 with_exponent.py         Switch friction whose drop has an exponent of its own
-monotone_cubic.py        a table as a smooth expression
 tabulated.py             Switch friction by a table of velocity and torque
 lugre.py                 LuGre friction
 pid.py                   PID by times or by gains, and the integrator
@@ -48,7 +46,6 @@ from typing import TYPE_CHECKING
 from ...lazy import lazily
 
 if TYPE_CHECKING:
-    from .by_direction import BY_DIRECTION
     from .cascade import P_PI
     from .dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS, SHIFTED_DEAD_BAND
     from .dither import DITHERED
@@ -70,7 +67,7 @@ if TYPE_CHECKING:
     from .plain_loop import loop_of
     from .remedy import Remedy
     from .reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
-    from .switch import LOAD_SWITCH, NO_FRICTION, SWITCH
+    from .switch import BY_DIRECTION, LOAD_SWITCH, NO_FRICTION, SWITCH
     from .table import REMEDIES
     from .tabulated import friction_table
     from .torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
@@ -82,40 +79,7 @@ __all__ = [
     "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER", "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR",
     "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES",
     "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
-    "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "WITH_EXPONENT", "Edge", "Law", "Loop", "Part", "PartMode",
-    "Remedy", "friction_table", "from_object", "load_loop", "loop_of", "series",
-    "state_space", "transfer_function",
+    "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "WITH_EXPONENT", "Edge", "Law", "Loop", "Part", "PartMode", "Remedy",
+    "friction_table", "from_object", "load_loop", "loop_of", "series", "state_space", "transfer_function",
 ]  # fmt: skip
-__getattr__ = lazily(
-    __name__,
-    {
-        "by_direction": ("BY_DIRECTION",),
-        "cascade": ("P_PI",),
-        "dead_band": ("DEAD_BAND", "ERROR_DEAD_BAND", "HYSTERESIS", "SHIFTED_DEAD_BAND"),
-        "dither": ("DITHERED",),
-        "error_filter": ("ERROR_FILTER",),
-        "feedforward": ("FEEDFORWARD",),
-        "file": ("load_loop",),
-        "filtered_derivative": ("DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N"),
-        "filters": ("series",),
-        "freeze": ("FREEZE",),
-        "inertia": ("INERTIA",),
-        "leak": ("LEAK",),
-        "linear_controller": ("state_space",),
-        "linear_forms": ("from_object", "transfer_function"),
-        "loads": ("LOADS",),
-        "loop": ("Loop",),
-        "lugre": ("LUGRE",),
-        "part": ("Edge", "Law", "Part", "PartMode"),
-        "pid": ("INTEGRATOR", "PID_BY_GAINS", "PID_BY_TIMES"),
-        "plain_loop": ("loop_of",),
-        "remedy": ("Remedy",),
-        "reset": ("RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO"),
-        "switch": ("LOAD_SWITCH", "NO_FRICTION", "SWITCH"),
-        "table": ("REMEDIES",),
-        "tabulated": ("friction_table",),
-        "torque_limit": ("BACK_CALCULATION", "CLAMPING", "TORQUE_LIMIT"),
-        "two_masses": ("TWO_MASSES", "TWO_MASSES_LOAD_SEEN"),
-        "with_exponent": ("WITH_EXPONENT",),
-    },
-)
+__getattr__ = lazily(__name__)

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..friction import bristle_rate, stribeck
+from ..friction import stribeck
 from .part import Edge, Function, Law, Part, PartMode
 
 WEAK = 1e-8
@@ -25,7 +25,7 @@ def _rate(speed: Function) -> Function:
 
     def rate(x: Any, s: Any, p: Any) -> Any:
         g = stribeck(s.motor_rate, p.static, p.coulomb, p.stribeck_velocity)
-        return bristle_rate(s.motor_rate, speed(x, s, p), x.x4, g, p.stiffness)
+        return s.motor_rate - p.stiffness * speed(x, s, p) * x.x4 / g
 
     return rate
 

@@ -44,12 +44,10 @@ def parts_of(entries: Sequence[Any]) -> tuple[Part, ...]:
     """The parts of these names and tables.  Raises InputError: there is none, with what there is instead."""
     several = [_parts(entry) for entry in entries]
     events = {edge.name for one in several for part in one[:1] for mode in part.modes for edge in mode.ends}
-    return tuple(max(one, key=lambda part: _fits(part, events)) for one in several)
-
-
-def _fits(part: Part, events: set[str]) -> int:
-    """How well a part goes with the events of others: 1 where it waits for them, -1 where there are none such."""
-    return 0 if not part.upon else 1 if events >= set(part.upon) else -1
+    # best where it waits for events of others that there are, worst where there are none such
+    return tuple(
+        max(one, key=lambda part: 0 if not part.upon else 1 if events >= set(part.upon) else -1) for one in several
+    )
 
 
 def _parts(entry: Any) -> list[Part]:

@@ -17,14 +17,6 @@ from ..controller import torque_gains_of
 from .part import Function, Law, Part, PartMode
 
 
-def _by_times(p: Any) -> tuple[Any, Any, Any]:
-    return torque_gains_of(p.gain * p.motor_gain, p.lead_time, p.integral_time)
-
-
-def _by_gains(p: Any) -> tuple[Any, Any, Any]:
-    return torque_gains_of(p.gain * p.motor_gain, p.kp, p.ki, p.kd)
-
-
 def pid_of(gains: Callable[[Any], tuple[Any, Any, Any]]) -> dict[str, Function]:
     """What a PID gives whose torque gains (kp, kd, ki) these are, of the parameters."""
 
@@ -39,13 +31,12 @@ def pid_of(gains: Callable[[Any], tuple[Any, Any, Any]]) -> dict[str, Function]:
 PID_BY_TIMES = Part(
     "PID by times", (),
     {"motor_gain": 16.0, "lead_time": 1 / (2 * math.pi), "integral_time": 1 / (2 * math.pi), "gain": 0.04},
-    gives=pid_of(_by_times),
+    gives=pid_of(lambda p: torque_gains_of(p.gain * p.motor_gain, p.lead_time, p.integral_time)),
 )  # fmt: skip
 PID_BY_GAINS = Part(
     "PID by gains", (), {"motor_gain": 16.0, "kp": 2.0, "ki": 2 * math.pi, "kd": 1 / (2 * math.pi), "gain": 0.04},
-    gives=pid_of(_by_gains),
+    gives=pid_of(lambda p: torque_gains_of(p.gain * p.motor_gain, p.kp, p.ki, p.kd)),
 )  # fmt: skip
-
 
 
 def _summed(x: Any, s: Any, p: Any) -> Any:

@@ -2,7 +2,7 @@
 
      slip with the sign s: F = s g(v) + sigma2 v;   stick while -Fs_back <= pull <= Fs,   of the pull at standstill
 
-`SWITCH` has one set of numbers, Fs_back = Fs; by_direction.py one for each direction, tabulated.py a curve F(v).  On
+`SWITCH` has one set of numbers, Fs_back = Fs, `BY_DIRECTION` one for each direction, tabulated.py a curve F(v).  On
 the load of two masses it is another part, whose signals and parameters begin with load_: modes are then products.
 """
 
@@ -95,3 +95,23 @@ NO_FRICTION = Part(
     gives={"friction": lambda x, s, p: 0.0, "moving": lambda x, s, p: 1.0, "direction": lambda x, s, p: 0.0},
 )
 """Of a motor without any: it is the load that has it."""
+
+
+def by_sign(p: Any, forward: Any, back: Any) -> Any:
+    """What is `forward` in a slip with the sign +1 and `back` in one with -1."""
+    return (forward + back) / 2 + p.sign * (forward - back) / 2
+
+
+def _torque(v: Any, p: Any) -> Any:
+    static, coulomb, viscous = (
+        by_sign(p, getattr(p, name), getattr(p, f"{name}_back")) for name in ("static", "coulomb", "viscous")
+    )
+    return p.sign * stribeck(v, static, coulomb, p.stribeck_velocity) + viscous * v
+
+
+BY_DIRECTION = switch_friction(
+    "Switch friction by direction",
+    {"static": 0.53, "coulomb": 0.44, "viscous": 0.1, "static_back": 0.53, "coulomb_back": 0.44, "viscous_back": 0.1,
+     "stribeck_velocity": 0.02},
+    _torque, back="static_back",
+)  # fmt: skip

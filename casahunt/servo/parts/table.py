@@ -28,9 +28,9 @@ AS_BUILT = ("delay", "quantisation", "sampling")
 
 
 def unit_of(parameter: str) -> str:
-    """The unit of a parameter of a loop: of those that a servo has and of the sizes of remedies; "" for any other."""
+    """The unit of a parameter: of those that a servo has, by key or name, and of the sizes of remedies; else ""."""
     units = {key.rpartition(".")[2]: unit for key, unit in PARAMETER_UNITS.items()}
-    return (units | {remedy.size: remedy.unit for remedy in REMEDIES}).get(parameter, "")
+    return (units | {remedy.size: remedy.unit for remedy in REMEDIES}).get(parameter.rpartition(".")[2], "")
 
 
 def remedies_for(model: str) -> dict[str, Remedy]:

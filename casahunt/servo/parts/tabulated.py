@@ -2,7 +2,14 @@
 
     F = friction_scale h(v);   stick while -static_back <= pull <= static
 
-Beyond the last entry h goes on straight, and never down; before the first one straight to v = 0 (monotone_cubic.py).
+Beyond the last entry h goes on straight, and never down; before the first one straight to v = 0.
+
+The table is a piecewise cubic h(v) with a continuous slope, monotone between two entries:
+
+    h_k'  the weighted harmonic mean of the slopes of the chords beside entry k, 0 where they differ in sign
+
+Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5 (1984); at the ends a one-sided slope in three entries.  Beyond its
+entries the curve goes on straight, behind the last one never down.
 """
 
 from __future__ import annotations
@@ -12,14 +19,49 @@ from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ...checks import SMALLEST, number
 from ...compiled import kept
 from ...errors import InputError
-from .by_direction import by_sign
-from .monotone_cubic import Entries, interpolated
 from .part import Part
-from .switch import switch_friction
+from .switch import by_sign, switch_friction
+
+Entries = tuple[tuple[float, float], ...]
+"""(v, h), v rising."""
+
+
+def slopes(v: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """The slopes of the monotone cubic at its entries (n,)."""
+    step, chord = np.diff(v), np.diff(h) / np.diff(v)
+    w1, w2 = 2 * step[1:] + step[:-1], step[1:] + 2 * step[:-1]
+    one_way = chord[:-1] * chord[1:] > 0
+    safe = np.where(one_way, chord[:-1] * chord[1:], 1.0)
+    inner = np.where(one_way, (w1 + w2) * safe / np.where(one_way, w1 * chord[1:] + w2 * chord[:-1], 1.0), 0.0)
+
+    def end(h0: float, h1: float, d0: float, d1: float) -> float:
+        """One-sided in three entries, held to be monotone."""
+        slope = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1)
+        return 0.0 if slope * d0 <= 0 else 3 * d0 if d0 * d1 <= 0 and abs(slope) > 3 * abs(d0) else slope
+
+    if len(chord) == 1:
+        first = last = float(chord[0])
+    else:
+        first, last = end(*step[:2], *chord[:2]), end(*step[:-3:-1], *chord[:-3:-1])
+    return np.array([first, *inner, max(last, 0.0)])
+
+
+def interpolated(entries: Entries, v: Any) -> Any:
+    """h(v) as an expression, v >= 0."""
+    knots, values = np.array(entries).T
+    d = slopes(knots, values)
+    h = values[0] + d[0] * (v - knots[0])
+    for k, step in enumerate(np.diff(knots)):
+        chord = (values[k + 1] - values[k]) / step
+        t = v - knots[k]
+        c2, c3 = (3 * chord - 2 * d[k] - d[k + 1]) / step, (d[k] + d[k + 1] - 2 * chord) / step**2
+        h = ca.if_else(t > 0, values[k] + t * (d[k] + t * (c2 + t * c3)), h)
+    return ca.if_else(v > knots[-1], values[-1] + d[-1] * (v - knots[-1]), h)
 
 
 def friction_table(velocity: Sequence[float], torque: Sequence[float], static: float | None = None,
@@ -54,7 +96,14 @@ def friction_table(velocity: Sequence[float], torque: Sequence[float], static: f
     if len(v) != len(m):
         raise InputError(f"friction table: {len(v)} velocities and {len(m)} torques; must be as many")
     for k in range(len(v)):
-        _check(k, v, m)
+        # refuse an entry
+        called = f"friction table, entry {k + 1}"
+        number(f"{called}: velocity", v[k])
+        number(f"{called}: torque", m[k])
+        if m[k] == 0 or v[k] * m[k] < 0:
+            raise InputError(f"{called}: torque = {m[k]:g} at {v[k]:g} rad/s: must have the sign of the velocity")
+        if k and not v[k - 1] < v[k] and not (v[k - 1] == v[k] == 0 and m[k - 1] < 0 < m[k]):
+            raise InputError(f"{called}: velocity = {v[k]:g} behind {v[k - 1]:g} rad/s: velocities must rise")
     back = tuple((-a, -b) for a, b in zip(v, m, strict=True) if b < 0)[::-1]
     forward = tuple((float(a), float(b)) for a, b in zip(v, m, strict=True) if b > 0)
     for way, entries in (("v >= 0", forward), ("v <= 0", back)):
@@ -64,17 +113,6 @@ def friction_table(velocity: Sequence[float], torque: Sequence[float], static: f
     static = _breakaway("static", static, forward)
     static_back = static if static_back is None and back == forward else _breakaway("static_back", static_back, back)
     return _friction_table(forward, back, static, static_back)
-
-
-def _check(k: int, v: Sequence[float], m: Sequence[float]) -> None:
-    """Refuse an entry."""
-    called = f"friction table, entry {k + 1}"
-    number(f"{called}: velocity", v[k])
-    number(f"{called}: torque", m[k])
-    if m[k] == 0 or v[k] * m[k] < 0:
-        raise InputError(f"{called}: torque = {m[k]:g} at {v[k]:g} rad/s: must have the sign of the velocity")
-    if k and not v[k - 1] < v[k] and not (v[k - 1] == v[k] == 0 and m[k - 1] < 0 < m[k]):
-        raise InputError(f"{called}: velocity = {v[k]:g} behind {v[k - 1]:g} rad/s: velocities must rise")
 
 
 def _breakaway(name: str, value: float | None, entries: Entries) -> float:

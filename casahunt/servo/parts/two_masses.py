@@ -15,10 +15,6 @@ from typing import Any
 from .part import Law, Part, PartMode
 
 
-def _motor_rate(x: Any, s: Any, p: Any) -> Any:
-    return s.moving * x.x2
-
-
 def _shaft(x: Any, s: Any, p: Any) -> Any:
     return p.shaft_stiffness * (x.x1 - x.load_angle) + p.shaft_damping * (x.x2 - x.load_rate)
 
@@ -39,7 +35,7 @@ def _plant(name: str, load_is_seen: bool) -> Part:
             **seen,
         },
         modes=(PartMode("", Law({
-            "x1": _motor_rate,
+            "x1": lambda x, s, p: s.moving * x.x2,
             "x2": lambda x, s, p: s.moving * (s.pull - s.friction) / p.inertia,
             "load_angle": lambda x, s, p: s.load_moving * x.load_rate,
             "load_rate": lambda x, s, p: s.load_moving * (s.load_pull - s.load_friction) / p.load_inertia,

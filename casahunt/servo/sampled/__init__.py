@@ -1,12 +1,10 @@
 """The loop as built: a controller that is run by its samples, and the exact motion of its plant between them.
 
-border.py     when an encoder may decide how a servo hunts
 as_run.py     what a drive adds to a loop: its remedies and its filter, as parts
 first_rise.py the first zero of a polynomial that rises
 steps.py      a mode of a plant: its steps as power series
 plant.py      what a drive moves, under a held torque
 controller.py the parts that form the torque, as difference equations, and whole sticks of them at once
-in_a_row.py   samples in which neither of them changes its mode, compiled
 loop.py       controller and plant, sample by sample, in a row, and whole sticks at once
 turning_points.py  what a motion shows by its turning points, and the pattern that hunting repeats
 motion.py     the motion as data

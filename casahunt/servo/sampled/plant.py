@@ -136,13 +136,6 @@ class Plant:
     def _state(self) -> dict[str, float]:
         return dict(zip(self.names, self.x.tolist(), strict=True))
 
-    def _between(self) -> tuple[float, float]:
-        """The torques between which nothing moves, where nothing does."""
-        if self._limits is None:
-            self.ahead(0.0, 1)
-        assert self._limits is not None
-        return self._limits
-
     def left_alone(self, seen: int) -> bool:
         """Whether the torque moves nothing, what is read stays, and all else dies out, as long as the mode lasts."""
         mode, dying = self._mode, self._mode.dying
@@ -190,7 +183,11 @@ class Plant:
         now, stops, at_once = 0.0, list[float](), 0
         while now < lasts:
             if self._mode.still:
-                low, high = self._between()
+                # the torques between which nothing moves, where nothing does
+                if self._limits is None:
+                    self.ahead(0.0, 1)
+                assert self._limits is not None
+                low, high = self._limits
                 if low <= torque <= high:
                     break
                 self._pass(self._beyond())

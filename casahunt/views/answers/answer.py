@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...checks import error_text, to_absolute_error, to_error
 from ...orbits import Orbit
 from ...servo.parts.loop import Loop
+from ...servo.parts.table import unit_of
+from ...servo.servo import Servo
 
 PLAIN_DIGITS = 4
 """Digits of a number in a plain line."""
@@ -36,14 +38,31 @@ def item(label: str, text: str) -> str:
     return f"  {label:15s}  {text}"
 
 
-def called(loop: Loop) -> str:
-    """What a loop is called; a file gives it no name."""
-    return "loop" if loop.name == Loop.name else loop.name
+def called(servo: Servo | Loop, model: str | None = None) -> str:
+    """What a servo or a loop is called; a file gives a loop no name."""
+    if isinstance(servo, Servo):
+        return f"{model} servo"
+    return "loop" if servo.name == Loop.name else servo.name
 
 
-def parts_of(loop: Loop) -> list[str]:
+def parts_of(servo: Servo | Loop) -> list[str]:
     """The line of its parts, of a loop of a file."""
-    return [item("parts", ", ".join(part.name for part in loop.present))] if loop.name == Loop.name else []
+    if isinstance(servo, Servo) or servo.name != Loop.name:
+        return []
+    return [item("parts", ", ".join(part.name for part in servo.present))]
+
+
+def record_of(servo: Servo | Loop) -> dict[str, Any]:
+    """What the JSON object says of a loop of parts; {} of a servo."""
+    if isinstance(servo, Servo):
+        return {}
+    return {"parts": [part.name for part in servo.present], "parameters": servo.parameters, "gain": servo.value("gain")}
+
+
+def named(parameter: str) -> str:
+    """A parameter, with its unit in brackets where it has one."""
+    unit = unit_of(parameter)
+    return f"{parameter} [{unit}]" if unit else parameter
 
 
 def short(x: float, error: float = 0.0) -> str:

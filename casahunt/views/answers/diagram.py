@@ -52,10 +52,10 @@ def _details(branches: Sequence[Branch]) -> Iterator[str]:
                 yield f"    {special.meaning}"
 
 
-def loop_diagram_answer(branch: AnyBranch[SystemOrbit], vary: str, parts: str, out: str) -> Answer:
-    """What is said of the branch of a loop of parts in a parameter; parts: a line; out: as of `diagram_answer`."""
+def loop_diagram_answer(branch: AnyBranch[SystemOrbit], vary: str, parts: list[str], out: str) -> Answer:
+    """What is said of the branch of a loop of parts in a parameter; parts: its line; out: as of `diagram_answer`."""
     folds = [special for special in branch.special if special.kind == FOLD.kind]
-    plain = [f"loop: {len(branch.orbits)} cycles along {vary}; {branch.ended}", parts]
+    plain = [f"loop: {len(branch.orbits)} cycles along {vary}; {branch.ended}", *parts]
     for special in folds:
         plain.append(item("they turn back at", f"{vary} = {short(special.orbit.problem.value(vary))}"))
     return Answer([*plain, *([f"written to {out}"] if out else [])], [f"  {s.meaning}" for s in branch.special])

@@ -10,7 +10,6 @@ pool.py        processes that a command shares its work out to
 console.py     what else they share: files, how numbers are shown
 uncertain.py   what is uncertain of a servo, and what of it is left out
 sampled.py     what simulate does with the loop as built
-loops/         what they do with a loop of parts
 orbit.py, diagram.py, fold.py, fold_curve.py, fold_map.py, loop.py, equilibria.py, map.py, basin.py, simulate.py,
 record.py, identify.py, uncertainty.py, remedies.py, cure.py, tune.py, explore.py, glossary.py
 """

@@ -168,12 +168,15 @@ def add_reading(command: Parser) -> None:
 
 
 def reading_of(options: argparse.Namespace) -> dict[str, Any]:
-    """How a record is read, as `read_record` takes it."""
+    """How a record is read, as `read_record` takes it; the columns of the torque, of commands that read it."""
+    given = {name: value for name in TORQUE_OPTIONS if (value := getattr(options, name, None)) is not None}
+    if "torque_constant" in given:
+        given["torque_constant"] = positive("torque-constant", given["torque_constant"])
     return {
         "time_unit": options.time_unit, "position_unit": options.position_unit, "time_column": options.time_column,
         "position_column": options.position_column,
-        "skip": None if options.skip is None else count_of("skip", options.skip, 0),
-    } | _torque_of(options)  # fmt: skip
+        "skip": None if options.skip is None else count_of("skip", options.skip, 0), **given,
+    }  # fmt: skip
 
 
 def add_torque(command: Parser) -> None:
@@ -183,14 +186,6 @@ def add_torque(command: Parser) -> None:
     command.add_argument(
         "--torque-constant", metavar="NM", help="N m of an ampere, or of one of the torque column's unit"
     )
-
-
-def _torque_of(options: argparse.Namespace) -> dict[str, Any]:
-    """The columns of the torque, of commands that read it."""
-    given = {name: value for name in TORQUE_OPTIONS if (value := getattr(options, name, None)) is not None}
-    if "torque_constant" in given:
-        given["torque_constant"] = positive("torque-constant", given["torque_constant"])
-    return given
 
 
 def later_part(record: Record, options: argparse.Namespace) -> Record:
@@ -324,6 +319,12 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
     values = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
     gain = gain_of(options) if gain is None and getattr(options, "gain", None) is not None else gain
     return loop.replace(**values, **({} if gain is None else {"gain": gain}))
+
+
+def asked_of(options: argparse.Namespace) -> Any:
+    """What a command with a gain is asked about, as the verbs take it: a servo, its model and gain, or a loop alone."""
+    model, loop = model_of(options), loop_of(options)
+    return (loop, None, None) if loop is not None else (servo_of(options), model, gain_of(options))
 
 
 def left_out(options: argparse.Namespace, why: str, *names: str) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 
 from ...results import tables_of
 from ...servo.basin import OFFSET, basin
+from ..answers.answer import record_of
 from ..answers.basin import basin_answer
-from .arguments import add_command, drive_of, finite, gain_of, how_of, loop_of, model_of, servo_of
+from .arguments import add_command, asked_of, drive_of, finite, how_of
 from .console import complain
-from .loops import shared
 from .output import give
 
 
@@ -28,12 +28,11 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    how, offset, loop = how_of(options), finite("offset", options.offset), loop_of(options)
-    asked: Any = (loop,) if loop else (servo_of(options), model_of(options), gain_of(options))
+    how, offset, asked = how_of(options), finite("offset", options.offset), asked_of(options)
     found = basin(*asked, options=how, offset=offset)
     drive = drive_of(options)
     answer = basin_answer(found, how.tol, drive.count if drive else 0.0)
-    record = found.to_dict(table=False) | (shared.record_of(loop) if loop else {})
+    record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, answer, table=tables_of([found]), picture=("basin.basin", found))
     if not found.confirmed:
         complain(

@@ -14,20 +14,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ... import effort
-from ...continuation import FOLD, SpecialPoint
+from ...checks import to_and_back
+from ...continuation import FOLD, SpecialPoint, follow
+from ...continuation import Branch as AnyBranch
 from ...design.diagram import branch_of, diagram_points, starting_gain
 from ...design.diagram_files import SIGNS, DiagramTask, Left, Words, keep, saved_points
-from ...errors import NoOrbit
+from ...errors import InputError, NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
-from ...orbits import Options
+from ...orbits import Options, SystemOrbit
 from ...servo.branch import Branch
 from ...servo.friction import Model
 from ...servo.lopsided import with_lopsided
+from ...servo.parts.verbs import FAR_UP, check_present, loop_cycle
 from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
-from ..answers.answer import short
+from ..answers.answer import parts_of, record_of, short
 from ..answers.diagram import diagram_answer, loop_diagram_answer
 from .arguments import (
     add_command,
@@ -45,7 +48,6 @@ from .arguments import (
     vary_of,
 )
 from .console import complain, folder, orbit_line
-from .loops import shared
 from .output import drawing, give
 from .output_paths import keep_others
 from .progress import Progress, progress, say, tell
@@ -150,7 +152,7 @@ def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options)
     to = None if options.to is None else finite("to", options.to)
     began, stream = time.perf_counter(), progress(options)
     with folder(options.out, _results(options)) as out:
-        branch = shared.branch_of(
+        branch = _branch_of(
             loop, vary, start, to, how, lambda orbit: tell(stream, orbit_line(stream, orbit, vary=vary))
         )
         options.outputs.write(branch.to_csv, out / "loop.csv")
@@ -160,12 +162,27 @@ def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options)
     for said in (*failures, *(gap.meaning for gap in branch.missed)):
         complain("casahunt diagram", said)
     summary = {
-        "out": str(out), "continuation": "pseudo-arclength", "solver": how.solver, **shared.record_of(loop),
+        "out": str(out), "continuation": "pseudo-arclength", "solver": how.solver, **record_of(loop),
         "branches": [branch], "failures": failures, "wall_s": time.perf_counter() - began,
     }  # fmt: skip
-    answer = loop_diagram_answer(branch, vary, shared.parts_line(loop), _written(options, out))
+    answer = loop_diagram_answer(branch, vary, parts_of(loop), _written(options, out))
     give(options, summary, answer, said={special.kind for special in branch.special})
     return 1 if failures else 0
+
+
+def _branch_of(
+    loop: Loop, vary: str, start: float | None, to: float | None, options: Options,
+    progress: Callable[[SystemOrbit], None],
+) -> AnyBranch[SystemOrbit]:  # fmt: skip
+    """The branch of a loop in one of its parameters: from its own value or `start`, to `to` or far up."""
+    if start is not None:
+        loop = loop.replace(**{vary: start})
+    check_present(loop, vary)
+    here = loop.value(vary)
+    if to is None and here <= 0:
+        raise InputError(f"to: must be given, {vary} = {here:g} at the start cannot be multiplied")
+    to, _ = to_and_back(vary, here, FAR_UP * here if to is None else to, None)
+    return follow(loop_cycle(loop, vary, options=options), vary, to=to, options=options, progress=progress)
 
 
 def _written(options: argparse.Namespace, out: Path) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 
 from ...results import tables_of
 from ...servo.equilibria import equilibria
+from ..answers.answer import record_of
 from ..answers.equilibria import equilibria_answer
-from .arguments import add_command, gain_of, loop_of, model_of, servo_of
-from .loops import shared
+from .arguments import add_command, asked_of
 from .output import give
 
 
@@ -23,8 +23,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    loop = loop_of(options)
-    found = equilibria(loop) if loop else equilibria(servo_of(options), model_of(options), gain_of(options))
-    record = found.to_dict(table=False) | (shared.record_of(loop) if loop else {})
+    asked = asked_of(options)
+    found = equilibria(*asked)
+    record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, equilibria_answer(found), table=tables_of([found]), picture=("equilibria.equilibria", found))
     return 0

@@ -8,25 +8,22 @@ higher gains, or null.  Of a loop of parts: the border of hunting in any paramet
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...checks import to_error
 from ...design.sensitivity import fold_sensitivities
-from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ..answers.answer import short
+from ...servo.parts.table import unit_of
+from ..answers.answer import called, parts_of, record_of, short
 from ..answers.fold import fold_answer
 from ..stability import stability_of
 from .arguments import add_command, add_solver, add_vary, how_of, loop_of, model_of, servo_of, vary_of
 from .console import orbit_line
-from .loops import shared
 from .output import give
 from .progress import progress, tell
 from .sampled import seen_by_encoder
 
-if TYPE_CHECKING:
-    from ...servo.parts import Loop
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
@@ -38,46 +35,30 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    model, how = model_of(options), how_of(options)
-    loop, vary = loop_of(options), vary_of(options)
-    if loop is not None:
-        return _of_a_loop(options, loop, vary, how)
-    fold = find_fold(servo_of(options), model, options=how)
-    slopes, stable = fold_sensitivities(fold), stability_of(fold, how)
-    more: dict[str, Any] = {"elasticities": slopes.elasticities, "stable": stable, "solver": how.solver}
-    stream = progress(options)
-    tell(stream, orbit_line(stream, fold.orbit, mu="+1 (fold)"))
-    below, built = seen_by_encoder(options, fold.orbit.amplitude, beyond=True)
-    more = {**more, **built}
-    value, again = (f"{to_error(gain, fold.gain_error)} V/rad" for gain in (fold.gain, fold.optimised_value))
-    answer = fold_answer(
-        f"{model} servo: hunting is possible up to gain {short(fold.gain, fold.gain_error)} V/rad", fold, slopes,
-        below=below, stable=stable, value=value, again=again, solver=how.solver, tol=how.tol,
-    )  # fmt: skip
-    give(
-        options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),
-        picture=("fold.elasticities", [fold], [slopes]),
-    )  # fmt: skip
-    return 0
-
-
-def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options) -> int:
-    """The fold of a loop in one of its parameters; returns the exit code."""
-    fold = find_fold(loop, vary=vary, options=how)
-    way = shared.way_to(fold, loop)
-    slopes, orbit = fold_sensitivities(fold), fold.orbit
-    more = {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
-    more |= {"elasticities": slopes.elasticities, "way": way, "solver": how.solver}
-    more |= shared.record_of(loop.replace(**{vary: fold.value}))
-    stream = progress(options)
+    model, how, vary = model_of(options), how_of(options), vary_of(options)
+    loop = loop_of(options)
+    asked: Any = (servo_of(options), model) if loop is None else (loop, None)
+    fold: Any = find_fold(*asked, vary=vary, options=how)
+    slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
+    more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
+    if loop is None:
+        name, way, stable = f"{model} servo", "up", stability_of(fold, how)
+        below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
+        more |= {"stable": stable, **built}
+    else:
+        name, way, stable, below = called(loop), "up" if fold.value > loop.value(vary) else "down", None, parts_of(loop)
+        more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
+        more |= {"way": way, **record_of(loop.replace(**{vary: fold.value}))}
     tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))
-    value, again = (
-        shared.with_unit(to_error(each, fold.value_error), vary) for each in (fold.value, fold.optimised_value)
-    )
+    first, value, again = (
+        f"{text} {unit_of(vary)}".rstrip() for text in (
+            short(fold.value, fold.value_error), to_error(fold.value, fold.value_error),
+            to_error(fold.optimised_value, fold.value_error),
+        )
+    )  # fmt: skip
     answer = fold_answer(
-        f"loop: hunting is possible {way} to {vary} {shared.with_unit(short(fold.value, fold.value_error), vary)}",
-        fold, slopes, below=[shared.parts_line(loop)], stable=None, value=value, again=again, solver=how.solver,
-        tol=how.tol,
+        f"{name}: hunting is possible {way} to {vary} {first}", fold, slopes, below=below, stable=stable, value=value,
+        again=again, solver=how.solver, tol=how.tol,
     )  # fmt: skip
     give(
         options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),

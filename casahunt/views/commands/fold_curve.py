@@ -1,4 +1,7 @@
-"""casahunt fold-curve: the largest gain at which the servo can hunt, while another parameter runs over a range."""
+"""casahunt fold-curve: the largest gain at which the servo can hunt, while another parameter runs over a range.
+
+Of a loop of parts: the border of hunting in any parameter; its JSON object says `way`, "up" or "down" to it, besides.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +12,20 @@ from pathlib import Path
 from typing import Any
 
 from ...checks import to_error
-from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
-from ...design.fold_curve.data import FoldCurve, FoldPoint
+from ...design.fold_curve import RANGE_POINTS, FoldCurve, FoldPoint, check_range, fold_curve
 from ...errors import NoOrbit, Status
 from ...export import write_csv
 from ...interrupts import held, word
 from ...orbits import Options
 from ...results import tables_of
 from ...servo.friction import Model
+from ...servo.parts.loop import Loop
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
+from ..answers.answer import called, record_of
 from ..answers.fold_curve import fold_curve_answer
 from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
 from .console import complain
-from .loops.fold_curve import of_loop
 from .output import give
 from .progress import Progress, progress, tell
 
@@ -51,19 +54,19 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong; NoOrbit: no model has a curve.
     """
-    if (loop := loop_of(options)) is not None:
-        return of_loop(options, loop, count_of("points", options.points, *CURVE_POINTS), how_of(options))
-    left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    models = models_of(options)
+    loop = loop_of(options)
+    if loop is None:
+        left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
+    models = models_of(options) if loop is None else [None]
     how = how_of(options)
-    servo = servo_of(options)
-    start, end = finite("from", options.start), finite("to", options.to)
-    check_range(servo, options.vary, start, end)
-    points = count_of("points", options.points, *CURVE_POINTS)
-    asked = {"vary": options.vary, "start": start, "end": end, "points": points}
-    desk = _Desk(models, servo, asked, how, options.csv, progress(options))
+    servo = loop or servo_of(options)
+    asked: dict[str, Any] = {"vary": options.vary, "fold_in": options.fold_in or "gain"}
+    asked |= {"start": finite("from", options.start), "end": finite("to", options.to)}
+    check_range(servo, **asked)
+    asked |= {"points": count_of("points", options.points, *CURVE_POINTS)}
+    desk = _Desk(servo, asked, how, options.csv, progress(options))
     desk.began = time.perf_counter()
-    for model in desk.models:
+    for model in models:
         desk.follow(model)
     curves, failures = desk.curves, desk.failures
     if not curves:
@@ -74,6 +77,8 @@ def run(options: argparse.Namespace) -> int:
         complain("casahunt fold-curve", failure, details=options.details)
     said = [str(each) for each in failures]
     record = {"curves": curves, "failures": said, "wall_s": time.perf_counter() - desk.began}
+    if loop is not None:
+        record |= record_of(loop) | {"way": curves[0].way}
     give(options, record, fold_curve_answer(curves, desk.how.tol), picture=("fold_curve.fold_curves", curves))
     return 1 if failures else 0
 
@@ -82,10 +87,9 @@ def run(options: argparse.Namespace) -> int:
 class _Desk:
     """A run: what is asked for, and what is computed so far, on the disk after every point."""
 
-    models: list[Model]
-    servo: Servo
+    servo: Servo | Loop
     asked: dict[str, Any]
-    """vary, start, end, points: arguments of `fold_curve`."""
+    """vary, start, end, fold_in, points: arguments of `fold_curve`."""
     how: Options
     table: Path | None
     stream: Progress | None
@@ -95,10 +99,12 @@ class _Desk:
     """The points of the curve under way, as they were found."""
     began: float = 0.0
 
-    def follow(self, model: Model) -> None:
+    def follow(self, model: Model | None) -> None:
         """Compute a curve, from the points that are there on."""
         try:
-            curve = fold_curve(self.servo, model, **self.asked, options=self.how, report=self.arrived)
+            curve = fold_curve(
+                self.servo, model, **self.asked, options=self.how, report=lambda point: self.arrived(model, point)
+            )
             self.keep(curve)
         except NoOrbit as error:
             self.failures.append(error)
@@ -110,17 +116,18 @@ class _Desk:
             self.curves.append(curve)
             self.there.clear()
             if not curve.status.ok:
-                self.failures.append(f"the curve of the {model} servo is not complete: {curve.ended}")
+                self.failures.append(f"the curve of the {called(self.servo, model)} is not complete: {curve.ended}")
 
-    def arrived(self, point: FoldPoint) -> None:
+    def arrived(self, model: Model | None, point: FoldPoint) -> None:
         """The files are whole after every point, as they would be if it were the last."""
         vary, there = self.asked["vary"], self.there
         with held():
             there.append(point)
             ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
-            model, wall_s = point.orbit.model, time.perf_counter() - self.began
-            self.keep(FoldCurve(model, self.servo, vary, ordered, (), INTERRUPTED, Status.NOT_CONVERGED, wall_s))
-        tell(self.stream, _line(vary, point))
+            wall_s, fold_in = time.perf_counter() - self.began, self.asked["fold_in"]
+            unfinished = Status.NOT_CONVERGED
+            self.keep(FoldCurve(model, self.servo, vary, ordered, (), INTERRUPTED, unfinished, wall_s, False, fold_in))
+        tell(self.stream, _line(vary, fold_in, point, model))
 
     def keep(self, curve: FoldCurve) -> None:
         """Write what is asked for, `curve` behind the curves before it."""
@@ -128,13 +135,13 @@ class _Desk:
             write_csv(tables_of([*self.curves, curve]), self.table)
 
 
-def _line(vary: str, point: FoldPoint) -> str:
+def _line(vary: str, fold_in: str, point: FoldPoint, model: Model | None) -> str:
     """A line of progress."""
-    gain, amplitude, period = (
+    border, amplitude, period = (
         to_error(value, point.error_estimate, most=most)
-        for value, most in ((point.gain, 8), (point.orbit.amplitude, 6), (point.orbit.period, 6))
+        for value, most in ((point.border, 8), (point.orbit.amplitude, 6), (point.orbit.period, 6))
     )
     return (
-        f"{point.orbit.model:7s} {vary} = {point.value:.8g}  K = {gain}  amplitude = {amplitude} rad  "
-        f"period = {period} s"
+        f"{model or 'loop':7s} {vary} = {point.value:.8g}  {'K' if fold_in == 'gain' else fold_in} = {border}  "
+        f"amplitude = {amplitude} rad  period = {period} s"
     )

@@ -10,29 +10,24 @@ import argparse
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 from ...checks import choice_of
 from ...errors import NoOrbit
 from ...export import Columns
-from ...orbits import Options, Orbit
+from ...orbits import Orbit
 from ...orbits.archive import save_orbit
-from ...servo.find_orbit import BRANCHES, BranchName, find_orbit
-from ...servo.friction import Model
+from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.linear.open_loop import open_loop
 from ...servo.servo import Servo
 from ...servo.units import column
-from ..answers.answer import item
+from ..answers.answer import called, item, parts_of, record_of
 from ..answers.orbit import RUNS_AWAY, SYMMETRY_BROKEN, difference, orbit_answer, past_a_symmetry_breaking
-from .arguments import add_command, add_solver, gain_of, how_of, left_out, loop_of, model_of, servo_of
+from .arguments import add_command, add_solver, asked_of, gain_of, how_of, left_out
 from .console import orbit_line
-from .loops import shared
 from .output import give
 from .progress import progress, tell
 from .sampled import hunts_on, seen_by_encoder
-
-if TYPE_CHECKING:
-    from ...servo.parts import Loop
 
 ROUTES = ("collocation", "integrator")
 """Ways to the multipliers; the second comes on top of the first."""
@@ -56,23 +51,27 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    model, loop = model_of(options), loop_of(options)
     branch: Any = choice_of("branch", options.branch, BRANCHES)
     route = choice_of("multipliers", options.multipliers, ROUTES)
-    gain = gain_of(options)
-    how = replace(how_of(options), half=not options.full)
-    if loop is not None:
+    asked, gain = asked_of(options), gain_of(options)
+    servo, model, how = asked[0], asked[1], replace(how_of(options), half=not options.full)
+    if model is None:
         left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")
-    servo = Servo() if loop is not None else servo_of(options)
     began = time.perf_counter()
     try:
-        found = _of_a_servo(servo, model, gain, branch, how) if loop is None else _of_a_loop(loop, branch, how)
+        orbit = find_orbit(*asked, branch=branch, options=how)
     except NoOrbit as refusal:
         raise hunts_on(options, refusal, gain) from None
-    if loop is None:
-        below, built = seen_by_encoder(options, found.orbit.amplitude)
-        found = found._replace(below=(*found.below, *below), record=found.record | built)
-    orbit, record = found.orbit, {**found.orbit.to_dict(table=False), **found.record, "branch": branch}
+    below = parts_of(servo)
+    if branch == "lopsided":
+        below.append(item("", "one of a pair: the other one is its mirror image"))
+    if past_a_symmetry_breaking(orbit):
+        below.append(item("beside it", SYMMETRY_BROKEN + ("; --branch lopsided" if model else "")))
+    record = {**orbit.to_dict(table=False), **record_of(servo), "branch": branch}
+    if isinstance(servo, Servo):
+        below += [] if open_loop(servo, gain).stable else [item("farther away", RUNS_AWAY)]
+        seen, built = seen_by_encoder(options, orbit.amplitude)
+        below, record = below + seen, record | built
     second = orbit.integrator_multipliers if route == "integrator" else None
     if second is not None:
         # What the integrators say, for JSON; None where it is not to be trusted
@@ -88,46 +87,19 @@ def run(options: argparse.Namespace) -> int:
     tell(stream, orbit_line(stream, orbit))
     if options.save:
         options.outputs.write(save_orbit, orbit, options.save)
-    table, picture = _row(found, branch), ("orbits.time_traces", [orbit])
-    answer = orbit_answer(found.title, orbit, branch, list(found.below), second, record["wall_s"])
+    columns = {"model": model, column("gain"): gain} if model else record["parameters"]
+    table, picture = _row(orbit, columns, branch), ("orbits.time_traces", [orbit])
+    title = f"{called(servo, model)} at gain {gain:.10g} V/rad"
+    answer = orbit_answer(title, orbit, branch, below, second, record["wall_s"])
     give(options, record, answer, table=table, picture=picture)
     return 0
 
 
-class _Found(NamedTuple):
-    """An orbit, and what is said of whose it is: in the first line, below it, in JSON and in the table."""
-
-    orbit: Orbit
-    title: str
-    below: tuple[str, ...]
-    record: dict[str, Any]
-    columns: dict[str, Any]
-
-
-def _of_a_servo(servo: Servo, model: Model, gain: float, branch: BranchName, how: Options) -> _Found:
-    orbit, below = find_orbit(servo, model, gain, branch=branch, options=how), []
-    if branch == "lopsided":
-        below.append(item("", "one of a pair: the other one is its mirror image"))
-    if past_a_symmetry_breaking(orbit):
-        below.append(item("beside it", f"{SYMMETRY_BROKEN}; --branch lopsided"))
-    if not open_loop(servo, gain).stable:
-        below.append(item("farther away", RUNS_AWAY))
-    name = f"{model} servo at gain {gain:.10g} V/rad"
-    return _Found(orbit, name, tuple(below), {}, {"model": model, column("gain"): gain})
-
-
-def _of_a_loop(loop: Loop, branch: BranchName, how: Options) -> _Found:
-    orbit = find_orbit(loop, branch=branch, options=how)
-    below = [item("beside it", SYMMETRY_BROKEN)] if past_a_symmetry_breaking(orbit) else []
-    parts = shared.parts_line(loop)
-    return _Found(orbit, shared.title(loop), (parts, *below), shared.record_of(loop), loop.parameters)
-
-
-def _row(found: _Found, branch: str) -> Columns:
+def _row(orbit: Orbit, columns: dict[str, Any], branch: str) -> Columns:
     """The cycle as a row of a table, beside that of its motion (`to_csv`); errors in the unit of their number."""
-    orbit, m = found.orbit, found.orbit.multipliers
+    m = orbit.multipliers
     row = {
-        **found.columns,
+        **columns,
         "branch": branch,
         "amplitude_rad": orbit.amplitude,
         "amplitude_error_rad": orbit.amplitude * orbit.amplitude_error,

@@ -17,9 +17,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...errors import NoOrbit
-from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive
+from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive, below_border, by_counts
 from ...servo.parts.loop import Loop
-from ...servo.sampled.border import below_border, by_counts
 from ...servo.servo import Servo
 from ..answers.answer import item
 from ..answers.sampled import sampled_answer

@@ -22,6 +22,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -29,18 +30,25 @@ import numpy as np
 from ... import effort
 from ...checks import error_text, moderate
 from ...errors import InputError
+from ...servo.drive import DRIVE_KEYS, SHARES
+from ...servo.friction import Model
 from ...servo.other_end import OtherEnd, other_end
-from ...servo.servo import assigned
+from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_of as loop_of_servo
+from ...servo.parts.table import remedies_for, with_remedy
+from ...servo.sampled.as_run import DRIVE_PARTS
+from ...servo.servo import Servo, assigned
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ..answers.simulate import simulation_answer
 from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain
-from .loops.remedied import remedies_given, with_remedies
 from .move import PROFILE, add_profile, move_of
 from .output import give
 from .sampled import add_drive, of_drive
 
+OF_DRIVE_ALONE = tuple(key for key in DRIVE_KEYS if key not in (*DRIVE_PARTS.values(), *SHARES, "sample_time"))
+"""Keys that mean nothing to the continuous loop."""
 MOST_ROWS = 10_000_000
 """Of a table: a gigabyte, of which nobody reads more."""
 
@@ -136,3 +144,37 @@ def _times(found: Trajectory, step: float | None) -> np.ndarray | None:
     if step is None:
         return None
     return np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
+
+
+def remedies_given(options: argparse.Namespace) -> dict[str, float]:
+    """The remedies of the options where they are asked of the continuous loop: numbers by key; {} without any.
+
+    What is returned is taken out of the options. Raises InputError: one is no number, or there is something beside it
+    that only the loop as built has.
+    """
+    given = {key: text for key in (*DRIVE_PARTS.values(), *SHARES) if (text := getattr(options, key)) is not None}
+    if options.sample_time is None and (not given or drive_of(options) is not None):
+        return {}
+    if options.sample_time is not None and finite("sample-time", options.sample_time) != 0:
+        return {}
+    why = "it is of the loop as built, and without a sample time the loop is a continuous one"
+    left_out(options, why, *OF_DRIVE_ALONE)
+    numbers = {key: finite(key.replace("_", "-"), text) for key, text in given.items()}
+    for key in given:
+        setattr(options, key, None)
+    return numbers
+
+
+def with_remedies(servo: Servo, model: Model, gain: float, given: Mapping[str, float]) -> Loop:
+    """The continuous loop with remedies; given: as of `remedies_given`.  Raises InputError: one does not go with it."""
+    loop, there = loop_of_servo(servo, model, gain), remedies_for(model)
+    for key, of in SHARES.items():
+        if key in given and of not in given:
+            raise InputError(f"{key.replace('_', '-')}: must be left out without {of.replace('_', '-')}")
+    for name, key in DRIVE_PARTS.items():
+        if key in given:
+            if name not in there:
+                only = "in the continuous loop it goes with Switch friction alone"
+                raise InputError(f"{key.replace('_', '-')}: must be left out, {only}")
+            loop = with_remedy(loop, there[name], given[key])
+    return loop.replace(**{key: given[key] for key in SHARES if key in given})

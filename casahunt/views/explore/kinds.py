@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,16 +21,17 @@ from ...continuation.walk import walk
 from ...design.remedies.border import BORDERS, Border, border
 from ...errors import ComesToRest, HuntsIrregularly, NoOrbit
 from ...orbits import Options, Orbit
-from ...servo.cycles import motor_torque
 from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
-from ...servo.linear.margins import margins, margins_of
+from ...servo.hunting import motor_torque
+from ...servo.linear.margins import margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
 from ...servo.outcome import SETTLES
-from ...servo.parts import Loop, Remedy
+from ...servo.parts import Loop, Remedy, loop_of
 from ...servo.parts.fate import Swing, on_the_cycle
 from ...servo.parts.verbs import FIRST_OFF, fold_in, loop_cycle
+from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ...servo.units import GAIN_UNIT
@@ -116,32 +118,40 @@ class ServoAnswers:
             "cycle": curve(time=times, angle=states[0], velocity=states[1], torque=torque),
         }  # fmt: skip
 
+    @cached_property
+    def loop(self) -> Loop:
+        """The servo as a loop of parts."""
+        servo, model, gain = self.problem[:3]
+        return self.problem.loop or loop_of(cast(Servo, servo), model, gain)
+
     def linear(self) -> dict[str, Any]:
-        """Friction curve and margins."""
-        servo, _, gain = self.problem[:3]
-        assert servo is not None
-        f = servo.friction
-        numbers = {"static": f.static, "coulomb": f.coulomb, "stribeck_velocity": f.stribeck_velocity,
-                   "viscous": f.viscous}  # fmt: skip
-        return {"friction": friction_curve(numbers), **margins_shown(margins(servo, gain))}
+        """Friction curve and margins, where there are any."""
+        numbers, opened = self.loop.parameters, open_loop_of_parts(self.loop)
+        known = {"static", "coulomb", "stribeck_velocity", "viscous"} <= set(numbers)
+        shown = {"friction": friction_curve(numbers)} if known else {}
+        if opened is None:
+            return {**shown, "why": "with this part the loop is not linear: it has no margins"}
+        return {**shown, **margins_shown(margins_of(opened))}
 
     def step(self) -> dict[str, Any]:
-        """A step of the set point."""
-        servo, model, gain, step = self.problem[:4]
-        assert servo is not None
-        motion = simulate(servo, model, gain, set_point=step, time=self._duration(), tol=DRAWN_MOTION_TOLERANCE)
-        return self._shown(motion, "x1") | self._end_of(motion)
-
-    def _shown(self, motion: Trajectory, state: str) -> dict[str, Any]:
-        """A step; state: its angle."""
+        """A step of the set point, followed for a hundred reset times where there is no cycle."""
+        if self.orbit is not None:
+            duration = PERIODS_OF_A_STEP * self.orbit.period
+        else:
+            p = self.loop.parameters
+            by_gains = {"kp", "ki"} <= set(p)
+            reset = p["kp"] / p["ki"] if by_gains else p.get("integral_time", 1.0) + p.get("lead_time", 0.0)
+            duration = RESETS_OF_A_STEP * reset
+        motion = simulate(self.loop, set_point=self.problem.step, time=duration, tol=DRAWN_MOTION_TOLERANCE)
         times, states = motion.dense(MOTION_POINTS)
-        angle = summed(motion.set_point, states[motion.names.index(state)])
+        angle = summed(motion.set_point, states[motion.names.index(self.loop.angles[-1])])
         voltage = motion.peak_voltage
-        return {
+        shown = {
             "motion": curve(time=times, angle=angle, torque=motion.signal("torque", times)),
             "peak": seen_number(motion.peak_torque),
             **({} if math.isnan(voltage) else {"voltage": seen_number(voltage)}),
         }  # fmt: skip
+        return shown | (self._end_of(motion) if self.problem.loop is None else {"ends": ""})
 
     def _end_of(self, motion: Trajectory) -> dict[str, Any]:
         """Where a step ends; and where it comes to rest though the servo can hunt, from which start that does."""
@@ -155,13 +165,6 @@ class ServoAnswers:
             other = other_end(motion)
             ends += f"; {hunts_from(other.start)}" if other is not None and other.hunts else ""
         return {"ends": ends, "sentence": sentence_of((self.said, self.more))}
-
-    def _duration(self) -> float:
-        if self.orbit is not None:
-            return PERIODS_OF_A_STEP * self.orbit.period
-        servo = self.problem.servo
-        assert servo is not None
-        return RESETS_OF_A_STEP * servo.controller.reset_time
 
     def _fold(self) -> Fold[Any]:
         """The fold, found once for all gains.  Raises NoOrbit."""
@@ -232,12 +235,6 @@ class LoopAnswers(ServoAnswers):
     _bare: Any = None
     """The cycle of the servo without load and remedy, where one was found."""
 
-    @property
-    def loop(self) -> Loop:
-        """The loop."""
-        assert self.problem.loop is not None
-        return self.problem.loop
-
     def hunts(self) -> dict[str, Any]:
         """Does it hunt."""
         try:
@@ -282,27 +279,6 @@ class LoopAnswers(ServoAnswers):
         if self.orbit is None:
             raise NoOrbit("no hunting was found at this gain or below, from which its cycles could be followed")
         return self.orbit
-
-    def linear(self) -> dict[str, Any]:
-        """Friction curve and margins, where there are any."""
-        numbers, opened = self.loop.parameters, open_loop_of_parts(self.loop)
-        known = {"static", "coulomb", "stribeck_velocity", "viscous"} <= set(numbers)
-        shown = {"friction": friction_curve(numbers)} if known else {}
-        if opened is None:
-            return {**shown, "why": "with this part the loop is not linear: it has no margins"}
-        return {**shown, **margins_shown(margins_of(opened))}
-
-    def step(self) -> dict[str, Any]:
-        """A step of the set point."""
-        duration = PERIODS_OF_A_STEP * self.orbit.period if self.orbit is not None else self._longest()
-        motion = simulate(self.loop, set_point=self.problem.step, time=duration, tol=DRAWN_MOTION_TOLERANCE)
-        return self._shown(motion, self.loop.angles[-1]) | {"ends": ""}
-
-    def _longest(self) -> float:
-        """How long a motion is followed where there is no cycle."""
-        p = self.loop.parameters
-        reset = p["kp"] / p["ki"] if {"kp", "ki"} <= set(p) else p.get("integral_time", 1.0) + p.get("lead_time", 0.0)
-        return RESETS_OF_A_STEP * float(reset)
 
     def border(self) -> dict[str, Any]:
         """The gain at which hunting ends, and the size of the remedy that ends it at this gain.

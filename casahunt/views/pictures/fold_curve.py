@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...continuation import SpecialCurve
-from ...design.fold_curve.data import FoldCurve, cubic_through_points
+from ...design.fold_curve import FoldCurve, cubic_through_points
 from ...errors import InputError
 from ...servo.friction import MODELS
-from ...servo.parts.table import unit_of
+from ..answers.answer import named
 from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, logarithmic, panels
 
 LABELS = {
@@ -39,7 +38,7 @@ HEADROOM = 1.12
 
 
 def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
-    """The fold gain against a parameter of the servo, the gains with hunting shaded.
+    """The fold gain against a parameter of the servo, the gains with hunting shaded; or that of a loop.
 
     The line is the cubic through the computed points with their exact slopes.  A curve that turns back in a cusp is
     drawn without shade: what lies below it is not the gains with hunting.
@@ -47,7 +46,7 @@ def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     curves
-        fold curves in the same parameter, one of each model at most.
+        fold curves in the same parameter, one of each model at most, or that of a loop of parts.
     ax
         axes to draw into; default: those of a new figure.
 
@@ -77,54 +76,40 @@ def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
         logarithmic(axes, "y")
     floor, ceiling = (lowest / 3, highest * 3) if wide else (0.0, highest * HEADROOM)
     for curve in curves:
-        look = LOOKS[curve.model]
-        q, K = cubic_through_points(curve)
-        label = f"fold, {NAMES[curve.model]} friction"
-        axes.plot(q, K, color=look.colour, linewidth=look.width, zorder=look.zorder)
-        axes.plot(
-            curve.values, curve.gains, color=look.colour, linestyle="none", marker=look.marker, markersize=4,
-            zorder=look.zorder,
-        )  # fmt: skip
-        axes.plot([], [], color=look.colour, linewidth=look.width, marker=look.marker, markersize=4, label=label)
-        if not curve.cusps:
-            axes.fill_between(q, floor, K, color=look.colour, alpha=SHADING, linewidth=0, zorder=1)
-        for cusp in curve.cusps:
-            axes.plot(cusp.value, cusp.gain, color=look.colour, marker="D", markersize=8, fillstyle="none", zorder=9)
-            axes.annotate("cusp", (cusp.value, cusp.gain), textcoords="offset points", xytext=(8, 4), fontsize=SMALL)
+        _one(axes, curve, floor, ceiling)
     axes.set_ylim(floor, ceiling)
     least, most = min(float(c.values.min()) for c in curves), max(float(c.values.max()) for c in curves)
     if least > 0 and most > WIDE * least:
         logarithmic(axes, "x")
     axes.set_xlim(least, most)
-    if not any(curve.cusps for curve in curves):
+    if not any(curve.cusps or curve.way == "down" for curve in curves):
         _words(axes, curves, wide)
-    axes.set_xlabel(LABELS[vary])
-    axes.set_ylabel(GAIN_LABEL)
+    axes.set_xlabel(LABELS.get(vary, named(vary)))
+    axes.set_ylabel(GAIN_LABEL if curves[0].fold_in == "gain" else named(curves[0].fold_in))
     axes.grid(True, which="major", color="0.88", linewidth=0.6)
     axes.legend(loc="best", fontsize=SMALL)
-    axes.set_title("The largest gain at which the servo can hunt")
+    of_loop = curves[0].model is None
+    axes.set_title("Where hunting ends" if of_loop else "The largest gain at which the servo can hunt")
     return axes
 
 
-def loop_border(curve: SpecialCurve, way: str, *, ax: Axes | None = None) -> Axes:
-    """The border of hunting of a loop of parts in two parameters; "up" or "down" to it there are cycles.
-
-    ax: as of `fold_curves`.
-    """
-    _, (axes,) = panels(ax, 1)
-    look, (x, q) = LOOKS[MODELS[0]], curve.values.T
-    axes.plot(q, x, color=look.colour, linewidth=look.width, marker=look.marker, markersize=4)
-    if not curve.turns.any():
-        below = way == "up"
-        axes.fill_between(q, 0 if below else x, x if below else HEADROOM * x.max(), color=look.colour, alpha=SHADING)
-    axes.set_ylim(min(0.0, float(x.min())), HEADROOM * float(x.max()))
-    axes.set_xlim(q.min(), q.max())
-    for name, label in ((curve.other, axes.set_xlabel), (curve.vary, axes.set_ylabel)):
-        unit = unit_of(name)
-        label(GAIN_LABEL if name == "gain" else f"{name.replace('_', ' ')} {f'[{unit}]' if unit else ''}".rstrip())
-    axes.grid(True, which="major", color="0.88", linewidth=0.6)
-    axes.set_title("Where hunting ends: in the shade there are cycles")
-    return axes
+def _one(axes: Any, curve: FoldCurve, floor: float, ceiling: float) -> None:
+    """A curve, with its shade."""
+    look = LOOKS[curve.model or MODELS[0]]
+    q, K = cubic_through_points(curve)
+    label = "fold" if curve.model is None else f"fold, {NAMES[curve.model]} friction"
+    axes.plot(q, K, color=look.colour, linewidth=look.width, zorder=look.zorder)
+    axes.plot(
+        curve.values, curve.gains, color=look.colour, linestyle="none", marker=look.marker, markersize=4,
+        zorder=look.zorder,
+    )  # fmt: skip
+    axes.plot([], [], color=look.colour, linewidth=look.width, marker=look.marker, markersize=4, label=label)
+    if not curve.cusps:
+        beyond = floor if curve.way == "up" else ceiling
+        axes.fill_between(q, beyond, K, color=look.colour, alpha=SHADING, linewidth=0, zorder=1)
+    for cusp in curve.cusps:
+        axes.plot(cusp.value, cusp.border, color=look.colour, marker="D", markersize=8, fillstyle="none", zorder=9)
+        axes.annotate("cusp", (cusp.value, cusp.border), textcoords="offset points", xytext=(8, 4), fontsize=SMALL)
 
 
 def _words(axes: Any, curves: Sequence[FoldCurve], wide: bool) -> None:

@@ -8,7 +8,7 @@ from servo_files import ROTARY
 
 from casahunt import Friction, Pid, Servo, simulate
 from casahunt.servo.outcome import Outcome
-from casahunt.views.commands.loops.remedied import with_remedies
+from casahunt.views.commands.simulate import with_remedies
 
 STIFF = Servo(
     inertia=4.5e-4, motor_gain=1.0, controller=Pid(kp=90, ki=4000, kd=0.28),

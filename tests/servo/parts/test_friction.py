@@ -23,7 +23,7 @@ from casahunt.servo.parts import (
     Loop,
     friction_table,
 )
-from casahunt.servo.parts.monotone_cubic import interpolated
+from casahunt.servo.parts.tabulated import interpolated
 from casahunt.servo.parts.verbs import loop_cycle
 
 CONTROLLER = (PID_BY_GAINS, INTEGRATOR)

@@ -17,7 +17,6 @@ from casahunt import InputError, Options, Servo, find_fold, find_orbit
 from casahunt.continuation import follow, special_curve
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle, orbit_ensemble
-from casahunt.servo.parts.by_direction import BY_DIRECTION
 from casahunt.servo.parts.cascade import P_PI
 from casahunt.servo.parts.dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS
 from casahunt.servo.parts.error_filter import ERROR_FILTER
@@ -36,7 +35,7 @@ from casahunt.servo.parts.part import Part
 from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
-from casahunt.servo.parts.switch import SWITCH
+from casahunt.servo.parts.switch import BY_DIRECTION, SWITCH
 from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
 from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
 from casahunt.servo.parts.verbs import fold_in, loop_cycle

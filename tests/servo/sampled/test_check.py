@@ -9,7 +9,7 @@ import pytest
 from built_case import SERVO
 
 from casahunt import Drive, as_built, simulate_sampled
-from casahunt.servo.sampled.border import ENCODER_BORDER, below_border
+from casahunt.servo.drive import ENCODER_BORDER, below_border
 
 DRIVE = Drive(sample_time=1e-3, encoder=2000)
 
