@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 from . import interrupts  # noqa: F401  first: on the command line it answers Ctrl-C during the imports that follow
 
 if TYPE_CHECKING:
+    from .axis_units import Units
     from .continuation.special_points import Missed, SpecialPoint
     from .continuation.walk import walk, walk_naturally
     from .design.diagram import diagram, diagram_points
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from .views.explore.notebook import explore
 
 _HOMES = {
+    "axis_units": ("Units",),
     "continuation.special_points": ("Missed", "SpecialPoint"),
     "continuation.walk": ("walk", "walk_naturally"),
     "design.diagram": ("diagram", "diagram_points"),
@@ -204,6 +206,7 @@ __all__ = [
     "Trajectory",
     "Tuning",
     "Uncertainty",
+    "Units",
     "WorstCase",
     "as_built",
     "basin",

@@ -22,9 +22,10 @@ from itertools import pairwise
 from typing import Any
 
 from . import effort, interrupts
+from .axis_units import Units, shown_in
 from .checks import choice_of
 from .errors import InputError, NoOrbit
-from .views.commands.arguments import Parser
+from .views.commands.arguments import Parser, shown_as_the_file_says
 from .views.commands.console import Outputs, complain, explain_complaints, own_process
 from .views.commands.output import tell_refusal
 from .views.commands.output_paths import keep_inputs
@@ -124,7 +125,8 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         keep_inputs(options)
         try:
-            with Outputs() as options.outputs, effort.counting_work(note, limit=limit):
+            with shown_in(Units()), Outputs() as options.outputs, effort.counting_work(note, limit=limit):
+                shown_as_the_file_says(options)
                 return _module(name).run(options)
         except (NoOrbit, effort.GivenUp) as error:
             interrupts.check()

@@ -28,6 +28,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..axis_units import in_its_units
 from ..checks import of_kind, require
 from ..errors import HuntsIrregularly, InputError, NoOrbit, Status
 from ..export import Columns, columns_from
@@ -168,6 +169,7 @@ class Basin(LoopResult):
         return self.inside.settles and self.outside.hunts
 
 
+@in_its_units
 def basin(
     servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, options: Options | None = None,
     offset: float = OFFSET,

@@ -33,10 +33,12 @@ of a stiff bristle is said to hold there, and no more (refused.py).
 
 from __future__ import annotations
 
+from ..axis_units import in_its_units
 from .friction import Model, steepest
 from .servo import Servo, a_servo
 
 
+@in_its_units
 def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     """Why the servo has no limit cycle at a gain nor above it.
 

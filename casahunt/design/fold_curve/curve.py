@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from ...axis_units import in_its_units
 from ...checks import choice_of, require, shown
 from ...continuation import Axis, SpecialOrbit, special_walk
 from ...errors import InputError, NoOrbit, Status
@@ -34,6 +35,7 @@ STEEP_GAIN = 30.0
 """|d ln K/dc| from which on a gain tends to zero: a straight line would get there within 1/30 of the range."""
 
 
+@in_its_units
 def fold_curve(
     servo: Servo,
     model: Model,

@@ -15,6 +15,7 @@ from itertools import product
 
 import numpy as np
 
+from ...axis_units import in_its_units
 from ...checks import choice_of, require
 from ...errors import HuntsIrregularly, InputError
 from ...orbits.adapt import Options
@@ -67,6 +68,7 @@ MOST_CORNERS, MOST_UNCERTAIN = 4, 6
 may be uncertain where all corners are looked at."""
 
 
+@in_its_units
 def remedies(
     servo: Servo | Loop,
     model: Model | None = None,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+from ...axis_units import shown
 from ...checks import choice_of
 from ...errors import InputError
-from ..units import PARAMETER_UNITS
+from ..units import PARAMETER_UNITS, kinds_of
 from . import dead_band, dither, error_filter, feedforward, freeze, leak, plain, reset
 from .loop import Loop
 from .part import Part
@@ -29,6 +32,8 @@ AS_BUILT = ("delay", "quantisation", "sampling")
 
 def unit_of(parameter: str) -> str:
     """The unit of a parameter of a loop: of those that a servo has and of the sizes of remedies; "" for any other."""
+    if not shown().plain:
+        return kinds_of(parameter)[0] if parameter != "kp" else ""
     units = {key.rpartition(".")[2]: unit for key, unit in PARAMETER_UNITS.items()}
     return (units | {remedy.size: remedy.unit for remedy in REMEDIES}).get(parameter, "")
 
@@ -51,7 +56,7 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
     if not remedy.instead:
         return loop.with_parts(remedy.part, **{remedy.size: size})
     parts: tuple[Part, ...] = tuple(remedy.part if part.name == remedy.instead else part for part in loop.parts)
-    return Loop(parts, {**loop.values, remedy.size: size}, loop.name)
+    return dataclasses.replace(loop, parts=parts, values={**loop.values, remedy.size: size})
 
 
 def remedy_name(name: str) -> str:

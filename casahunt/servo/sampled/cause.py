@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from ...axis_units import in_its_units
 from ...results import Result
 from ..drive import with_remedy
 from ..outcome import SETTLES, Outcome
@@ -67,6 +68,7 @@ class Cause(Result):
     dead_band: float
 
 
+@in_its_units
 def cause_of(motion: SampledMotion) -> Cause | None:
     """Why a motion hunts.
 

@@ -80,7 +80,8 @@ def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
     began, (fit, read) = time.perf_counter(), identification.fit_of(options)
     how, stream = how_of(options), progress(options)
-    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
+    asked = {key: getattr(options, key) for key in DEMANDS}
+    limits = {key: positive(key, x, DEMANDS[key][1]) for key, x in asked.items() if x is not None}
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
     if options.out is not None:
         keep_others(options.out, FILES)

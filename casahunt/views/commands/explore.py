@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from ...servo.drive import Drive
+from ...servo.units import GAIN_UNIT
 from ..explore.state import State, state_of_loop, state_of_servo
 from .arguments import add_command, count_of, drive_of, loop_of, model_of, positive, servo_of
 from .progress import progress, say
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
 def _first(options: argparse.Namespace) -> State:
     """The state of the page without an address."""
     loop = loop_of(options) if options.servo is not None else None
-    gain = {} if options.first is None else {"gain": positive("gain", options.first)}
+    gain = {} if options.first is None else {"gain": positive("gain", options.first, GAIN_UNIT)}
     if loop is not None:
         state = state_of_loop(options.tables["loop"]["parts"], loop)
     else:

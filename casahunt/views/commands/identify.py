@@ -31,20 +31,16 @@ from ...results import tables_of
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
 from ...servo.servo import flatten
-from ...servo.units import unit_of
+from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
     add_command,
     add_gain,
     add_out,
-    add_reading,
-    add_torque,
     drive_of,
     how_of,
-    later_part,
     model_of,
     positive,
-    reading_of,
     servo_of,
     stated_gain,
 )
@@ -52,6 +48,7 @@ from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
 from .progress import progress, tell
+from .record_options import add_reading, add_torque, later_part, reading_of
 
 SIGN = "# casahunt identify"
 FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
@@ -112,7 +109,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
             raise InputError(f"record {path!r}: is a servo file by its name; it is given as --servo {path}")
     model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
     drive = drive_of(options)
-    gains = [positive("gain", gain) for gain in options.gain or ()] or [stated_gain(options)]
+    gains = [positive("gain", gain, GAIN_UNIT) for gain in options.gain or ()] or [stated_gain(options)]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
 

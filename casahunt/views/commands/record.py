@@ -37,22 +37,21 @@ from ...export import columns_from
 from ...orbits import Orbit
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
+from ...servo.units import GAIN_UNIT
 from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, rhythm
 from .arguments import (
     add_command,
-    add_reading,
     finite,
     how_of,
-    later_part,
     loop_of,
     model_of,
     positive,
-    reading_of,
     servo_of,
 )
 from .console import complain
 from .output import give
 from .progress import progress, tell
+from .record_options import add_reading, later_part, reading_of
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
@@ -84,8 +83,9 @@ def run(options: argparse.Namespace) -> int:
     if options.file.endswith(".toml"):
         raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
     model, loop = model_of(options), loop_of(options)
-    gain = None if options.gain is None else positive("gain", options.gain)
-    set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
+    gain = None if options.gain is None else positive("gain", options.gain, GAIN_UNIT)
+    given = options.set_point
+    set_point = None if given is None else moderate("set-point", finite("set-point", given, "rad"))
     servo = None if loop is not None else servo_of(options)
     how, reading = how_of(options), reading_of(options)
     began = time.perf_counter()

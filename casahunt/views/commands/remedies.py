@@ -105,7 +105,8 @@ def run(options: argparse.Namespace) -> int:
     if loop is not None:
         left_out(options, "of a loop of parts it is not known", "uncertainty")
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
-    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
+    asked = {key: getattr(options, key) for key in DEMANDS}
+    limits = {key: positive(key, x, DEMANDS[key][1]) for key, x in asked.items() if x is not None}
     margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
     uncertainty = uncertainty_of(options, servo)
 

@@ -30,7 +30,7 @@ from ... import effort
 from ...checks import error_text, moderate
 from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
-from ...servo.servo import assigned
+from ...servo.servo import assigned, numbers_of
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ..answers.simulate import simulation_answer
@@ -40,6 +40,10 @@ from .loops.remedied import remedies_given, with_remedies
 from .output import give
 from .sampled import add_drive, of_drive
 
+START_UNITS = {
+    "set_point": "rad", "position": "rad", "velocity": "rad/s", "integral": "rad s", "bristle": "rad", "tol": "",
+}  # fmt: skip
+"""Numbers of the command line, and their units."""
 MOST_ROWS = 10_000_000
 """Of a table: a gigabyte, of which nobody reads more."""
 
@@ -68,10 +72,11 @@ def run(options: argparse.Namespace) -> int:
     """
     model, of_file = model_of(options), loop_of(options)
     gain = gain_of(options)
-    length = positive("time", options.time)
-    keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
-    numbers: dict[str, Any] = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
-    step = None if options.step is None else positive("step", options.step)
+    length = positive("time", options.time, "s")
+    numbers: dict[str, Any] = {
+        key: _size(key.replace("_", "-"), getattr(options, key), unit) for key, unit in START_UNITS.items()
+    }
+    step = None if options.step is None else positive("step", options.step, "s")
     if step is not None and options.csv is None:
         raise InputError("step: must be left out without --csv")
     if step is not None and length / step > MOST_ROWS:
@@ -82,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
         first = next(iter(remedies)).replace("_", "-")
         raise InputError(f"{first}: must be left out, a loop has its remedies as parts")
     loop = with_remedies(servo_of(options), model, gain, remedies) if of_file is None else of_file
-    numbers["start"] = assigned(options.state, "state", loop.system.states, "name=value")
+    numbers["start"] = numbers_of(assigned(options.state, "state", loop.system.states, "name=value"), loop.units)
     if drive is not None:
         return of_drive(options, loop, drive, length, numbers)
     began = time.perf_counter()
@@ -106,8 +111,8 @@ def run(options: argparse.Namespace) -> int:
     return 0 if sure and not cut else 1
 
 
-def _size(key: str, text: Any) -> float:
-    return moderate(key, finite(key, text))
+def _size(key: str, text: Any, unit: str) -> float:
+    return moderate(key, finite(key, text, unit))
 
 
 def _advice(found: Trajectory) -> str:

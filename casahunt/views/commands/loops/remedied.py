@@ -11,6 +11,7 @@ from ....servo.drive import DRIVE_KEYS, SHARES
 from ....servo.friction import Model
 from ....servo.sampled.as_run import DRIVE_PARTS
 from ....servo.servo import Servo
+from ....servo.units import kinds_of
 from ..arguments import drive_of, finite, left_out
 
 if TYPE_CHECKING:
@@ -29,11 +30,11 @@ def remedies_given(options: argparse.Namespace) -> dict[str, float]:
     given = {key: text for key in (*DRIVE_PARTS.values(), *SHARES) if (text := getattr(options, key)) is not None}
     if options.sample_time is None and (not given or drive_of(options) is not None):
         return {}
-    if options.sample_time is not None and finite("sample-time", options.sample_time) != 0:
+    if options.sample_time is not None and finite("sample-time", options.sample_time, "s") != 0:
         return {}
     why = "it is of the loop as built, and without a sample time the loop is a continuous one"
     left_out(options, why, *OF_DRIVE_ALONE)
-    numbers = {key: finite(key.replace("_", "-"), text) for key, text in given.items()}
+    numbers = {key: finite(key.replace("_", "-"), text, *kinds_of(key)) for key, text in given.items()}
     for key in given:
         setattr(options, key, None)
     return numbers
