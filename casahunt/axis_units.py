@@ -6,14 +6,14 @@ Where a quantity is written its unit is said as that of a rotary axis in SI, in 
 one it is in `m`, `N` and `kg`: "N m s/rad" is "N s/m".  A gain stays in V/rad or V/m, in which it is given.
 
 `Units` is carried by a servo and by what is found of it, and changes no computation.  What writes a sentence asks
-`say`, which looks at the units of whoever is answering (`shown_in`).
+`quantity`, which looks at the units of whoever is answering (`shown_in`).
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -36,7 +36,7 @@ _KEYS = {"rotary": ("angle", "torque", "inertia"), "linear": ("length", "force",
 _SI = {"rotary": ("rad", "N m", "kg m2"), "linear": ("m", "N", "kg")}
 _ROTARY = re.compile("N m|kg m2|rad")
 _MASS_OR_FORCE = re.compile(r"(?<![A-Za-z])(mass|force)(?![A-Za-z])")
-_SAID = re.compile(r"(?<![\w/(-])(V(?: s)?/rad|N m(?: s)?(?:/rad)?|rad(?: s)?)(?![\w/(-])")
+_SAID = re.compile(r"(?<![\w/(-])(V(?: s)?/rad|N m(?: s)?(?:/rad)?|rad(?: s)?)(?![\w/('-])")
 """Units of numbers in a sentence; not rad/s, which is a frequency, too."""
 NOT_EXPORTED = {"exported": False}
 """Of a field of a record that is not among what is exported."""
@@ -296,7 +296,7 @@ def in_its_units(function: Callable[P, R]) -> Callable[P, R]:
     return inner
 
 
-def say(x: float, unit: str, text: str | Callable[..., str] = ".4g", *more: float, of: float = math.nan) -> str:
+def quantity(x: float, unit: str, text: str | Callable[..., str] = ".4g", *more: float, of: float = math.nan) -> str:
     """A quantity, as it stands in a sentence: number and unit.
 
     x, unit: in SI, of a rotary axis; text: its format, or a function of it and of `more`, what is in the same unit, as
@@ -306,6 +306,14 @@ def say(x: float, unit: str, text: str | Callable[..., str] = ".4g", *more: floa
     named = units.near(x if math.isnan(of) else of, unit)
     first, *others = (units.number(each, unit, named) for each in (x, *more))
     return f"{format(first, text) if isinstance(text, str) else text(first, *others)} {named}"
+
+
+def several(numbers: Sequence[float], unit: str, text: str | Callable[..., str] = ".4g", by: str = ", ") -> str:
+    """Quantities of one kind, with one unit behind the last of them; as of `quantity`."""
+    units = shown()
+    named = units.near(max(map(abs, numbers), default=0.0), unit)
+    each = (units.number(x, unit, named) for x in numbers)
+    return f"{by.join(format(x, text) if isinstance(text, str) else text(x) for x in each)} {named}"
 
 
 def label(unit: str) -> str:

@@ -99,7 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         interrupts.begin()
         explain_complaints(aloud=False)  # of a command that was interrupted
         over()  # of a command that was interrupted
-        code = _run(command, words, program=arguments is None)
+        with shown_in(Units()):
+            code = _run(command, words, program=arguments is None)
         over()
         with suppress(OSError):
             explain_complaints(aloud=code == 1 and not {"--quiet", "--json"}.intersection(words))
@@ -125,7 +126,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         keep_inputs(options)
         try:
-            with shown_in(Units()), Outputs() as options.outputs, effort.counting_work(note, limit=limit):
+            with Outputs() as options.outputs, effort.counting_work(note, limit=limit):
                 shown_as_the_file_says(options)
                 return _module(name).run(options)
         except (NoOrbit, effort.GivenUp) as error:

@@ -9,13 +9,14 @@ import math
 from fractions import Fraction
 
 import pytest
-from problems.ball_screw import BY_HAND, TOML
 
 from casahunt import Drive, Friction, InputError, Pid, Servo, Units, load, load_drive
-from casahunt.axis_units import say, shown_in, units_of_table
+from casahunt.axis_units import quantity as said
+from casahunt.axis_units import shown_in, units_of_table
 from casahunt.quantities import in_si, number_in, unit_of_text, with_its_unit
 from casahunt.servo.parts import load_loop
 from casahunt.servo.servo import with_overrides
+from problems.ball_screw import BY_HAND, TOML
 
 BROCHURE = {
     "mm": "1e-3", "um": "1e-6", "µm": "1e-6", "in": "0.0254", "ft": "0.3048", "kg": "1", "g": "1e-3", "t": "1e3",
@@ -60,11 +61,12 @@ def test_an_axis_in_mm_is_the_one_written_by_hand():
 
 def test_a_loop_in_mm_is_the_one_written_by_hand(tmp_path):
     path = tmp_path / "loop.toml"
-    parts = '[loop]\nparts = ["two masses", "Switch friction", "cascade P-PI", "integrator", "torque limit"]\n[values]\n'
+    parts = ["two masses", "Switch friction", "cascade P-PI", "integrator", "torque limit"]
     own = 'mass = "12 kg"\nload_mass = "18 kg"\nshaft_stiffness = "40 N/um"\nshaft_damping = "2 N s/mm"\n'
     own += 'motor_gain = 1\ngain = "0.001 V/mm"\nposition_gain = "30 1/s"\nvelocity_gain = "3 N s/mm"\n'
-    own += 'reset_time = "20 ms"\nstatic = "90 N"\ncoulomb = "65 N"\nstribeck_velocity = "2 mm/s"\nforce_limit = "1 kN"\n'
-    path.write_text(LINEAR + parts + own + 'viscous = "0.8 N s/mm"\n[drive]\nsample_time = "1 ms"\nencoder = "1 um"\n')
+    own += 'reset_time = "20 ms"\nstatic = "90 N"\ncoulomb = "65 N"\nstribeck_velocity = "2 mm/s"\n'
+    own += 'force_limit = "1 kN"\nviscous = "0.8 N s/mm"\n[drive]\nsample_time = "1 ms"\nencoder = "1 um"\n'
+    path.write_text(f"{LINEAR}[loop]\nparts = {parts}\n[values]\n{own}")
     loop = load_loop(path)
     assert loop.parameters == pytest.approx(loop.parameters, rel=0) and loop.units.linear
     assert {name: loop.value(name) for name in loop.values} == {
@@ -131,11 +133,11 @@ SHOWN = {
 def test_prefixes_read_well(quantity):
     x, unit = quantity
     with shown_in(Units("linear", "mm", "N", "kg")):
-        text = say(x, unit)
+        text = said(x, unit)
         assert text == SHOWN[quantity]
         number, label = with_its_unit(text)  # and back
         assert in_si("x", text, (Units("linear", "m", "N", "kg").label(unit),)) == pytest.approx(x, rel=1e-12)
-    assert say(x, unit) == f"{x:.4g} {unit}"  # of a rotary axis without units as ever
+    assert said(x, unit) == f"{x:.4g} {unit}"  # of a rotary axis without units as ever
 
 
 def test_counts_are_a_unit():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
+from ...axis_units import quantity, word
 from ...design.remedies.cures import Cures
 from ...design.remedies.price import SETTLED_WITHIN, TASK_STEP, settled_within
 from ...errors import NoOrbit
@@ -28,7 +29,8 @@ def columns_meant(found: Cures, own: Mapping[str, str], *, of_a_set: bool) -> It
     yield "  ends it        the smallest size that does, or where less is more the largest"
     yield f"  choose         {100 * found.margin:g} % more of the remedy than that{more}"
     yield f"  error at rest  the largest at which the servo may stand still, with the size to choose{set_too}"
-    yield f"  torque         the largest on a step of {TASK_STEP:g} rad, with that size{as_given}"
+    step = quantity(TASK_STEP, "rad", "g")
+    yield f"  {word('torque'):13s}  the largest on a step of {step}, with that size{as_given}"
     small = settled_within(found.amplitude) < SETTLED_WITHIN * TASK_STEP
     within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the step"
     yield f"  settles in     from then on the error of that step stays within {within}, or the error at rest"
@@ -45,6 +47,7 @@ def today(found: Cures, most: float | None) -> str:
         return ""
     with suppress(NoOrbit):
         peak = simulate(found.loop, set_point=TASK_STEP, time=found.period).peak_torque
+        step = quantity(TASK_STEP, "rad", "g")
         already = ", which is above that limit already" if peak > most else ""
-        return f"; the present controller asks for {short(peak)} N m on a step of {TASK_STEP:g} rad{already}"
+        return f"; the present controller asks for {quantity(peak, 'N m', short)} on a step of {step}{already}"
     return ""
