@@ -191,6 +191,8 @@ class Units:
         return table if self.plain else dict(self._column(name, values) for name, values in table.items())
 
     def _column(self, name: str, values: Any) -> tuple[str, Any]:
+        if name == "unit":  # of what stands beside it, which stays in SI
+            return name, [self.si.label(str(unit)) for unit in values]
         bare = name.removesuffix("_per_unit")
         unit = next((unit for unit in _COLUMNS if bare.endswith(suffix(unit))), "")
         if not unit or "crossover" in name:
@@ -305,7 +307,8 @@ def quantity(x: float, unit: str, text: str | Callable[..., str] = ".4g", *more:
     units = shown()
     named = units.near(x if math.isnan(of) else of, unit)
     first, *others = (units.number(each, unit, named) for each in (x, *more))
-    return f"{format(first, text) if isinstance(text, str) else text(first, *others)} {named}"
+    number = format(first, text) if isinstance(text, str) else text(first, *others)
+    return f"{number} {named if number != '0' else units.label(unit)}"
 
 
 def several(numbers: Sequence[float], unit: str, text: str | Callable[..., str] = ".4g", by: str = ", ") -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...axis_units import in_its_units
+from ...axis_units import in_its_units, quantity
 from ...checks import COMPUTED, moderate, of_kind, sensible
 from ...errors import InputError
 from ...export import Columns
@@ -138,7 +138,7 @@ class SampledMotion(LoopResult):
     def _waits(self) -> str:
         """What is said of a servo that ends stuck."""
         x, v = self.states[:2, -1]
-        return f"; it ends stuck {x:+.4g} rad beside the set point" if v == 0 else ""
+        return f"; it ends stuck {quantity(x, 'rad', '+.4g')} beside the set point" if v == 0 else ""
 
     def _columns(self) -> Columns:
         states = dict(zip(self.names, self.states[:, :-1], strict=True))

@@ -6,6 +6,7 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
+from ...axis_units import quantity
 from ...servo.outcome import SETTLES
 from ...servo.parts.table import unit_of
 from ...servo.units import GAIN_UNIT
@@ -39,12 +40,13 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     p = Fragments(record)
     figures = {name: figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
     ending = [i for i, row in enumerate(record["remedies"]) if row["ends_hunting"]]
+    step = p.with_unit("task_step", "rad", "g").replace("&nbsp;", " ")
     return document(TITLE, [
         *_answer(p),
         *(["<h2>What ends it, the cheapest first</h2>", table([*HEAD], [_row(p, i) for i in ending]),
            f"<p class=dim>To choose: {p.n('margin', 'g', 100.0)} % more of the remedy than ends hunting"
            f"{' of the worst servo of the set' if record['uncertain'] else ''}; torque, voltage and settling are those "
-           f"of a step of {p.n('task_step', 'g')} rad from rest with that size.</p>"] if ending else []),
+           f"of a step of {step} from rest with that size.</p>"] if ending else []),
         *_worst(p, ending),
         *built_section(p, {name: f"as_built/{name}" for name in record.get("as_built", {})}),
         figures.get("sizes", ""),
@@ -162,8 +164,9 @@ def _seen(name: str, record: Mapping[str, Any]) -> str:
     """What a picture shows, with its numbers, for who does not see it."""
     if name == "rests":
         sets = [(row["name"], max(abs(x1) for x1, _ in row["rests"])) for row in record["remedies"] if row["rests"]]
-        said = "; ".join(f"{row}: {f'within {reach:.4g} rad' if reach else 'the set point'}" for row, reach in sets)
+        reaches = [(row, f"within {quantity(reach, 'rad')}" if reach else "the set point") for row, reach in sets]
+        said = "; ".join(f"{row}: {reach}" for row, reach in reaches)
         return f"Sets of error and torque at which the servo rests. {said}."
     rows = [row for row in record["remedies"] if row["size"] is not None]
-    said = "; ".join(f"{row['name']}: {row['size']:.4g} {row['unit']}".rstrip() for row in rows)
+    said = "; ".join(f"{row['name']}: {quantity(row['size'], row['unit'])}".rstrip() for row in rows)
     return f"Amplitude against size for each remedy. Cycles end at {said}."
