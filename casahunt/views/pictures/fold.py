@@ -12,11 +12,12 @@ from ...design.sensitivity import Sensitivities
 from ...errors import InputError
 from ...servo.problem import HuntingFold
 from .orbits import look_of
-from .plotting import Axes, panels
+from .plotting import Axes, in_units_of_the_axis, panels
 
 MINUS = "\N{MINUS SIGN}"
 
 
+@in_units_of_the_axis
 def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *, ax: Axes | None = None) -> Axes:
     """Per cent of the fold gain for one per cent of each parameter, the largest on top.
 

@@ -12,7 +12,7 @@ from ...design.fold_curve.data import FoldCurve, cubic_through_points
 from ...errors import InputError
 from ...servo.friction import MODELS
 from ...servo.parts.table import unit_of
-from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, logarithmic, panels
+from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, in_units_of_the_axis, logarithmic, panels
 
 LABELS = {
     "servo.inertia": "inertia J [kg m$^2$]",
@@ -38,6 +38,7 @@ HEADROOM = 1.12
 """The axis reaches this factor beyond the highest gain."""
 
 
+@in_units_of_the_axis
 def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     """The fold gain against a parameter of the servo, the gains with hunting shaded.
 
@@ -106,6 +107,7 @@ def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@in_units_of_the_axis
 def loop_border(curve: SpecialCurve, way: str, *, ax: Axes | None = None) -> Axes:
     """The border of hunting of a loop of parts in two parameters; "up" or "down" to it there are cycles.
 
