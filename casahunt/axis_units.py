@@ -36,8 +36,11 @@ _KEYS = {"rotary": ("angle", "torque", "inertia"), "linear": ("length", "force",
 _SI = {"rotary": ("rad", "N m", "kg m2"), "linear": ("m", "N", "kg")}
 _ROTARY = re.compile("N m|kg m2|rad")
 _MASS_OR_FORCE = re.compile(r"(?<![A-Za-z])(mass|force)(?![A-Za-z])")
-_SAID = re.compile(r"(?<![\w/(-])(V(?: s)?/rad|N m(?: s)?(?:/rad)?|rad(?: s)?)(?![\w/('-])")
-"""Units of numbers in a sentence; not rad/s, which is a frequency, too."""
+_SAID = re.compile(
+    r"(?<![\w/(-])(V(?: s)?/rad|N m(?: s)?(?:/rad|/V|/A)?|kg m(?:2|\$\^2\$)|rad(?: s)?|(?<=velocity \[)rad/s)"
+    r"(?![\w/('-])"
+)
+"""Units of numbers in a sentence; not rad/s, which is a frequency, too, but of a velocity."""
 NOT_EXPORTED = {"exported": False}
 """Of a field of a record that is not among what is exported."""
 READS_WELL = 0.1, 1e4
@@ -184,7 +187,7 @@ class Units:
 
     def relabelled(self, text: str) -> str:
         """A sentence whose numbers are in SI, of a rotary axis, with the units of this one in SI."""
-        return _SAID.sub(lambda found: self.si.label(found[0]), text) if self.linear else text
+        return _SAID.sub(lambda found: self.si.label(found[0].replace("$^2$", "2")), text) if self.linear else text
 
     def columns(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
         """A table whose columns say their units in SI, of a rotary axis, in those that are shown."""

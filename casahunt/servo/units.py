@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..axis_units import Units, suffix
+from ..axis_units import Units, shown, suffix
 from ..checks import number, quoted
 from ..errors import InputError
 from ..quantities import unit_of_text, with_its_unit
@@ -110,8 +110,8 @@ def unit_of(name: str) -> str:
 
 def with_unit(name: str) -> str:
     """The heading of a column: `friction.static [N m]`, or the bare name where there is no unit."""
-    unit = unit_of(name)
-    return f"{name} [{unit}]" if unit else name
+    unit = shown().si.label(unit_of(name))
+    return f"{shown().word(name)} [{unit}]" if unit else name
 
 
 def column(name: str, unit: str | None = None) -> str:

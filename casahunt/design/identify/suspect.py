@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from ...axis_units import shown
 from ...errors import InputError, NoOrbit
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import flatten
@@ -94,6 +95,7 @@ def _others(orbit: HuntingOrbit, found: Identification) -> str:
     apart.sort(key=lambda name: -abs(math.log(found.values[name] / max(given[name], 1e-6 * found.values[name]))))
     if not apart:
         return "the values given, none of which is the likeliest"
+    units = {name: shown().si.label(unit_of(name)) for name in apart[:MOST_SUSPECTS]}
     return " and ".join(
-        f"{name}, {found.values[name]:.3g} {unit_of(name)}, not {given[name]:.3g}" for name in apart[:MOST_SUSPECTS]
+        f"{name}, {found.values[name]:.3g} {unit}, not {given[name]:.3g}" for name, unit in units.items()
     )

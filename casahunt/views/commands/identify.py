@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import shown, word
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.judgement import NEGLIGIBLE
@@ -270,7 +271,7 @@ def _rows(found: Identification, most: int) -> Iterator[str]:
         texts = [
             to_absolute_error(each, width, most=most) if math.isfinite(each) else ends.get(each, "") for each in numbers
         ]
-        yield ROW.format(name, *texts, unit_of(name)).rstrip()
+        yield ROW.format(word(name), *texts, shown().si.label(unit_of(name))).rstrip()
 
 
 def identified_details(found: Identification) -> Iterator[str]:

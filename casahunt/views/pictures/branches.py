@@ -223,7 +223,7 @@ def _label(branches: Sequence[AnyBranch]) -> str:
     if len(names) > 1:
         raise InputError(f"branches in {' and in '.join(sorted(names))}: must be in one parameter")
     (vary,) = names
-    unit = unit_of(vary)
+    unit = shown().si.label(unit_of(vary))
     return GAIN_LABEL if vary == "gain" else f"{vary.replace('_', ' ')} [{unit}]" if unit else vary.replace("_", " ")
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import word
 from ...continuation import Fold
 from ...design.sensitivity import Sensitivities
 from ...errors import InputError
@@ -58,7 +59,7 @@ def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *,
             label=_label(fold),
         )  # fmt: skip
         axes.bar_label(bars, [f"{value:+.3g}".replace("-", MINUS) for value in values], padding=3, fontsize=9)
-    axes.set_yticks(place, [name.replace("_", " ").replace(".", ": ") for name in names])
+    axes.set_yticks(place, [word(name).replace("_", " ").replace(".", ": ") for name in names])
     axes.axvline(0, color="0.3", linewidth=0.8)
     axes.margins(x=0.15)
     what = folds[0].parameter.replace("_", " ")

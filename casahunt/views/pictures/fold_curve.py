@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import shown
 from ...continuation import SpecialCurve
 from ...design.fold_curve.data import FoldCurve, cubic_through_points
 from ...errors import InputError
@@ -122,7 +123,7 @@ def loop_border(curve: SpecialCurve, way: str, *, ax: Axes | None = None) -> Axe
     axes.set_ylim(min(0.0, float(x.min())), HEADROOM * float(x.max()))
     axes.set_xlim(q.min(), q.max())
     for name, label in ((curve.other, axes.set_xlabel), (curve.vary, axes.set_ylabel)):
-        unit = unit_of(name)
+        unit = shown().si.label(unit_of(name))
         label(GAIN_LABEL if name == "gain" else f"{name.replace('_', ' ')} {f'[{unit}]' if unit else ''}".rstrip())
     axes.grid(True, which="major", color="0.88", linewidth=0.6)
     axes.set_title("Where hunting ends: in the shade there are cycles")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from ....axis_units import shown
 from ....checks import to_and_back
 from ....continuation import Branch, Fold, follow
 from ....errors import InputError
@@ -37,14 +38,14 @@ def with_unit(number: str, name: str) -> str:
     """A parameter of a loop with its unit, where that is known."""
     from ....servo.parts.table import unit_of
 
-    return f"{number} {unit_of(name)}".rstrip()
+    return f"{number} {shown().si.label(unit_of(name))}".rstrip()
 
 
 def named(name: str) -> str:
     """A parameter of a loop, with its unit in brackets where that is known."""
     from ....servo.parts.table import unit_of
 
-    unit = unit_of(name)
+    unit = shown().si.label(unit_of(name))
     return f"{name} [{unit}]" if unit else name
 
 
