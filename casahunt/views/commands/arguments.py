@@ -262,6 +262,9 @@ def shown_as_the_file_says(options: argparse.Namespace) -> None:
     """
     if getattr(options, "servo", None) is not None:
         _tables(options)
+    for key in ("vary", "fold_in"):
+        if isinstance(named := getattr(options, key, None), str):
+            setattr(options, key, shown().own_name(named))
 
 
 def _tables(options: argparse.Namespace) -> dict[str, Any]:

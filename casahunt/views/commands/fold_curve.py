@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...axis_units import quantity, shown
 from ...checks import to_error
 from ...design.fold_curve.curve import RANGE_POINTS, check_range, fold_curve
 from ...design.fold_curve.data import FoldCurve, FoldPoint
@@ -19,6 +20,7 @@ from ...results import tables_of
 from ...servo.friction import Model
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
+from ...servo.units import kinds_of
 from ..answers.fold_curve import fold_curve_answer
 from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
 from .console import complain
@@ -57,7 +59,9 @@ def run(options: argparse.Namespace) -> int:
     models = models_of(options)
     how = how_of(options)
     servo = servo_of(options)
-    start, end = finite("from", options.start), finite("to", options.to)
+    start, end = (
+        finite(key, text, *kinds_of(options.vary)) for key, text in (("from", options.start), ("to", options.to))
+    )
     check_range(servo, options.vary, start, end)
     points = count_of("points", options.points, *CURVE_POINTS)
     asked = {"vary": options.vary, "start": start, "end": end, "points": points}
@@ -125,16 +129,16 @@ class _Desk:
     def keep(self, curve: FoldCurve) -> None:
         """Write what is asked for, `curve` behind the curves before it."""
         if self.table:
-            write_csv(tables_of([*self.curves, curve]), self.table)
+            write_csv(shown().columns(tables_of([*self.curves, curve])), self.table)
 
 
 def _line(vary: str, point: FoldPoint) -> str:
     """A line of progress."""
-    gain, amplitude, period = (
-        to_error(value, point.error_estimate, most=most)
-        for value, most in ((point.gain, 8), (point.orbit.amplitude, 6), (point.orbit.period, 6))
+    gain, period = (
+        to_error(value, point.error_estimate, most=most) for value, most in ((point.gain, 8), (point.orbit.period, 6))
     )
+    amplitude = quantity(point.orbit.amplitude, "rad", lambda x: to_error(x, point.error_estimate, most=6))
     return (
-        f"{point.orbit.model:7s} {vary} = {point.value:.8g}  K = {gain}  amplitude = {amplitude} rad  "
+        f"{point.orbit.model:7s} {vary} = {point.value:.8g}  K = {gain}  amplitude = {amplitude}  "
         f"period = {period} s"
     )

@@ -13,6 +13,7 @@ from ....continuation import SpecialOrbit, special_curve
 from ....errors import InputError
 from ....orbits import Options
 from ....servo.find_fold import find_fold
+from ....servo.units import kinds_of
 from ...answers.fold_curve import loop_curve_answer
 from ..arguments import finite
 from ..console import complain, orbit_line
@@ -28,7 +29,9 @@ def of_loop(options: argparse.Namespace, loop: Loop, points: int, how: Options) 
     """Follow and print; returns the exit code."""
     from ....servo.parts.verbs import check_present
 
-    start, end = finite("from", options.start), finite("to", options.to)
+    start, end = (
+        finite(key, text, *kinds_of(options.vary)) for key, text in (("from", options.start), ("to", options.to))
+    )
     vary, ends_in = options.vary, options.fold_in or "gain"
     loop = loop.replace(**{vary: start})
     check_present(loop, vary)
