@@ -204,6 +204,11 @@ class Units:
         named = self.word(bare.removesuffix(suffix(unit))) + suffix(self.label(unit))
         return named + name.removeprefix(bare), shown
 
+    def table(self) -> dict[str, str]:
+        """The table [units] of a file."""
+        own = dict(zip(_KEYS[self.motion], (self.coordinate, self.effort, self.inertia), strict=True))
+        return {"motion": self.motion, **own, **({COUNTS: self.counts} if self.counts else {})}
+
     def record(self) -> dict[str, str]:
         """For JSON, whose numbers are in SI: in which units."""
         names = dict(zip(_KEYS[self.motion], _SI[self.motion], strict=True))
@@ -278,7 +283,8 @@ def units_of(thing: Any) -> Units:
     return _PLAIN
 
 
-_CARRIERS = ("servo", "loop", "problem", "orbit", "fold", "orbits", "motion")
+_CARRIERS = ("servo", "loop", "problem", "orbit", "fold", "orbits", "motion", "worst", "without")
+"""By which attribute a result holds another one that carries units."""
 
 
 def carried() -> Any:

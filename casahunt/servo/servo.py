@@ -23,16 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from ..axis_units import UNITS_TABLE, Units, carried, shown, units_of_table
-from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible, typed
+from ..axis_units import UNITS_TABLE, Units, carried, units_of_table
+from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible
 from ..errors import InputError
 from ..files import bounded
-from ..quantities import with_its_unit
 from ..results import html_table
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .drive import DRIVE_TABLE, Drive, drive_of_table
 from .friction import Friction
-from .units import check_motor_gain, unit_of, value_of
+from .units import assigned, check_motor_gain, numbers_of, unit_of, value_of
 
 PARAMETERS = (
     "servo.inertia",
@@ -210,6 +209,17 @@ def unflatten(values: Mapping[str, float]) -> Servo:
     )
 
 
+def record_of(servo: Servo) -> dict[str, Any]:
+    """The servo as a file of results has it: {"servo": as of `flatten`}, and its units where it has some."""
+    shown_in = {} if servo.units.plain else {"units": dataclasses.asdict(servo.units)}
+    return {"servo": flatten(servo), **shown_in}
+
+
+def servo_of_record(record: Mapping[str, Any]) -> Servo:
+    """The servo of a record that `record_of` has made."""
+    return dataclasses.replace(unflatten(record["servo"]), units=Units(**record.get("units", {})))
+
+
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """The tables of a TOML file.
 
@@ -370,29 +380,3 @@ def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
     changed = servo.replace(**numbers_of(given, servo.units))
     check_motor_gain(given, changed.motor_gain)
     return changed
-
-
-def assigned(
-    assignments: Iterable[str], what: str, allowed: Iterable[str], form: str, units: Units | None = None
-) -> dict[str, str]:
-    """{name: text} of texts name=text.
-
-    what, allowed, form: what a name is called, the names that there are, and how a text looks; units: of the axis.
-    Raises InputError: no "=", or an unknown name.
-    """
-    changes: dict[str, str] = {}
-    for text in assignments:
-        key, sign, value = text.partition("=")
-        if not sign:
-            raise InputError(f"--set {text!r}: must have the form {form}")
-        key = choice_of(what, (units or shown()).own_name(key.strip()), allowed)
-        changes[key] = value.strip()
-    return changes
-
-
-def numbers_of(given: Mapping[str, str], units: Units) -> dict[str, float]:
-    """The numbers of texts as a person types them, in SI or with their units.
-
-    given: by name; units: of the axis. Raises InputError: one is no number, or has a unit of another kind.
-    """
-    return {key: value_of(key, text, units) if with_its_unit(text) else typed(key, text) for key, text in given.items()}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..axis_units import Units, shown, suffix
-from ..checks import number, quoted
+from ..checks import choice_of, number, quoted, typed
 from ..errors import InputError
 from ..quantities import unit_of_text, with_its_unit
 
@@ -82,6 +82,32 @@ def value_of(key: str, value: Any, units: Units) -> float:
     Raises InputError: neither, or a unit of another kind.
     """
     return number(key, value) if with_its_unit(value) is None else units.read(key, value, *kinds_of(key))
+
+
+def assigned(
+    assignments: Iterable[str], what: str, allowed: Iterable[str], form: str, units: Units | None = None
+) -> dict[str, str]:
+    """{name: text} of texts name=text.
+
+    what, allowed, form: what a name is called, the names that there are, and how a text looks; units: of the axis.
+    Raises InputError: no "=", or an unknown name.
+    """
+    changes: dict[str, str] = {}
+    for text in assignments:
+        key, sign, value = text.partition("=")
+        if not sign:
+            raise InputError(f"--set {text!r}: must have the form {form}")
+        key = choice_of(what, (units or shown()).own_name(key.strip()), allowed)
+        changes[key] = value.strip()
+    return changes
+
+
+def numbers_of(given: Mapping[str, str], units: Units) -> dict[str, float]:
+    """The numbers of texts as a person types them, in SI or with their units.
+
+    given: by name; units: of the axis. Raises InputError: one is no number, or has a unit of another kind.
+    """
+    return {key: value_of(key, text, units) if with_its_unit(text) else typed(key, text) for key, text in given.items()}
 
 
 def check_motor_gain(given: Mapping[str, Any], motor_gain: float) -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ...axis_units import quantity, several
+from ...axis_units import Units, carried, quantity, several
 from ...export import Columns, columns_from
 from ...results import Result
 from ..servo import Servo
@@ -30,6 +30,7 @@ class FixedPoint(Result):
     period : [s].
     error : estimated relative error of the amplitude.
     period_error : of the period: |dT/da| times the rounding of a, many times that of a on steep pieces.
+    units : in which its numbers are shown.
     """
 
     _quantities = (
@@ -42,6 +43,7 @@ class FixedPoint(Result):
     period: float
     error: float
     period_error: float
+    units: Units = carried()
 
     @property
     def stable(self) -> bool:

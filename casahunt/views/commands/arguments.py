@@ -20,8 +20,8 @@ from ...quantities import with_its_unit
 from ...servo.controller import Pid
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table, drive_value
 from ...servo.friction import MODELS, Model
-from ...servo.servo import Servo, assigned, numbers_of, read_toml, servo_of_tables, with_overrides
-from ...servo.units import GAIN_UNIT, check_motor_gain
+from ...servo.servo import Servo, read_toml, servo_of_tables, with_overrides
+from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
 from .progress import progress, say

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ...axis_units import shown, word
+from ...axis_units import UNITS_TABLE, shown, word
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.judgement import NEGLIGIBLE
@@ -180,11 +180,16 @@ def texts_of(found: Identification, drive: Drive | None) -> dict[str, str]:
     widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
     intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
     sections: dict[str, list[str]] = {}
+    units = found.servo.units
+    if not units.plain:
+        sections[UNITS_TABLE] = [f"{key} = {json.dumps(unit)}" for key, unit in units.table().items()]
     for key, value in flatten(found.servo).items():
-        section, name = key.split(".")
+        section, name = units.word(key).split(".")
         sections.setdefault(section, []).append(f"{name} = {value!r}")
     if drive is not None:
         given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
+        if units.linear and drive.encoder:
+            given["encoder"] = f"{drive.count!r} m"
         sections[DRIVE_TABLE] = [f"{key} = {json.dumps(value)}" for key, value in given.items()]
     servo = "\n\n".join("\n".join([f"[{section}]", *lines]) for section, lines in sections.items())
     texts = (

@@ -30,9 +30,9 @@ from ... import effort
 from ...checks import error_text, moderate
 from ...errors import InputError
 from ...servo.other_end import OtherEnd, other_end
-from ...servo.servo import assigned, numbers_of
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
+from ...servo.units import assigned, numbers_of
 from ..answers.simulate import simulation_answer
 from .arguments import add_command, drive_of, finite, gain_of, loop_of, model_of, positive, servo_of
 from .console import complain
