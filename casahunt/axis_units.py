@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -56,27 +56,40 @@ class Units:
     Attributes
     ----------
     motion : "rotary" or "linear".
-    coordinate, effort, inertia : of angles or lengths, of torques or forces, of inertias or masses.
+    coordinate, effort, inertia : of angles or lengths, of torques or forces, of inertias or masses; "": that in SI.
     counts : the size of a count of the encoder, such as "0.1 um"; "" where it is not stated.
 
     Examples
     --------
     >>> from casahunt import Units
-    >>> axis = Units("linear", "mm", "N", "kg")
+    >>> axis = Units("linear", "mm")
     >>> axis.label("N m s/rad"), axis.number(0.002, "rad/s")
     ('N s/mm', 2.0)
     """
 
     motion: str = "rotary"
-    coordinate: str = "rad"
-    effort: str = "N m"
-    inertia: str = "kg m2"
+    coordinate: str = ""
+    effort: str = ""
+    inertia: str = ""
     counts: str = ""
+
+    def __post_init__(self) -> None:
+        choice_of(f"{UNITS_TABLE}.motion", self.motion, _KEYS)
+        for key, part, si in zip(_KEYS[self.motion], _PARTS, _SI[self.motion], strict=True):
+            unit = getattr(self, part) or si
+            in_si(f"{UNITS_TABLE}.{key}", f"1 {unit}", (si,), self.counts)
+            object.__setattr__(self, part, unit)
+        if self.counts:
+            exponents = size_of(f"{UNITS_TABLE}.{COUNTS}", self.counts)[1]
+            if exponents != unit_of_text(si := _SI[self.motion][0])[1]:
+                raise InputError(
+                    f"{UNITS_TABLE}.{COUNTS} = {quoted(self.counts)}: must be in {si}, or in a multiple of that"
+                )
 
     @property
     def plain(self) -> bool:
         """Whether nothing was asked for: a rotary axis in SI."""
-        return self in (_PLAIN, replace(_PLAIN, counts=self.counts))
+        return not self.linear and (self.coordinate, self.effort, self.inertia) == _SI[self.motion]
 
     @property
     def linear(self) -> bool:
@@ -86,7 +99,7 @@ class Units:
     @property
     def si(self) -> Units:
         """The same axis in SI."""
-        return Units(self.motion, *_SI[self.motion])
+        return _IN_SI[self.motion]
 
     def label(self, unit: str) -> str:
         """The unit in which a quantity is shown.
@@ -215,7 +228,8 @@ class Units:
         return {"motion": self.motion, **names, "gain": self.label("V/rad"), "time": "s"}
 
 
-_PLAIN = Units()
+_IN_SI = {motion: Units(motion) for motion in _KEYS}
+_PLAIN = _IN_SI["rotary"]
 _SHOWN: ContextVar[Units] = ContextVar("_SHOWN", default=_PLAIN)
 
 
@@ -240,16 +254,8 @@ def units_of_table(table: Any) -> Units:
             raise InputError(f'{UNITS_TABLE}.{name}: is of a {other} axis, and [units] says motion = "{motion}"')
         keys = ("motion", *_KEYS[motion], COUNTS)
         choice_of("key", f"{UNITS_TABLE}.{name}", [f"{UNITS_TABLE}.{key}" for key in keys])
-    counts = table.get(COUNTS, "")
-    if counts:
-        key, (_, exponents) = f"{UNITS_TABLE}.{COUNTS}", size_of(counts)
-        if exponents != unit_of_text(_SI[motion][0])[1]:
-            raise InputError(f"{key} = {quoted(counts)}: must be in {_SI[motion][0]}, or in a multiple of that")
-    own = {}
-    for part, key, si in zip(_PARTS, _KEYS[motion], _SI[motion], strict=True):
-        unit = own[part] = table.get(key, si)
-        in_si(f"{UNITS_TABLE}.{key}", f"1 {unit}", (si,), counts)
-    return Units(motion, **own, counts=counts)
+    own = {part: table.get(key, "") for part, key in zip(_PARTS, _KEYS[motion], strict=True)}
+    return Units(motion, **own, counts=table.get(COUNTS, ""))
 
 
 def shown() -> Units:

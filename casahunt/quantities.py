@@ -42,7 +42,7 @@ COUNTS = "counts"
 KNOWN = "um mm cm m in ft urad mrad rad deg rev rpm ms s min mN N kN lbf Nm g kg lb mV V mA A".split()
 """Those that are told to who asks for another one."""
 _VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?![eE](?:[-+\d]|$))(?:[A-Za-zµμ°]|1\s*/).*)")
-_TOKEN = re.compile(r"\s*(?:([A-Za-zµμ]+|°)(?:\^|\*\*)?(-?\d+|[²³])?|([/()*·])|1(?=\s*/))")
+_TOKEN = re.compile(r"\s*(?:([A-Za-zµμ]+|°)(?:\^|\*\*)?(-?[1-9](?!\d)|[²³])?|([/()*·])|1(?=\s*/))")
 
 
 @lru_cache(maxsize=256)
@@ -62,20 +62,25 @@ def unit_of_text(text: str, counts: str = "") -> tuple[Any, Exponents]:
         inside = sign == "(" or (inside and sign != ")")
         if name:
             n = (-1 if below else 1) * int({"²": 2, "³": 3}.get(power or "", power or 1))
-            one, of = _named(name) if name != COUNTS or not counts else size_of(counts)
+            one, of = _named(name) if name != COUNTS or not counts else size_of(COUNTS, counts)
             factor, exponents = factor * one**n, tuple(a + n * b for a, b in zip(exponents, of, strict=True))
     if inside:
         raise InputError(f"unit {quoted(text)}: must end in a bracket")
     return factor, exponents
 
 
-def size_of(text: str) -> tuple[Any, Exponents]:
+def size_of(key: str, text: Any) -> tuple[Any, Exponents]:
     """As `unit_of_text`, of a number of a unit.  Raises InputError: it is none, not above zero, or an unknown unit."""
     number, unit = with_its_unit(text) or ("0", "1/s")
-    if not float(number) > 0:
-        raise InputError(f"{quoted(text)}: must be a number above 0 with its unit, such as '0.1 um'")
+    if not 0 < float(number) < math.inf:
+        raise InputError(f"{key} = {quoted(text)}: must be a number above 0 with its unit, such as '0.1 um'")
     factor, exponents = unit_of_text(unit)
-    return Fraction(number) * Fraction(factor), exponents
+    return _exactly(number) * Fraction(factor), exponents
+
+
+def _exactly(number: str) -> Fraction:
+    """A decimal as a fraction; 0 where it is nothing in double arithmetic, of which a fraction may have any size."""
+    return Fraction(number) if float(number) else Fraction(0)
 
 
 def _named(name: str) -> tuple[Any, Exponents]:
@@ -87,6 +92,8 @@ def _named(name: str) -> tuple[Any, Exponents]:
         base = name.removeprefix(prefix)
         if name.startswith(prefix) and base in _BASES and len(name) == len(prefix) + len(base):
             return _BASES[base][0] * Fraction(10) ** power, _BASES[base][1]
+    if name == COUNTS:
+        raise InputError("the size of a count is not known; [units] says it, such as counts = '0.1 um'")
     choice_of("unit", name, KNOWN)
     raise AssertionError(name)
 
@@ -114,8 +121,9 @@ def in_si(key: str, text: str, wanted: Sequence[str], counts: str = "", why: str
     kinds = [each for each in wanted if each]
     if exponents not in [unit_of_text(each)[1] for each in kinds]:
         raise InputError(f"{key} = {quoted(text)}: must be in {' or '.join(kinds)}, or in a multiple of that{why}")
-    x = Fraction(number) * Fraction(factor)
-    return float(x) if abs(x) < 1e300 else math.copysign(math.inf, x)
+    if not math.isfinite(float(number)):
+        raise InputError(f"{key} = {quoted(text)}: must be a finite number")
+    return float(_exactly(number) * Fraction(factor))
 
 
 def number_in(x: float, unit: str, counts: str = "") -> float:

@@ -94,9 +94,6 @@ class Result:
     _details: ClassVar[tuple[str, ...]] = ()
     """What stands only in the mapping, and where it is a number or a word in the notebook's table."""
 
-    _angular: ClassVar[tuple[str, ...]] = ()
-    """Numbers in rad/s that are frequencies: of a linear axis, too."""
-
     def _columns(self) -> Columns:
         """The table of a result that is one, in SI of a rotary axis; without columns where it is none."""
         return {}
@@ -257,7 +254,7 @@ def _reached(result: Any, path: str) -> Any:
 
 def _quantity(result: Any, said: str, units: Units) -> Quantity:
     name, path, unit, sign, error = _parts(said)
-    unit = unit if name in result._angular else units.label(unit)
+    unit = units.label(unit)
     value, size = _reached(result, path), _reached(result, error) if error else None
     if size is not None and sign == "~" and value is not None:
         size = size * abs(value)

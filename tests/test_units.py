@@ -96,6 +96,10 @@ BAD = {
     LINEAR + '[drive]\nsample_time = 0.001\nencoder = 2000\n': ["must be the size of a count, such as '1 um'"],
     TOML.read_text().replace("1 N/V", "2 N/V"): ["controller.kp = '240 N/mm'", "in V where motor_gain is 2"],
     LINEAR + '[friction]\nstatic = 90\n': ["servo.mass", "must be given", "Table 1"],
+    LINEAR + '[servo]\nmass = "1e99999999 kg"\n': ["servo.mass", "must be a finite number"],
+    LINEAR + '[servo]\nmass = "3 kg99999999"\n': ["must be written as N s/mm"],
+    TOML.read_text().replace("30 kg", "1e-99999999 kg"): ["servo.mass = 0: must be greater than 0"],
+    TOML.read_text().replace("2 mm/s", "2 counts/s"): ["the size of a count is not known", "counts = '0.1 um'"],
     '[friction]\nstatic = "0.5 N"\n': ["must be in N m", "the axis is rotary"],
     '[servo]\nmass = 30\n': ["unknown key 'servo.mass'"],
     '[controller]\nlead_time = "2 mm"\n': ["must be in s"],
@@ -138,6 +142,13 @@ def test_prefixes_read_well(quantity):
         number, label = with_its_unit(text)  # and back
         assert in_si("x", text, (Units("linear", "m", "N", "kg").label(unit),)) == pytest.approx(x, rel=1e-12)
     assert said(x, unit) == f"{x:.4g} {unit}"  # of a rotary axis without units as ever
+
+
+def test_what_units_leave_out_is_in_si():
+    assert Units("linear", "mm") == Units("linear", "mm", "N", "kg") and Units() == Units("rotary", "rad", "N m", "kg m2")
+    for wrong in ({"motion": "straight"}, {"coordinate": "mm"}, {"motion": "linear", "effort": "N m"}):
+        with pytest.raises(InputError):
+            Units(**wrong)
 
 
 def test_counts_are_a_unit():
