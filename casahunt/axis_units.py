@@ -43,6 +43,8 @@ _SAID = re.compile(
 """Units of numbers in a sentence; not rad/s, which is a frequency, too, but of a velocity."""
 NOT_EXPORTED = {"exported": False}
 """Of a field of a record that is not among what is exported."""
+ALIKE = 100.0
+"""Numbers of one row whose ratio is smaller have one unit."""
 READS_WELL = 0.1, 1e4
 """From and below which a number stays in the unit that was asked for."""
 _COLUMNS = ("N m s/rad", "N m/(rad s)", "N m/rad", "V/rad", "rad/s", "rad s", "N m/V", "kg m2", "N m", "rad")
@@ -327,8 +329,13 @@ def quantity(x: float, unit: str, text: str | Callable[..., str] = ".4g", *more:
 
 
 def several(numbers: Sequence[float], unit: str, text: str | Callable[..., str] = ".4g", by: str = ", ") -> str:
-    """Quantities of one kind, with one unit behind the last of them; as of `quantity`."""
-    units = shown()
+    """Quantities of one kind, with one unit behind the last of them, or each its own where they differ widely.
+
+    numbers, unit, text: as of `quantity`; by: what stands between them.
+    """
+    units, sizes = shown(), [abs(x) for x in numbers if x]
+    if not units.plain and sizes and max(sizes) > ALIKE * min(sizes):
+        return by.join(quantity(x, unit, text) for x in numbers)
     named = units.near(max(map(abs, numbers), default=0.0), unit)
     each = (units.number(x, unit, named) for x in numbers)
     return f"{by.join(format(x, text) if isinstance(text, str) else text(x) for x in each)} {named}"

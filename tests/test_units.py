@@ -145,7 +145,8 @@ def test_prefixes_read_well(quantity):
 
 
 def test_what_units_leave_out_is_in_si():
-    assert Units("linear", "mm") == Units("linear", "mm", "N", "kg") and Units() == Units("rotary", "rad", "N m", "kg m2")
+    assert Units("linear", "mm") == Units("linear", "mm", "N", "kg")
+    assert Units() == Units("rotary", "rad", "N m", "kg m2")
     for wrong in ({"motion": "straight"}, {"coordinate": "mm"}, {"motion": "linear", "effort": "N m"}):
         with pytest.raises(InputError):
             Units(**wrong)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ...axis_units import UNITS_TABLE, shown, word
+from ...axis_units import UNITS_TABLE, label, quantity, shown, word
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.judgement import NEGLIGIBLE
@@ -269,14 +269,15 @@ def _rows(found: Identification, most: int) -> Iterator[str]:
     """The table of the parameters, with so many digits."""
     yield ROW.format("", "value", "from", "to", "unit")
     for name, value in found.values.items():
-        low, high = found.intervals[name]
+        unit = unit_of(name)
+        value, low, high = (shown().number(x, unit) for x in (value, *found.intervals[name]))
         width = (high - low if math.isfinite(high) else value) / 20
         numbers = (value, low, high)
         ends = {math.inf: "no end"}
         texts = [
             to_absolute_error(each, width, most=most) if math.isfinite(each) else ends.get(each, "") for each in numbers
         ]
-        yield ROW.format(word(name), *texts, shown().si.label(unit_of(name))).rstrip()
+        yield ROW.format(word(name), *texts, label(unit)).rstrip()
 
 
 def identified_details(found: Identification) -> Iterator[str]:
@@ -284,11 +285,11 @@ def identified_details(found: Identification) -> Iterator[str]:
     judgement = found.judgement
     yield from _rows(found, FITTED_DIGITS)
     for d, noise, torque, orbit in zip(found.records, found.noises, found.torque_noises, found.orbits, strict=True):
-        rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
-        rounded += "" if torque is None else f", torque with noise {torque:.2g} N m"
+        rounded = f", positions in steps of {quantity(noise.quantum, 'rad')}" if noise.quantum else ""
+        rounded += "" if torque is None else f", torque with noise {quantity(torque, 'N m', '.2g')}"
         yield (
-            f"  gain {d.gain:.6g} V/rad: {d.times.size} samples, noise {noise.sigma:.2g} rad{rounded}; fitted "
-            f"amplitude {orbit.amplitude:.6g} rad, period {orbit.period:.6g} s"
+            f"  gain {d.gain:.6g} V/rad: {d.times.size} samples, noise {quantity(noise.sigma, 'rad', '.2g')}{rounded}; "
+            f"fitted amplitude {quantity(orbit.amplitude, 'rad', '.6g')}, period {orbit.period:.6g} s"
         )
     yield f"  misfit {judgement.misfit:.3g} (1 of noise alone)"
     if judgement.factor > 1:

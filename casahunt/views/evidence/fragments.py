@@ -164,6 +164,7 @@ def _built(p: Fragments, at: str) -> list[str]:
 
 def document(title: str, parts: Sequence[str]) -> str:
     """The whole page of its parts, with the words of the trade explained at its end."""
+    parts = [part if "base64" in part else shown().relabelled(part) for part in parts]
     parts = [*parts, *meanings(" ".join(parts))]
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
