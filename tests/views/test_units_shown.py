@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import re
 
@@ -10,7 +11,18 @@ import numpy as np
 import pytest
 from command_line import one_json, run
 
-from casahunt import Options, Units, basin, find_fold, find_orbit, load, pictures, simulate
+from casahunt import (
+    Options,
+    Units,
+    basin,
+    find_fold,
+    find_orbit,
+    load,
+    load_orbit,
+    pictures,
+    save_orbit,
+    simulate,
+)
 from casahunt.axis_units import shown
 from casahunt.quantities import in_si
 from problems.ball_screw import BY_HAND, TOML
@@ -27,16 +39,19 @@ def said(text: str) -> str:
     return " ".join(text.split("what the words mean")[0].split())
 
 
-@pytest.mark.parametrize("command", QUICK)
+SLOW = "map", "remedies"
+
+
+@pytest.mark.parametrize("command", [pytest.param(c, marks=[pytest.mark.slow] if c in SLOW else []) for c in QUICK])
 def test_nothing_is_said_in_radians(capsys, command, tmp_path):
     code, out, err = run(capsys, command, TOML, *QUICK[command], "--csv", tmp_path / "out.csv", "--quiet")
     assert code == 0, err
     text = said(out)
     assert not re.search(r"\d rad\b(?!/s)|V/rad|N m\b|degrees\)", text), text
-    rates = re.findall(r"\d rad/s", text)
-    assert not rates or command == "loop"  # where they are frequencies
+    assert bool(re.findall(r"\d rad/s", text)) == (command == "loop")  # where they are frequencies
     header = (tmp_path / "out.csv").read_text().partition("\n")[0]
     assert "_rad" not in header.replace("crossover_rad_per_s", "") and "Nm" not in header
+    assert ("crossover_rad_per_s" in header) == (command == "loop")
     assert shown() == Units()  # what a command shows is its own affair
 
 
@@ -124,6 +139,62 @@ def test_values_with_units_on_the_command_line(capsys):
     assert (code, out) == (2, "") and "friction.static = '95 N m': must be in N" in err
     code, out, err = run(capsys, "simulate", "--gain", "0.04", "--position", "57 um")
     assert (code, out) == (2, "") and "must be in rad" in err and "the axis is rotary" in err
+
+
+@pytest.mark.slow
+def test_the_table_of_a_diagram(capsys, tmp_path):
+    out, words = tmp_path / "diagram", ("--model", "switch", "--from", "1.3 V/m", "--quiet")
+    for _ in range(2):  # the second run knows the files of the first one as its own
+        assert run(capsys, "diagram", TOML, *words, "--out", out)[0] == 0
+    header, first, *_ = (out / "switch.csv").read_text().splitlines()
+    assert header.startswith("gain,amplitude_mm,period_s")
+    hand = find_orbit(BY_HAND, "switch", 1.3)
+    assert float(first.split(",")[1]) == pytest.approx(1e3 * hand.amplitude, rel=1e-6)
+
+
+def test_an_orbit_on_disk_keeps_its_units(tmp_path):
+    save_orbit(find_orbit(load(TOML), "switch", 1.3), tmp_path / "orbit.npz")
+    assert load_orbit(tmp_path / "orbit.npz").servo.units == load(TOML).units
+
+
+@pytest.mark.slow
+def test_the_page_of_remedies(capsys, tmp_path):
+    code, _, err = run(capsys, "remedies", TOML, "--only", "leak", "--out", tmp_path / "page", "--quiet")
+    assert code == 0, err
+    page = (tmp_path / "page" / "remedies.html").read_text()
+    page = re.sub(r'src="data:[^"]*"|<style>.*?</style>', "", page, flags=re.S)
+    text = " ".join(re.sub(r"<[^>]+>", " ", page).replace("&nbsp;", " ").split())
+    assert "57.18 um" in text and "servo: mass" in text
+    assert not re.search(r"\brad\b|N m\b", text)
+    assert json.loads((tmp_path / "page" / "remedies.json").read_text())["units"]["length"] == "m"
+
+
+def test_parameters_go_by_their_names(capsys):
+    ends = "--vary", "servo.mass", "29 kg", "31 kg", "--and", "friction.static", "88 N", "92 N"
+    code, out, err = run(capsys, "fold-map", TOML, *ends, "--points", "2", "--json", "--quiet")
+    assert code == 0, err
+    found = one_json(out)
+    low = find_fold(BY_HAND.replace(**{"servo.inertia": 29.0, "friction.static": 88.0}), "switch").gain
+    assert found["gains"][0][0] == pytest.approx(low, rel=1e-5)
+
+
+def test_the_page_of_explore_is_of_a_rotary_axis(capsys):
+    code, out, err = run(capsys, "explore", TOML, "--no-browser")
+    assert (code, out) == (2, "") and "leave [units] out" in err
+
+
+@pytest.mark.slow
+def test_identify_writes_the_axis(capsys, tmp_path):
+    t, random = np.arange(0.0, 20.0, 0.002), np.random.default_rng(1)
+    x = simulate(BY_HAND, "switch", 1.0, set_point=0.0, position=57e-6, time=20.0).sample(t)[0]
+    rows = zip(t.tolist(), (1e3 * x + random.normal(0, 2e-5, t.size)).tolist(), strict=True)
+    record = tmp_path / "record.csv"
+    record.write_text("time [s],position [mm]\n" + "".join(f"{a!r},{b!r}\n" for a, b in rows))
+    code, out, err = run(capsys, "identify", record, "--servo", TOML, "--quiet", "--out", tmp_path / "found")
+    assert code == 0, err
+    assert re.search(r"stribeck_velocity +2(\.0*\d*)? .* mm/s|stribeck_velocity +1\.99\d* .* mm/s", out)
+    found = load(tmp_path / "found" / "servo.toml")
+    assert found.units == load(TOML).units and found.friction.static == pytest.approx(90.0, rel=1e-3)
 
 
 def test_a_rotary_axis_in_degrees(capsys, tmp_path):
