@@ -92,6 +92,8 @@ BAD = {
     LINEAR + '[friction]\nstatic = "90 N m"\n': ["must be in N", "the axis is linear"],
     LINEAR + '[friction]\nstribeck_velocity = "2 rad/s"\n': ["must be in m/s"],
     LINEAR + '[friction]\nviscous = "3 N//mm"\n': ["must be written as N s/mm"],
+    LINEAR + '[friction]\nviscous = "3 N/(mm"\n': ["must end in a bracket"],
+    '[drive]\nsample_time = 0.001\nremaining_gain = "1 mm"\n': ["must be a number without a unit"],
     LINEAR + '[servo]\nmass = 30\ninertia = 30\n': ["is given twice"],
     LINEAR + '[drive]\nsample_time = 0.001\nencoder = 2000\n': ["must be the size of a count, such as '1 um'"],
     TOML.read_text().replace("1 N/V", "2 N/V"): ["controller.kp = '240 N/mm'", "in V where motor_gain is 2"],
