@@ -25,6 +25,7 @@ from . import interrupts  # noqa: F401  first: on the command line it answers Ct
 from .lazy import lazily
 
 if TYPE_CHECKING:
+    from .axis_units import Units
     from .continuation.special_points import Missed, SpecialPoint
     from .continuation.walk import walk, walk_naturally
     from .design.diagram import diagram, diagram_points
@@ -81,7 +82,7 @@ __all__ = [
     "FixedPoints", "Fold", "FoldCurve", "FoldEnsemble", "FoldMap", "Friction", "Identification", "InputError",
     "LinearLoop", "Margins", "Measurement", "Missed", "Move", "Multipliers", "NoOrbit", "Options", "Orbit",
     "OrbitEnsemble", "Outcome", "Pid", "Record", "SampledMotion", "Samples", "Sensitivities", "Servo", "SpecialPoint",
-    "Status", "Summary", "Trajectory", "Tuning", "Uncertainty", "WorstCase", "as_built", "basin", "cause_of",
+    "Status", "Summary", "Trajectory", "Tuning", "Uncertainty", "Units", "WorstCase", "as_built", "basin", "cause_of",
     "compare_uncertainty", "diagram", "diagram_points", "equilibria", "explore", "find_fold", "find_orbit",
     "fixed_points", "fold_curve", "fold_ensemble", "fold_map", "fold_sensitivities", "identify", "linear_loop",
     "load", "load_branch", "load_drive", "load_orbit", "load_uncertainty", "margins", "measure", "no_cycle",

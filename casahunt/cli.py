@@ -22,9 +22,10 @@ from itertools import pairwise
 from typing import Any
 
 from . import effort, interrupts
+from .axis_units import Units, shown_in
 from .checks import choice_of
 from .errors import InputError, NoOrbit
-from .views.commands.arguments import Parser
+from .views.commands.arguments import Parser, shown_as_the_file_says
 from .views.commands.console import Outputs, complain, explain_complaints, own_process
 from .views.commands.output import tell_refusal
 from .views.commands.output_paths import keep_inputs
@@ -98,7 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         interrupts.begin()
         explain_complaints(aloud=False)  # of a command that was interrupted
         over()  # of a command that was interrupted
-        code = _run(command, words, program=arguments is None)
+        with shown_in(Units()):
+            code = _run(command, words, program=arguments is None)
         over()
         with suppress(OSError):
             explain_complaints(aloud=code == 1 and not {"--quiet", "--json"}.intersection(words))
@@ -125,6 +127,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         keep_inputs(options)
         try:
             with Outputs() as options.outputs, effort.counting_work(note, limit=limit):
+                shown_as_the_file_says(options)
                 return _module(name).run(options)
         except (NoOrbit, effort.GivenUp) as error:
             interrupts.check()

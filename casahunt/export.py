@@ -32,6 +32,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from .axis_units import NOT_EXPORTED
 from .checks import finite_or_none
 from .errors import InputError
 from .files import whole_text
@@ -62,7 +63,8 @@ def plain(value: Any, *, strict: bool = True) -> Any:
     if hasattr(value, "to_dict"):
         return plain(value.to_dict(table=False, strict=False), strict=strict)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        shown = [f.name for f in dataclasses.fields(value) if f.metadata != NOT_EXPORTED]
+        value = {name: getattr(value, name) for name in shown}
     if isinstance(value, Mapping):
         if all(isinstance(key, str) for key in value):
             return {key: plain(item, strict=strict) for key, item in value.items()}

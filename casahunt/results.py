@@ -26,6 +26,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from .axis_units import Units, units_of
 from .checks import choice_of, error_text, shortened, to_absolute_error
 from .export import Columns, dataframe, new_axes, plain, write_csv
 from .files import whole_text
@@ -93,7 +94,7 @@ class Result:
     """What stands only in the mapping, and where it is a number or a word in the notebook's table."""
 
     def _columns(self) -> Columns:
-        """The table of a result that is one; without columns where it is none."""
+        """The table of a result that is one, in SI of a rotary axis; without columns where it is none."""
         return {}
 
     def _more(self) -> dict[str, Any]:
@@ -112,7 +113,8 @@ class Result:
         -------
         Name, value, unit and estimated absolute error of each.
         """
-        return tuple(_quantity(self, said) for said in self._quantities + (self._details if details else ()))
+        units = units_of(self).si
+        return tuple(_quantity(self, said, units) for said in self._quantities + (self._details if details else ()))
 
     def __repr__(self) -> str:
         said = [f"{q.name.replace('_', ' ')} {q.text}{q.unit and ' '}{q.unit}" for q in self.quantities(details=False)]
@@ -136,7 +138,7 @@ class Result:
         Returns
         -------
         Mapping from the names of attributes, "type" first; a Status is its name in small letters, a complex number a
-        pair.
+        pair.  Numbers are in SI; in which units stands under "units", where the axis has others than a rotary one.
         """
         found: dict[str, Any] = {"type": type(self).__name__}
         for said in self._quantities + self._details:
@@ -145,9 +147,12 @@ class Result:
             if error:
                 found[error.split(".")[-1] if path == name else f"{name}_error"] = _reached(self, error)
         found |= self._more()
-        columns = self._columns() if table else {}
+        units = units_of(self)
+        columns = units.si.columns(self._columns()) if table else {}
         if columns:
             found["table"] = columns
+        if not units.plain:
+            found["units"] = units.record()
         return {key: plain(value, strict=strict) for key, value in found.items()}
 
     def plot(self, across: str = "", up: str = "", *, ax: Any = None, **style: Any) -> Any:
@@ -171,7 +176,7 @@ class Result:
         InputError : there is no such column.
         """
         columns = {
-            name: column for name, column in self._columns().items()
+            name: column for name, column in self._named_columns().items()
             if not any(isinstance(value, str | Enum) for value in column)
         }  # fmt: skip
         first, second, *_ = [*columns, "", ""]
@@ -181,9 +186,13 @@ class Result:
         ax.set(xlabel=across, ylabel=up)
         return ax
 
+    def _named_columns(self) -> Columns:
+        """Its table, in the units of its axis."""
+        return units_of(self).columns(self._columns())
+
     def _table(self) -> Columns:
         """What `to_csv` writes: its table; where it has none, its numbers and words in rows."""
-        columns = self._columns()
+        columns = self._named_columns()
         if columns:
             return columns
         listed = list(_words(self.quantities()))
@@ -247,8 +256,9 @@ def _reached(result: Any, path: str) -> Any:
     return result() if callable(result) else result
 
 
-def _quantity(result: Any, said: str) -> Quantity:
+def _quantity(result: Any, said: str, units: Units) -> Quantity:
     name, path, unit, sign, error = _parts(said)
+    unit = units.label(unit)
     value, size = _reached(result, path), _reached(result, error) if error else None
     if size is not None and sign == "~" and value is not None:
         size = size * abs(value)

@@ -33,7 +33,7 @@ class Topic:
 TOPICS = (
     Topic("servo", "The servo",
           "What is given: inertia, controller, friction, the drive as built, and how to compute.", {
-        "casahunt": "Servo Friction Controller Pid Drive load load_drive Options Status InputError NoOrbit",
+        "casahunt": "Servo Friction Controller Pid Drive Units load load_drive Options Status InputError NoOrbit",
     }),
     Topic("hunting", "Does it hunt?",
           "Its cycle at one gain, a motion and its verdict, the linear loop, where it may rest.", {

@@ -21,7 +21,8 @@ PACKAGE = ROOT / "casahunt"
 ROOMS = ("hybrid", "collocation", "motion", "orbits", "continuation", "servo", "design", "views")
 ENGINE = ROOMS[:5]
 GROUND = (
-    "lazy", "roots", "interrupts", "errors", "checks", "effort", "compiled", "files", "export", "results",
+    "lazy", "roots", "interrupts", "errors", "checks", "quantities", "axis_units", "effort", "compiled",
+    "files", "export", "results",
 )  # fmt: skip
 TOP = ("__init__", "cli", "pictures", "__main__")
 PATHS = {path.relative_to(PACKAGE).with_suffix("").as_posix().replace("/", "."): path for path in PACKAGE.rglob("*.py")}

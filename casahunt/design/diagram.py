@@ -17,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, overload
 
+from ..axis_units import in_its_units
 from ..continuation import (
     FOLD,
     SUPERSTABLE,
@@ -114,6 +115,7 @@ def diagram(
     servo: Servo, model: tuple[Model, ...] = MODELS, *, start: float | None = None, options: Options | None = None,
     monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
 ) -> tuple[Branch, ...]: ...  # fmt: skip
+@in_its_units
 def diagram(
     servo: Servo, model: Model | tuple[Model, ...] = MODELS, *, start: float | None = None,
     options: Options | None = None, monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP,

@@ -12,6 +12,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..axis_units import shown
 from ..continuation import SpecialPoint
 from ..errors import InputError
 from ..export import table
@@ -24,7 +25,7 @@ from ..servo.saved import load_run, save_branch
 from ..servo.servo import Servo
 from .diagram import DiagramPoint, branch_of
 
-SIGNS = {".csv": ",".join(CSV_COLUMNS).encode() + b"\n", ".npz": Archive.SIGN}
+SIGNS = {".csv": ",".join(("", *CSV_COLUMNS[2:])).encode() + b"\n", ".npz": Archive.SIGN}
 """What stands in a table and in an archive of a diagram, and in no other file."""
 
 
@@ -90,7 +91,7 @@ def keep(
         run = {**task.settings, "special_before": [i for i, point in enumerate(points) for _ in point.special]}
         save_branch(branch, out / f"{model}.npz", run=run, said=words.orbits)
         with whole_text(out / f"{model}.csv") as stream:
-            table(stream, CSV_COLUMNS)
+            table(stream, [*shown().columns({name: () for name in CSV_COLUMNS})])
             stream.writelines(words.of(point) for point in points)
             for number, pair in enumerate(branch.lopsided, 1):
                 stream.write(_lines(pair_rows(pair, number)))
@@ -100,7 +101,8 @@ def keep(
 def _lines(rows: Sequence[Sequence[Any]]) -> str:
     """Rows as the lines of a table."""
     whole = StringIO(newline="")
-    table(whole, CSV_COLUMNS)(rows)
+    columns = shown().columns(dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False)))
+    table(whole, [*columns])(zip(*columns.values(), strict=True))
     return whole.getvalue().partition("\n")[2]  # without the header
 
 

@@ -18,6 +18,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ..axis_units import in_its_units
 from ..checks import choice_of, require, shown
 from ..continuation import Axis, SpecialOrbit, special_walk
 from ..errors import InputError, NoOrbit, Status
@@ -187,6 +188,7 @@ class FoldCurve(Result):
         return {"special": [{"kind": "cusp", "value": point.value, self.fold_in: point.border} for point in self.cusps]}
 
 
+@in_its_units
 def fold_curve(
     servo: Servo | Loop,
     model: Model | None = None,

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from ..axis_units import in_its_units
 from ..checks import choice_of
 from ..continuation import Expansion, expansion_beside, folds_near
 from ..effort import MEMBERS_OF_A_PASS
@@ -111,6 +112,7 @@ class FoldMap(Result):
         }
 
 
+@in_its_units
 def fold_map(
     servo: Servo,
     model: Model,

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ..axis_units import in_its_units
 from ..continuation import Fold
 from ..export import Columns
 from ..results import Result
@@ -69,6 +70,7 @@ class Sensitivities(Result):
         }
 
 
+@in_its_units
 def fold_sensitivities(fold: Fold[Any]) -> Sensitivities:
     """The derivatives of a fold gain with respect to every servo, controller and friction parameter.
 

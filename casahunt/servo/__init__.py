@@ -4,8 +4,8 @@
 
 friction.py       friction records and laws
 controller.py     the controller in its two forms, by times and by gains
-drive.py          the drive as built: sample time, delay, encoder, as a record
 units.py          the units of its numbers
+drive.py          the drive as built: sample time, delay, encoder, as a record
 servo.py          the servo record; TOML in and out
 gains.py          gains of the right size, and stability without dry friction, in closed form
 outcome.py        what becomes of a motion: the words, and the record

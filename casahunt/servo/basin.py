@@ -28,6 +28,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..axis_units import in_its_units, several
 from ..checks import of_kind, require
 from ..errors import HuntsIrregularly, InputError, NoOrbit, Status
 from ..export import Columns, columns_from
@@ -168,6 +169,7 @@ class Basin(LoopResult):
         return self.inside.settles and self.outside.hunts
 
 
+@in_its_units
 def basin(
     servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, options: Options | None = None,
     offset: float = OFFSET,
@@ -322,7 +324,8 @@ def _on_a_side(motions: _Motions, side: int) -> Basin:
             ("hunt", len(hunting)), ("settle", sum(trial.settles for trial in seen.values())),
             ("are not decided", sum(trial.outcome == "undecided" for trial in seen.values())),
         ) if n)  # fmt: skip
-        starts = f"{len(seen)} starts at rest, {min(seen):.2g} to {max(seen):.2g} rad beside the set point"
+        where = several((min(seen), max(seen)), "rad", ".2g", " to ")
+        starts = f"{len(seen)} starts at rest, {where} beside the set point"
         sentence = f"no border of coming to rest was found of {motions.loop.name}: of {starts}, {many}"
         raise NoOrbit(f"{sentence}; casahunt simulate follows one of them", Status.NOT_FOUND)
     low, high = boundary(hunts, inner, min(hunting), width=PARTED_BY * inner)

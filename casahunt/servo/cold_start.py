@@ -33,6 +33,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..axis_units import quantity
 from ..errors import NoOrbit, Status
 from ..motion import MarchFailure, Segment
 from ..orbits import Options, orbit_from_motion
@@ -290,7 +291,8 @@ def phases_of(motion: HalfCycle, problem: Hunting, options: Options) -> Phases:
     if motion.segments[-1].event == "":  # next to a jump of the map the motion may do that on another mesh
         raise NoOrbit(
             f"the hunting cycle of {problem.title} at gain {problem.gain:g} was not computed: the motion from the "
-            f"stick position {motion.start:.6g} rad, next to it on the event map, comes to rest; the map jumps there",
+            f"stick position {quantity(motion.start, 'rad', '.6g')}, next to it on the event map, comes to rest; the "
+            "map jumps there",
             Status.NOT_CONVERGED,
         )
     degree, kind = options.scheme_of(problem)

@@ -33,10 +33,12 @@ of a stiff bristle is said to hold there, and no more (refused.py).
 
 from __future__ import annotations
 
+from ..axis_units import in_its_units, quantity
 from .friction import Model, steepest
 from .servo import Servo, a_servo
 
 
+@in_its_units
 def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
     """Why the servo has no limit cycle at a gain nor above it.
 
@@ -82,8 +84,9 @@ def no_cycle(servo: Servo, model: Model, gain: float = 0.0) -> str:
             "static equals Coulomb friction, and without a drop in the friction curve the integral action cannot "
             "sustain an oscillation"
         )
+    falls = quantity(steepest(f), "N m s/rad")
     return (
-        f"the friction curve falls by at most {steepest(f):.4g} N m s/rad, and viscous friction and the controller "
-        "damp the loop so well that it stays stable even if that is taken away: over a period more energy is lost than "
-        "falling friction can supply"
+        f"the friction curve falls by at most {falls}, and viscous friction and the controller damp the loop so well "
+        "that it stays stable even if that is taken away: over a period more energy is lost than falling friction can "
+        "supply"
     )

@@ -21,9 +21,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..axis_units import Units
 from ..checks import choice_of, floated, moderate, require, sensible, shown
 from ..errors import InputError
+from ..quantities import with_its_unit
 from .controller import Controller, Pid
+from .units import kinds_of
 
 DRIVE_TABLE = "drive"
 """The table of a servo file."""
@@ -166,21 +169,37 @@ def with_remedy(drive: Drive, key: str, size: float) -> Drive:
     return dataclasses.replace(drive, **{**(others if key in BANDS else {}), key: size})
 
 
-def drive_of_table(table: Any, **changes: Any) -> Drive:
+def drive_of_table(table: Any, units: Units, **changes: Any) -> Drive:
     """The drive of the table [drive].
 
-    changes: what stands in the place of its keys. Raises InputError: no table, an unknown key, no sample time, or a
-    value out of range.
+    units: of the axis; changes: what stands in the place of its keys. Raises InputError: no table, an unknown key, no
+    sample time, or a value out of range.
     """
     if not isinstance(table, Mapping):
         raise InputError(f"{DRIVE_TABLE} = {table!r}: must be a table [{DRIVE_TABLE}]")
-    for name in table:
+    own = {name: units.own_name(name) for name in table}
+    for name in own.values():
         choice_of("key", f"{DRIVE_TABLE}.{name}", [f"{DRIVE_TABLE}.{key}" for key in DRIVE_KEYS])
-    values = {**table, **changes}
+    values = {**{own[name]: value for name, value in table.items()}, **changes}
     if "sample_time" not in values:
         key = f"{DRIVE_TABLE}.sample_time"
         raise InputError(f"{key}: must be given, the time [s] between two samples, such as --set {key}=0.001")
-    return Drive(**values)
+    return Drive(**{name: drive_value(name, value, units) for name, value in values.items()})
+
+
+def drive_value(name: str, value: Any, units: Units) -> Any:
+    """A value of the table [drive]: in SI, or a text with its unit; of the encoder the size of a count, or counts.
+
+    Raises InputError: a unit of another kind, or counts per revolution of a linear axis.
+    """
+    key = f"{DRIVE_TABLE}.{name}"
+    if with_its_unit(value) is not None and name not in DRIVE_WORDS:
+        if name != "encoder":
+            return units.read(key, value, *kinds_of(name))
+        return 2 * math.pi / sensible(key, units.read(key, value, "rad"))
+    if name == "encoder" and units.linear and value not in (0, "0"):
+        raise InputError(f"{key} = {value}: must be the size of a count, such as '1 um', of a linear axis")
+    return value
 
 
 def below_border(amplitude: float, drive: Drive | None) -> str:

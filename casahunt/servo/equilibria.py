@@ -47,6 +47,7 @@ from typing import Any
 
 import numpy as np
 
+from ..axis_units import in_its_units
 from ..export import Columns
 from ..roots import boundary
 from .basin import let_go
@@ -204,6 +205,7 @@ def largest_of(rests: tuple[Rests, ...], c: Array) -> Array:
     return largest
 
 
+@in_its_units
 def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | None = None) -> Equilibria:
     """The equilibria of a servo, with the generalised Jacobian of LuGre.
 

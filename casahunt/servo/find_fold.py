@@ -22,6 +22,7 @@ from typing import Any, cast, overload
 import numpy as np
 
 from .. import effort
+from ..axis_units import in_its_units
 from ..checks import choice_of, of_kind, to_error, to_error_beside
 from ..continuation import Fold, fold_between, largest, smallest
 from ..continuation.walk import walk
@@ -255,6 +256,7 @@ def find_fold(
 def find_fold(
     servo: Loop, model: None = ..., *, vary: str = ..., options: Options | None = ...
 ) -> Fold[SystemOrbit]: ...
+@in_its_units
 def find_fold(
     servo: Servo | Loop, model: Model | None = None, *, vary: str = "gain", options: Options | None = None,
     start: HuntingOrbit | None = None,

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, overload
 
+from ..axis_units import in_its_units
 from ..checks import choice_of, of_kind, to_error, to_error_beside
 from ..continuation.walk import walk
 from ..errors import InputError, NoOrbit, Status
@@ -60,6 +61,7 @@ def find_orbit(
     servo: Loop, model: None = ..., gain: float | None = ..., *, branch: BranchName = ..., vary: str = ...,
     start: Mapping[str, float] | None = ..., options: Options | None = ...,
 ) -> SystemOrbit: ...  # fmt: skip
+@in_its_units
 def find_orbit(
     servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, branch: BranchName = "stable",
     vary: str = "gain", start: Mapping[str, float] | None = None, options: Options | None = None,

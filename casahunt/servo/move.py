@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from ..axis_units import quantity
 from ..checks import floated, sensible
 from ..errors import InputError
 from .parts.loop import Loop
@@ -146,10 +147,12 @@ def _ahead(sign: float, start: float, of: tuple[float, float, float, float]) -> 
 
 def told(move: Move | None, distance: float) -> str:
     """What a move is called: "step of 1 rad" where it is none."""
+    way = quantity(distance, "rad", "g")
     if move is None:
-        return f"step of {distance:g} rad"
-    jerk = "" if math.isinf(move.jerk) else f" and {move.jerk:g} rad/s3"
-    return f"move of {distance:g} rad with {move.speed:g} rad/s, {move.acceleration:g} rad/s2{jerk}"
+        return f"step of {way}"
+    jerk = "" if math.isinf(move.jerk) else f" and {quantity(move.jerk, 'rad/s3', 'g')}"
+    limits = f"{quantity(move.speed, 'rad/s', 'g')}, {quantity(move.acceleration, 'rad/s2', 'g')}"
+    return f"move of {way} with {limits}{jerk}"
 
 
 def moving(loop: Loop, move: Move | None, distance: float) -> Loop:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ..axis_units import in_its_units
 from ..errors import NoOrbit
 from .basin import stick_position
 from .event_map.half_cycle import SECTION
@@ -60,6 +61,7 @@ class OtherEnd:
         return bool(self.start)
 
 
+@in_its_units
 def other_end(motion: Trajectory) -> OtherEnd | None:
     """The cycle that a servo at rest could be on, and a start.
 

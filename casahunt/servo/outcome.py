@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..axis_units import Units, carried
 from ..results import Result
 
 Kind = Literal["at rest", "decaying", "undecided", "hunting", "growing"]
@@ -39,6 +40,7 @@ class Outcome(Result):
     behind : time behind the end of the motion for which it was followed on until that was seen [s].
     rests_since : time from which on it has not moved, but for what it is known to [s]; nan where it does.
     waits : time behind the end at which a servo that is stuck for now breaks away [s]; nan elsewhere.
+    units : in which the sentence is.
 
     Examples
     --------
@@ -63,6 +65,7 @@ class Outcome(Result):
     behind: float = 0.0
     rests_since: float = math.nan
     waits: float = math.nan
+    units: Units = carried()
 
     @property
     def irregular(self) -> bool:

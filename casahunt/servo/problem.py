@@ -17,7 +17,7 @@ from ..hybrid import System
 from ..orbits import Closure, Cycles, Orbit
 from .friction import Model
 from .hunting import SCHEMES, STATES, Kind, system_of
-from .servo import Servo, flatten
+from .servo import Servo, record_of
 
 Array = np.ndarray
 
@@ -197,7 +197,7 @@ class Hunting(Cycles):
 
     def record(self) -> dict[str, Any]:
         """Model, servo and gain; an orbit's record says whether it is half a cycle."""
-        return {"model": self.model, "servo": flatten(self.servo), "gain": self.gain}
+        return {"model": self.model, **record_of(self.servo), "gain": self.gain}
 
     def with_value(self, name: str, value: float) -> Hunting:
         """The problem with one parameter changed.

@@ -15,7 +15,7 @@ from ..orbits.archive import save_orbit
 from .branch import Branch
 from .friction import MODELS
 from .problem import Hunting, HuntingOrbit
-from .servo import flatten, unflatten
+from .servo import record_of, servo_of_record
 
 __all__ = ["load_branch", "load_orbit", "load_run", "save_branch", "save_orbit"]
 
@@ -25,7 +25,7 @@ INTERRUPTED = "interrupted"
 
 def _pose(record: Mapping[str, Any]) -> Hunting:
     model: Any = choice_of("model", record["model"], MODELS)
-    half = Hunting(model, unflatten(record["servo"]), require("gain", record["gain"], above=0))
+    half = Hunting(model, servo_of_record(record), require("gain", record["gain"], above=0))
     return half if record["half"] else half.whole()
 
 
@@ -94,7 +94,7 @@ def save_branch(
     """
     content = {
         "model": branch.model,
-        "servo": flatten(branch.servo),
+        **record_of(branch.servo),
         **_content(branch),
         "lopsided": [_content(pair) for pair in branch.lopsided],
         "run": dict(run or {}),
@@ -165,7 +165,7 @@ def _own(archive: Archive, content: Mapping[str, Any]) -> Branch:
     """What `_content` has said of a branch, of the model and the servo that a file is about."""
     branch = Branch(
         model=archive.metadata["model"],
-        servo=unflatten(archive.metadata["servo"]),
+        servo=servo_of_record(archive.metadata),
         orbits=tuple(archive.orbit(record, _pose) for record in content["orbits"]),
         ended=str(content["ended"]),
         special=tuple(

@@ -23,14 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible, typed
+from ..axis_units import UNITS_TABLE, Units, carried, units_of_table
+from ..checks import choice_of, floated, number, of_kind, quoted, require, sensible
 from ..errors import InputError
 from ..files import bounded
 from ..results import html_table
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .drive import DRIVE_TABLE, Drive, drive_of_table
 from .friction import Friction
-from .units import unit_of
+from .units import assigned, check_motor_gain, numbers_of, unit_of, value_of
 
 PARAMETERS = (
     "servo.inertia",
@@ -69,6 +70,8 @@ class Servo:
     inertia : J [kg m2], > 0.
     motor_gain : cm [N m/V], > 0.
     controller, friction : the records of those names.
+    units : how its numbers are shown; of a linear axis inertia is a mass [kg] and torque a force. They stay in SI, and
+        nothing that is computed depends on it.
 
     Examples
     --------
@@ -82,6 +85,7 @@ class Servo:
     motor_gain: float = 16.0
     controller: Controller | Pid = field(default_factory=Controller)
     friction: Friction = field(default_factory=Friction)
+    units: Units = carried()
 
     def __post_init__(self) -> None:
         sensible("servo.inertia", self.inertia)
@@ -89,11 +93,13 @@ class Servo:
         if not isinstance(self.controller, Pid):
             of_kind("controller", self.controller, Controller, "such as Controller(lead_time=0.2), or a Pid")
         of_kind("friction", self.friction, Friction, "such as Friction(static=0.5)")
+        of_kind("units", self.units, Units, 'such as Units("linear", "mm", "N", "kg")')
         floated(self)
 
     def _repr_html_(self) -> str:
         """The servo as a table, for notebooks."""
-        rows = [(key, f"{value:g}", unit_of(key)) for key, value in flatten(self).items()]
+        units, each = self.units, [(key, value, unit_of(key)) for key, value in flatten(self).items()]
+        rows = [(units.word(key), f"{units.number(x, unit):g}", units.label(unit)) for key, x, unit in each]
         return html_table("Servo", ("", "value", "unit"), rows)
 
     @property
@@ -142,7 +148,7 @@ class Servo:
                     f"{' and '.join(key.split('.')[1] for key in own if key.startswith('controller.'))}"
                 )
             own = {key: value for key, value in own.items() if not key.startswith("controller.")}
-        return unflatten(own | values)
+        return dataclasses.replace(unflatten(own | values), units=self.units)
 
 
 def called(names: Iterable[str]) -> tuple[str, ...]:
@@ -171,6 +177,11 @@ KEYS = (
     *_record_keys("friction", Friction),
 )
 """Every key of a servo file, dotted; a controller has those of one of its two forms."""
+NEEDED = (
+    "servo.inertia", "servo.motor_gain", "controller", "friction.static", "friction.coulomb",
+    "friction.stribeck_velocity", "friction.viscous",
+)  # fmt: skip
+"""What a servo of one's own must have, and what of the controller is one table; LuGre has more."""
 _TIMES, _GAINS = ([f"controller.{name}" for name in names] for names in (BY_TIMES, BY_GAINS))
 
 
@@ -186,7 +197,7 @@ def flatten(servo: Servo) -> dict[str, float]:
 
 def unflatten(values: Mapping[str, float]) -> Servo:
     """The servo of a full or partial {dotted key: value}; what is missing is Table 1."""
-    tree: dict[str, dict[str, float]] = {"servo": {}, "controller": {}, "friction": {}}
+    tree: dict[str, dict[str, Any]] = {"servo": {}, "controller": {}, "friction": {}}
     for key, value in values.items():
         choice_of("key", key, KEYS)
         section, name = key.split(".")
@@ -196,6 +207,17 @@ def unflatten(values: Mapping[str, float]) -> Servo:
         controller=controller_of(tree["controller"]),
         friction=Friction(**tree["friction"]),
     )
+
+
+def record_of(servo: Servo) -> dict[str, Any]:
+    """The servo as a file of results has it: {"servo": as of `flatten`}, and its units where it has some."""
+    shown_in = {} if servo.units.plain else {"units": dataclasses.asdict(servo.units)}
+    return {"servo": flatten(servo), **shown_in}
+
+
+def servo_of_record(record: Mapping[str, Any]) -> Servo:
+    """The servo of a record that `record_of` has made."""
+    return dataclasses.replace(unflatten(record["servo"]), units=Units(**record.get("units", {})))
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
@@ -230,11 +252,12 @@ def load(path: str | Path) -> Servo:
     """Read a servo from a TOML file with the tables [servo], [controller] and [friction].
 
     Keys that the file leaves out keep the value of Table 1.  A table [drive] is checked, and read by `load_drive`.
+    A table [units] says whether the axis is rotary or linear, and how its numbers are shown.
 
     Parameters
     ----------
     path
-        the file; units are SI, as in `KEYS`' records.
+        the file; a number is in SI, as in `KEYS`' records, a text has its unit: "30 kg", "3 N s/mm".
 
     Returns
     -------
@@ -290,7 +313,8 @@ def load_drive(path: str | Path) -> Drive | None:
     what = f"servo file {str(path)!r}"
     tables = read_toml(path, what)
     servo_of_tables(tables, what)
-    return drive_of_table(tables[DRIVE_TABLE]) if DRIVE_TABLE in tables else None
+    units = units_of_table(tables.get(UNITS_TABLE, {}))
+    return drive_of_table(tables[DRIVE_TABLE], units) if DRIVE_TABLE in tables else None
 
 
 def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:
@@ -299,22 +323,38 @@ def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:
     what: the beginning of a refusal. Raises InputError: as `load`.
     """
     values: dict[str, float] = dict.fromkeys(KEYS, 0.0)
+    units = Units()
     try:
-        values = _values(tree)
-        return unflatten(values)
+        units = units_of_table(tree.get(UNITS_TABLE, {}))
+        given = _given(tree, units)
+        values = {key: value_of(key, value, units) for key, value in given.items()}
+        if units.linear:
+            _check_complete(given)
+        servo = dataclasses.replace(unflatten(values), units=units)
+        check_motor_gain(given, servo.motor_gain)
+        return servo
     except InputError as error:
-        missing = [key for key in KEYS if key in str(error) and key not in values]
+        missing = [key for key in KEYS if key in str(error) and key not in values and not units.linear]
         taken = f"; {missing[0]} is not in the file, and taken from Table 1 of the report" if missing else ""
-        raise InputError(f"{what}: {error}{taken}") from None
+        raise InputError(f"{what}: {units.word(str(error))}{taken}") from None
 
 
-def _values(tree: Mapping[str, Any]) -> dict[str, float]:
-    """{dotted key: value} of a parsed servo file."""
-    values: dict[str, float] = {}
-    sections = sorted({key.split(".")[0] for key in KEYS} | {DRIVE_TABLE})
+def _check_complete(given: Mapping[str, Any]) -> None:
+    """Refuse a linear axis of which something is left to Table 1, which is a rotary one."""
+    own = {key.partition(".")[0] if key.startswith("controller") else key for key in given}
+    missing = [key for key in NEEDED if key not in own]
+    if missing:
+        raise InputError(f"{', '.join(missing)}: must be given, of a linear axis nothing is taken from Table 1")
+
+
+def _given(tree: Mapping[str, Any], units: Units) -> dict[str, Any]:
+    """{dotted key: what is given} of a parsed servo file."""
+    given: dict[str, Any] = {}
+    sections = sorted({key.split(".")[0] for key in KEYS} | {DRIVE_TABLE, UNITS_TABLE})
     for section, table in tree.items():
         if section == DRIVE_TABLE:
-            drive_of_table(table)
+            drive_of_table(table, units)
+        if section in (DRIVE_TABLE, UNITS_TABLE):
             continue
         owner = [key.split(".")[0] for key in KEYS if key.split(".")[1] == section]
         if owner:
@@ -323,9 +363,11 @@ def _values(tree: Mapping[str, Any]) -> dict[str, float]:
         if not isinstance(table, dict):
             raise InputError(f"{section} = {quoted(table)}: must be a table [{section}]")
         for name, value in table.items():
-            key = choice_of("key", f"{section}.{name}", KEYS)
-            values[key] = number(key, value)
-    return values
+            key = choice_of("key", units.own_name(f"{section}.{name}"), KEYS)
+            if key in given:
+                raise InputError(f"{section}.{name}: is given twice, as {key} too")
+            given[key] = value
+    return given
 
 
 def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
@@ -334,21 +376,7 @@ def with_overrides(servo: Servo, assignments: Iterable[str]) -> Servo:
     assignments: ``section.key=value`` texts. Returns servo with these values. Raises InputError: no "=", unknown key,
     or a value that is not a number or out of range.
     """
-    return servo.replace(**assigned(assignments, "key", KEYS, "section.key=value"))
-
-
-def assigned(assignments: Iterable[str], what: str, allowed: Iterable[str], form: str) -> dict[str, float]:
-    """{name: number} of texts name=number.
-
-    what, allowed, form: what a name is called, the names that there are, and how a text looks. Raises InputError: no
-    "=", an unknown name, or what is no number.
-    """
-    changes: dict[str, float] = {}
-    for text in assignments:
-        key, sign, value = text.partition("=")
-        key = key.strip()
-        if not sign:
-            raise InputError(f"--set {text!r}: must have the form {form}")
-        choice_of(what, key, allowed)
-        changes[key] = typed(key, value)
-    return changes
+    given = assigned(assignments, "key", KEYS, "section.key=value", servo.units)
+    changed = servo.replace(**numbers_of(given, servo.units))
+    check_motor_gain(given, changed.motor_gain)
+    return changed

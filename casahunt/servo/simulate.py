@@ -29,6 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import effort
+from ..axis_units import in_its_units, quantity
 from ..checks import COMPUTED, choice_of, moderate, number, sensible
 from ..errors import InputError, NotFollowed, Status
 from ..motion import MarchFailure, Motion, Segment, follow_for
@@ -73,6 +74,7 @@ NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
 """States of a start that have a name of their own."""
 
 
+@in_its_units
 def simulate(
     servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, set_point: float = 1.0,
     time: float = 100.0, position: float = 0.0, velocity: float = 0.0, integral: float = 0.0, bristle: float = 0.0,
@@ -306,7 +308,7 @@ class _Runs:
                 limit = THROWN_OUT * far
                 state = dict(zip(self.system.states, segment.behind.tolist(), strict=True))
                 if fate(self.loop, state, measured(self.loop, state, far)).kind == "growing":
-                    ended = f"{far:.3g} rad away from the set point at {now:.6g} s"
+                    ended = f"{quantity(far, 'rad', '.3g')} away from the set point at {now:.6g} s"
             return bool(ended)
 
         phases = follow_for(

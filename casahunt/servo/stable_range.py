@@ -20,6 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from ..axis_units import in_its_units
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..motion import MarchFailure
@@ -81,6 +82,7 @@ class StableRange(Result):
     largest: float
 
 
+@in_its_units
 def stable_range(fold: HuntingFold, *, options: Options | None = None) -> StableRange:
     """Up to which gain a stable cycle exists, on the stable side of a fold.
 

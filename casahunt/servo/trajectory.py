@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..axis_units import in_its_units
 from ..errors import InputError, Status
 from ..export import Columns
 from ..motion import Motion
@@ -253,6 +254,7 @@ class Trajectory(LoopResult):
         return (low + high) / 2, np.array(peaks)
 
     @cached_property
+    @in_its_units
     def verdict(self) -> Outcome:
         """What becomes of the motion: hunting, decaying, growing, at rest or undecided."""
         (times, states), names = self.motion.sample(1), self.loop.system.states

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import in_its_units
 from ...checks import choice_of, of_kind
 from ...errors import InputError, NoOrbit, Status
 from ...export import Columns
@@ -177,6 +178,7 @@ class Identification(Result):
         }
 
 
+@in_its_units
 def identify(
     records: Sequence[Record | Trajectory | str | Path],
     servo: Servo,

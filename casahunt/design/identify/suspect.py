@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from ...axis_units import shown
 from ...errors import InputError, NoOrbit
 from ...servo.problem import HuntingOrbit
 from ...servo.servo import flatten
@@ -28,6 +29,8 @@ COARSE_SAMPLES = 0.1
 otherwise than the continuous loop by some per cent (scripts/as_built.py order)."""
 UNITS: tuple[tuple[Quantity, str], ...] = ("time", "ms"), ("time", "us"), ("angle", "deg"), ("angle", "rev")
 """That are taken for s and rad."""
+OF_A_LINEAR_AXIS: tuple[tuple[Quantity, str], ...] = (*UNITS[:2], ("angle", "mm"), ("angle", "um"))
+"""That are taken for s and m."""
 ABOUT_RIGHT, A_COUNT = 0.3, 10.0
 """Of a model, in the logarithm of amplitude times period: friction that is off by 30 % has moved it by 0.28 at most, of
 some 180 servos about Table 1 and a smaller one; and positions in whole numbers that are larger by so much are counts.
@@ -79,7 +82,7 @@ def _unit(orbit: HuntingOrbit, period: float, amplitude: float, quantum: float) 
     if math.isclose(quantum, 1.0) and amplitude > A_COUNT * orbit.amplitude:
         return "the positions look like counts: --position-unit takes the angle of one in rad"
     late, large = math.log(period / orbit.period), math.log(amplitude / orbit.amplitude)
-    for quantity, unit in UNITS:
+    for quantity, unit in OF_A_LINEAR_AXIS if shown().linear else UNITS:
         factor, other = math.log(parsed_unit(quantity, unit).factor), large if quantity == "time" else late
         if abs(late + large + factor) < ABOUT_RIGHT and abs(other) < SHIFTED * abs(factor):
             what, option = ("times", "--time-unit") if quantity == "time" else ("positions", "--position-unit")
@@ -94,6 +97,7 @@ def _others(orbit: HuntingOrbit, found: Identification) -> str:
     apart.sort(key=lambda name: -abs(math.log(found.values[name] / max(given[name], 1e-6 * found.values[name]))))
     if not apart:
         return "the values given, none of which is the likeliest"
+    units = {name: shown().si.label(unit_of(name)) for name in apart[:MOST_SUSPECTS]}
     return " and ".join(
-        f"{name}, {found.values[name]:.3g} {unit_of(name)}, not {given[name]:.3g}" for name in apart[:MOST_SUSPECTS]
+        f"{name}, {found.values[name]:.3g} {unit}, not {given[name]:.3g}" for name, unit in units.items()
     )

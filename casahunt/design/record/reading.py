@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import shown
 from ...checks import shortened
 from ...errors import InputError
-from .units import BASE, Quantity, Unit, stated_unit
+from .units import Quantity, Unit, base_of, stated_unit
 
 Array = np.ndarray
 
@@ -96,8 +97,8 @@ class Reading:
     def sentence(self) -> str:
         """Columns and units in words."""
         parts = []
-        read = [("times", self.time, "s"), ("positions", self.position, "rad")]
-        read += [] if self.torque is None else [("torques", self.torque, "N m")]
+        read = [("times", self.time, "s"), ("positions", self.position, base_of("angle"))]
+        read += [] if self.torque is None else [(shown().word("torques"), self.torque, base_of("torque"))]
         for noun, column, base in read:
             unit = column.unit
             how = {
@@ -125,7 +126,7 @@ def column_read(quantity: Quantity, i: int, header: Sequence[str] | None, stated
     found = stated_unit(quantity, header[i], what=name) if header else None
     if found is not None:
         return Column(label, found, "header")
-    return Column(label, Unit(BASE[quantity], 1.0), "nobody")
+    return Column(label, Unit(base_of(quantity), 1.0), "nobody")
 
 
 def torque_wanted(torque: str | None, current: str | None, constant: float | None) -> tuple[Quantity, str] | None:

@@ -14,6 +14,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+from ...axis_units import shown
 from ...errors import InputError
 
 Quantity = Literal["time", "angle", "torque", "current"]
@@ -42,6 +43,17 @@ _NAMES: dict[Quantity, dict[str, tuple[float, str]]] = {
     "current": {"A": (1.0, "a amp amps ampere amperes"), "mA": (1e-3, "ma milliamp milliamps")},
 }
 """Unit, its factor to s, rad, N m or A, and how it is written."""
+_OF_A_LINEAR_AXIS: dict[Quantity, dict[str, tuple[float, str]]] = {
+    "angle": {
+        "m": (1.0, "m metre metres meter meters"),
+        "mm": (1e-3, "mm millimetre millimetres millimeter millimeters"),
+        "um": (1e-6, "um µm μm micron microns micrometre micrometres micrometer micrometers"),
+        "nm": (1e-9, "nm nanometre nanometres nanometer nanometers"),
+        "in": (0.0254, "in inch inches"),
+    },
+    "torque": {"N": (1.0, "n newton newtons"), "kN": (1e3, "kn kilonewton kilonewtons")},
+}
+"""What stands in their place where the servo is a linear axis: lengths, in m, and forces, in N."""
 _AMBIGUOUS = {"grad": "is degrees in some languages and gon in others; state which, as {option} deg or {option} gon"}
 """Names that are units of the quantity, and not one alone: what is said of them."""
 _COUNTED = frozenset(
@@ -71,9 +83,19 @@ class Unit:
     factor: float
 
 
+def _names_of(quantity: Quantity) -> dict[str, tuple[float, str]]:
+    """The units of a quantity, of the axis that is asked about."""
+    return (_OF_A_LINEAR_AXIS if shown().linear else _NAMES).get(quantity, _NAMES[quantity])
+
+
+def base_of(quantity: Quantity) -> str:
+    """The unit in SI of a quantity, of the axis that is asked about."""
+    return shown().si.label(BASE[quantity])
+
+
 def _lookup(quantity: Quantity, text: str) -> Unit | None:
     word = _word(text)
-    for name, (factor, spellings) in _NAMES[quantity].items():
+    for name, (factor, spellings) in _names_of(quantity).items():
         if word in [spelling.casefold() for spelling in spellings.split()]:
             return Unit(name, factor)
     return None
@@ -92,9 +114,10 @@ def _word(text: str) -> str:
 
 
 def _unknown(what: str, quantity: Quantity, text: str) -> InputError:
-    base, names = BASE[quantity], ", ".join(_NAMES[quantity])
+    base, names = base_of(quantity), ", ".join(_names_of(quantity))
+    kind = {"angle": "length", "torque": "force"}.get(quantity, quantity) if shown().linear else quantity
     counted = any(word in _COUNTED for word in re.split(r"\W+|_", text.casefold()))
-    why = "is a count, no unit" if counted else f"is no unit of {quantity} that is known ({names})"
+    why = "is a count, no unit" if counted else f"is no unit of {kind} that is known ({names})"
     noun = "one count" if counted else "one of it"
     return InputError(f"{what}: {text!r} {why}; state how many {base} {noun} is, as {_OPTION[quantity]} NUMBER")
 
@@ -112,8 +135,8 @@ def parsed_unit(quantity: Quantity, text: str, *, what: str = "unit") -> Unit:
     except ValueError:
         raise _unknown(what, quantity, text) from None
     if not (math.isfinite(factor) and factor > 0):
-        raise InputError(f"{what}: {text!r} must be a unit's name or a finite number of {BASE[quantity]} above 0")
-    return Unit(f"{factor:g} {BASE[quantity]}", factor)
+        raise InputError(f"{what}: {text!r} must be a unit's name or a finite number of {base_of(quantity)} above 0")
+    return Unit(f"{factor:g} {base_of(quantity)}", factor)
 
 
 def split_header(cell: str) -> tuple[list[str], str | None]:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from ...axis_units import Units, carried
 from ...continuation import Branch, follow
 from ...errors import InputError
 from ...export import Columns
@@ -64,6 +65,7 @@ class Cure(Result):
     evidence : what stopped the search where it was not found, in the words of the trade; "" where nothing did.
     followed_to : the size up to which its cycles were followed, in `unit`; nan where there is none.
     first : the cycle with a small remedy, from which its branch begins; None where there is none.
+    units : in which its numbers are shown.
 
     Examples
     --------
@@ -106,6 +108,7 @@ class Cure(Result):
     evidence: str = ""
     followed_to: float = math.nan
     first: SystemOrbit | None = None
+    units: Units = carried()
 
     def branch(self) -> Branch[SystemOrbit]:
         """The cycles from the small remedy up to the border, and where that is a fold some behind it, for pictures.

@@ -16,6 +16,7 @@ from itertools import product
 
 import numpy as np
 
+from ...axis_units import in_its_units, shown_in, units_of
 from ...checks import choice_of, require, sensible
 from ...errors import HuntsIrregularly, InputError
 from ...orbits.adapt import Options
@@ -69,6 +70,7 @@ MOST_CORNERS, MOST_UNCERTAIN = 4, 6
 may be uncertain where all corners are looked at."""
 
 
+@in_its_units
 def remedies(
     servo: Servo | Loop,
     model: Model | None = None,
@@ -244,7 +246,8 @@ def _row_of(task: tuple[_Asked, str, str]) -> Cure:
     """One remedy, by its name, found and priced where it fits."""
     asked, name, misfit = task
     remedy = remedy_of(name, asked.model)
-    return Cure(name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy)
+    with shown_in(units_of(asked.loop)):  # which another process does not know
+        return Cure(name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy)
 
 
 def _row(asked: _Asked, remedy: Remedy) -> Cure:

@@ -24,6 +24,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ...axis_units import in_its_units
 from ...checks import choice_of, of_kind
 from ...errors import InputError, Status
 from ...orbits import Options
@@ -144,6 +145,7 @@ class Tuning(Result):
         return Status.CONVERGED if self.verification.ok else Status.NOT_CONVERGED
 
 
+@in_its_units
 def tune(
     servo: Servo,
     model: Model,

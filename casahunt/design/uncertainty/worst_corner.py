@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ... import effort
+from ...axis_units import in_its_units
 from ...checks import choice_of
 from ...continuation import folds_near
 from ...errors import InputError, NoOrbit, Status
@@ -260,6 +261,7 @@ def gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
     return np.array([derivatives[name] for name in names], dtype=float)
 
 
+@in_its_units
 def worst_corner(
     servo: Servo,
     model: Model,

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from ...axis_units import Units, carried, quantity, several
 from ...export import Columns, columns_from
 from ...results import Result
 from ..servo import Servo
@@ -29,6 +30,7 @@ class FixedPoint(Result):
     period : [s].
     error : estimated relative error of the amplitude.
     period_error : of the period: |dT/da| times the rounding of a, many times that of a on steep pieces.
+    units : in which its numbers are shown.
     """
 
     _quantities = (
@@ -41,6 +43,7 @@ class FixedPoint(Result):
     period: float
     error: float
     period_error: float
+    units: Units = carried()
 
     @property
     def stable(self) -> bool:
@@ -111,11 +114,12 @@ class FixedPoints(Result):
         count = len(self.fixed)
         known = [p for p in self.points if math.isfinite(p.position)]
         found = {0: "no fixed point", 1: "1 fixed point"}.get(count, f"{count} fixed points")
-        text = f"{found} of the event map between {self.low:.4g} and {self.high:.4g} rad: {len(self.points)} motions"
+        where = several((self.low, self.high), "rad", by=" and ")
+        text = f"{found} of the event map between {where}: {len(self.points)} motions"
         if count == 0 and known:
             best = max(known, key=lambda p: p.excess)
-            far = f"{1 + best.excess:.8g} times as far from the set point as before, from {best.start:.8g} rad"
-            text += f", a swing leads at most {far}"
+            far = f"{1 + best.excess:.8g} times as far from the set point as before"
+            text += f", a swing leads at most {far}, from {quantity(best.start, 'rad', '.8g')}"
         text += ", computed more closely until interpolation between neighbours agreed with the motion half-way"
         crossing = sum(jump.crosses for jump in self.jumps)
         if self.jumps:

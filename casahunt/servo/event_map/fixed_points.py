@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...axis_units import in_its_units
 from ...checks import COMPUTED, sensible
 from ...errors import InputError
 from ...motion import MarchFailure
@@ -86,6 +87,7 @@ class _Scan:
         return self.points[a]
 
 
+@in_its_units
 def fixed_points(
     servo: Servo,
     gain: float,

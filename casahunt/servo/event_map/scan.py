@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...axis_units import quantity, several
 from ...motion import MarchFailure
 from ...roots import Bracket
 from .half_cycle import HalfCycle, StickMap
@@ -89,17 +90,18 @@ class Scan:
         """The evidence in words."""
         if self.motions == 0:
             failed = len(self.failures)
-            return f"none of {failed} motions from stick positions below {self.high:.3g} rad could be computed"
-        text = f"scanned stick positions from {self.low:.3g} to {self.high:.3g} rad: "
+            high = quantity(self.high, "rad", ".3g")
+            return f"none of {failed} motions from stick positions below {high} could be computed"
+        text = f"scanned stick positions from {several((self.low, self.high), 'rad', '.3g', ' to ')}: "
         if self.best > GROWING:
             text += (
-                f"motions grow (from {self.best_at:.4g} rad to {self.best:.4g} times that distance) and no stable "
-                "cycle bounds them, as with an unstable linear loop"
+                f"motions grow (from {quantity(self.best_at, 'rad')} to {self.best:.4g} times that distance) and no "
+                "stable cycle bounds them, as with an unstable linear loop"
             )
         elif self.best > 0:
             text += (
                 f"the servo comes to rest at most at {self.best:.6g} times the distance it started from "
-                f"(at {self.best_at:.4g} rad)"
+                f"(at {quantity(self.best_at, 'rad')})"
             )
         else:
             text += "the servo never gets across the set point"

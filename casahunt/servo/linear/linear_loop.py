@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import Units, carried, in_its_units
 from ...export import Columns
 from ...results import Result
 from ..parts.loop import Loop
@@ -38,6 +39,7 @@ class LinearLoop(Result):
     phase_crossovers : where arg L = -180 degrees, with gain factors.
     lowest_factor, highest_factor : the loop stays as it is, stable or unstable, while the gain is multiplied by
         anything between them; 0 and inf where there is no such limit.
+    units : how its numbers are shown.
 
     Examples
     --------
@@ -60,6 +62,7 @@ class LinearLoop(Result):
     phase_crossovers: tuple[Crossover, ...]
     lowest_factor: float
     highest_factor: float
+    units: Units = carried()
 
     def _columns(self) -> Columns:
         """A row; of the phase margins the least."""
@@ -91,6 +94,7 @@ class LinearLoop(Result):
         return float(np.min(-self.poles.real / np.abs(self.poles)))
 
 
+@in_its_units
 def linear_loop(servo: Servo | Loop, gain: float | None = None) -> LinearLoop:
     """Poles, stability, crossovers and margins of the loop without dry friction.
 

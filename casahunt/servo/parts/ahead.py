@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import effort
+from ...axis_units import quantity, several
 from ...motion import MarchFailure, Segment, march
 from ..outcome import SETTLES, Outcome
 from .fate import (
@@ -94,7 +95,8 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
     way = np.concatenate([end[[place]], *(phase.nodes[:, place] for phase in found.motion.phases)])
     if found.kind in SETTLES and min(np.abs(way - end[place]).max(), np.abs(way).max()) <= floor:
         since = float(moved.times[moves[-1]]) if moves.size else 0.0
-        said = f"since {since:.4g} s it has not moved by more than {floor:.2g} rad, and when followed on it stays there"
+        said = f"since {since:.4g} s it has not moved by more than {quantity(floor, 'rad', '.2g')}"
+        said += ", and when followed on it stays there"
         return Outcome("at rest", said, behind=found.motion.duration, rests_since=since)
     irregular = found.swing is not None and not found.pattern  # for so long that no start would tell another end
     if error > np.finfo(float).eps * unit and not irregular:
@@ -105,7 +107,7 @@ def ahead(loop: Loop, moved: Moved) -> Outcome:
             either = f"as far as the motion is known it {_said(found)}, or {_said(other)}"
             return Outcome("undecided", f"{either}; ask for a smaller tolerance")
     if found.kind == "undecided" and _grew(np.abs(moved.states), place, max(unit, limited)):
-        far = f"followed to {end[place]:+.3g} rad beside the set point"
+        far = f"followed to {quantity(end[place], 'rad', '+.3g')} beside the set point"
         return Outcome("growing", f"it grows without bound, and was {far} at {moved.times[-1]:.4g} s")
     if found.pattern and found.swing is not None and _all_along(np.abs(np.diff(found.turns[:-1])), found.pattern):
         off = {name: (1 + PUSHED_OFF) * x for name, x in found.swing.state.items()}
@@ -182,22 +184,23 @@ def _said(found: Fate) -> str:
     if found.kind == "at rest":
         return f"comes to rest, {lasted}"
     if found.kind == "decaying":
-        return f"becomes smaller from swing to swing, geometrically, down to {swings[-1] / 2:.3g} rad, {lasted}"
+        down = quantity(swings[-1] / 2, "rad", ".3g")
+        return f"becomes smaller from swing to swing, geometrically, down to {down}, {lasted}"
     if found.kind == "growing":
-        return f"grows without bound, to {abs(turns[-1]):.3g} rad, {lasted}"
+        return f"grows without bound, to {quantity(abs(turns[-1]), 'rad', '.3g')}, {lasted}"
     if found.swing is None:
         return f"neither rests nor repeats in {turns.size} turns, {lasted}"
     if not found.pattern:
         return f"hunts irregularly, {ranges(found)[0]}, {lasted}"
     how = "" if found.pattern <= 2 else f", after a pattern of {found.pattern} swings"
-    return f"hunts: its swings repeat{how}, by {found.swing.amplitude:.4g} rad to either side, {lasted}"
+    return f"hunts: its swings repeat{how}, by {quantity(found.swing.amplitude, 'rad')} to either side, {lasted}"
 
 
 def ranges(found: Fate) -> tuple[str, tuple[float, float], tuple[float, float]]:
     """Of irregular hunting, in words and numbers: how far from the set point it turns [rad], how long between [s]."""
     values = np.abs(found.turns[-LAST_TURNS:]), np.diff(found.at[-LAST_TURNS:])
     far, between = ((float(x.min()), float(x.max())) for x in values)
-    far_said, between_said = f"{far[0]:.4g} to {far[1]:.4g} rad", f"{between[0]:.3g} to {between[1]:.3g} s"
+    far_said, between_said = several(far, "rad", by=" to "), f"{between[0]:.3g} to {between[1]:.3g} s"
     return f"turning {far_said} from the set point, every {between_said}", far, between
 
 

@@ -8,7 +8,8 @@
     dead_band = 0.03
 
 What [values] leaves out has the value that the part itself says.  A table [drive] says how a drive runs the loop, as in
-a servo file (drive.py).  A part that is made of lists is a table of them:
+a servo file (drive.py), a table [units] whether the axis is linear, and how its numbers are shown.  A part that is made
+of lists is a table of them:
 
     {part = "transfer function", numerator = [0.16, 2.0, 6.28], denominator = [0.001, 1.0, 0.0]}
     {part = "state space", A = [[0.0]], B = [1.0], C = [6.28], D = 2.0}
@@ -22,10 +23,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...checks import choice_of, number
+from ...axis_units import UNITS_TABLE, units_of_table
+from ...checks import choice_of
 from ...errors import InputError
 from ..drive import DRIVE_TABLE, drive_of_table
 from ..servo import read_toml
+from ..units import check_motor_gain, value_of
 from .loop import Loop
 from .naming import parts_of
 
@@ -36,7 +39,7 @@ def load_loop(path: str | Path) -> Loop:
     Parameters
     ----------
     path
-        the file; units are SI.
+        the file; a number is in SI, a text has its unit: "30 kg", "3 N s/mm".
 
     Returns
     -------
@@ -69,12 +72,16 @@ def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
     """
     try:
         for table in tree:
-            choice_of("table", table, ("loop", "values", DRIVE_TABLE))
+            choice_of("table", table, ("loop", "values", DRIVE_TABLE, UNITS_TABLE))
+        units = units_of_table(tree.get(UNITS_TABLE, {}))
         if DRIVE_TABLE in tree:
-            drive_of_table(tree[DRIVE_TABLE])
+            drive_of_table(tree[DRIVE_TABLE], units)
         names, values = tree.get("loop", {}).get("parts"), tree.get("values", {})
         if not isinstance(names, list) or not names:
             raise InputError('[loop]: must say parts = ["one inertia", "Switch friction", ...]')
-        return Loop(parts_of(names), {name: number(name, value) for name, value in values.items()})
+        given = {units.own_name(name): value for name, value in values.items()}
+        loop = Loop(parts_of(names), {name: value_of(name, x, units) for name, x in given.items()}, units=units)
+        check_motor_gain(given, loop.parameters.get("motor_gain", 1.0))
+        return loop
     except InputError as error:
         raise InputError(f"{what}: {error}") from None

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import Units, carried
 from ...checks import choice_of, number
 from ...errors import InputError
 from ...hybrid import System
@@ -35,6 +37,7 @@ class Loop:
     parts : the parts, in the order of their states; one whose size is that of its absence is left out.
     values : parameters that differ from the parts' defaults.
     name : what it is called.
+    units : how its numbers are shown, and whether the axis is a linear one; nothing that is computed depends on it.
 
     Raises
     ------
@@ -57,6 +60,7 @@ class Loop:
     parts: tuple[Part, ...]
     values: Mapping[str, float] = field(default_factory=dict)
     name: str = "servo"
+    units: Units = carried()
 
     def __post_init__(self) -> None:
         owners = {name: part for part in self.parts for name in part.parameters}
@@ -88,7 +92,7 @@ class Loop:
 
     def replace(self, **values: float) -> Loop:
         """The loop with other numbers."""
-        return Loop(self.parts, {**self.values, **values}, self.name)
+        return dataclasses.replace(self, values={**self.values, **values})
 
     def with_parts(self, *parts: Part, **values: float) -> Loop:
         """The loop with parts more.
@@ -104,7 +108,7 @@ class Loop:
         -------
         Loop.
         """
-        return Loop((*self.parts, *parts), {**self.values, **values}, self.name)
+        return dataclasses.replace(self, parts=(*self.parts, *parts), values={**self.values, **values})
 
     @cached_property
     def system(self) -> System:

@@ -6,6 +6,7 @@ The controller is given by its gains, which are those of any PID: kp, ki and kd 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ...checks import COMPUTED, choice_of, sensible
@@ -64,7 +65,8 @@ def loop_of(servo: Servo, model: Model, gain: float) -> Loop:
     numbers |= {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd, "gain": gain}
     parts = (INERTIA, FRICTIONS[model], PID_BY_GAINS, INTEGRATOR)
     wanted = {name for part in parts for name in part.parameters}
-    return Loop(parts, {name: value for name, value in numbers.items() if name in wanted}, f"{model} servo")
+    values = {name: value for name, value in numbers.items() if name in wanted}
+    return Loop(parts, values, f"{model} servo", servo.units)
 
 
 class LoopResult(Result):
@@ -117,7 +119,7 @@ def servo_of_loop(loop: Loop) -> tuple[Servo, Model, float] | None:
     numbers = by_gains(loop).parameters
     keys = {key: name for key, name in zip(PID_KEYS, called(PID_KEYS), strict=True) if name in numbers}
     try:
-        servo = unflatten({key: numbers[name] for key, name in keys.items()})
+        servo = replace(unflatten({key: numbers[name] for key, name in keys.items()}), units=loop.units)
         return servo, model, sensible("gain", numbers["gain"], power=COMPUTED)
     except InputError:
         return None
@@ -131,4 +133,4 @@ def by_gains(loop: Loop) -> Loop:
     kept = {name: loop.value(name) for part in parts for name in part.parameters if part is not PID_BY_GAINS}
     kp, kd, ki = torque_gains_of(1.0, loop.value("lead_time"), loop.value("integral_time"))
     own = {"kp": kp, "kd": kd, "ki": ki, "gain": loop.value("gain"), "motor_gain": loop.value("motor_gain")}
-    return Loop(parts, kept | own, loop.name)
+    return replace(loop, parts=parts, values=kept | own)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+from ...axis_units import shown
 from ...checks import choice_of
 from ...errors import InputError
-from ..units import PARAMETER_UNITS
+from ..units import PARAMETER_UNITS, kinds_of
 from . import dead_band, dither, error_filter, feedforward, freeze, leak, plain, reset
 from .loop import Loop
 from .part import Part
@@ -29,8 +32,11 @@ AS_BUILT = ("delay", "quantisation", "sampling")
 
 def unit_of(parameter: str) -> str:
     """The unit of a parameter: of those that a servo has, by key or name, and of the sizes of remedies; else ""."""
+    parameter = parameter.rpartition(".")[2]
+    if not shown().plain:
+        return kinds_of(parameter)[0] if parameter != "kp" else ""
     units = {key.rpartition(".")[2]: unit for key, unit in PARAMETER_UNITS.items()}
-    return (units | {remedy.size: remedy.unit for remedy in REMEDIES}).get(parameter.rpartition(".")[2], "")
+    return (units | {remedy.size: remedy.unit for remedy in REMEDIES}).get(parameter, "")
 
 
 def remedies_for(model: str) -> dict[str, Remedy]:
@@ -51,7 +57,7 @@ def with_remedy(loop: Loop, remedy: Remedy, size: float) -> Loop:
     if not remedy.instead:
         return loop.with_parts(remedy.part, **{remedy.size: size})
     parts: tuple[Part, ...] = tuple(remedy.part if part.name == remedy.instead else part for part in loop.parts)
-    return Loop(parts, {**loop.values, remedy.size: size}, loop.name)
+    return dataclasses.replace(loop, parts=parts, values={**loop.values, remedy.size: size})
 
 
 def remedy_name(name: str) -> str:

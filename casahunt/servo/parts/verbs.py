@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from ... import effort
+from ...axis_units import several
 from ...checks import choice_of
 from ...continuation import FOLD, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
@@ -80,7 +81,8 @@ def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOr
     lively = next((each for each in found if each not in resting and not isinstance(each, _Grows)), None)
     if lively is not None:
         raise lively
-    starts = f"{len(found)} starts, {FIRST_OFF:g} to {FIRST_OFF / 2**STARTS_HALVED:.2g} rad beside the set point"
+    sizes = several((FIRST_OFF, FIRST_OFF / 2**STARTS_HALVED), "rad", ".2g", " to ")
+    starts = f"{len(found)} starts, {sizes} beside the set point"
     grows = next((each for each in found if isinstance(each, _Grows)), None)
     if grows is not None:
         raise NoOrbit(f"{grows}; from {len(resting)} of {starts}, it comes to rest{smaller}", Status.NOT_FOUND)
@@ -140,7 +142,8 @@ def _led_on(loop: Loop, start: dict[str, float], irregular: Swing | None = None)
                           evidence=lasted)  # fmt: skip
     if seen.kind == "growing":
         far = abs(seen.turns[-2:]).max()
-        why = f"the motion grows, from {abs(start['x1']):.3g} to {far:.3g} rad beside the set point and on"
+        between = several((abs(start["x1"]), far), "rad", ".3g", " to ")
+        why = f"the motion grows, from {between} beside the set point and on"
         raise _Grows(f"no cycle of {loop.name} was found: {why}", Status.NOT_FOUND)
     if seen.swing is not None and not seen.pattern:
         raise _irregular(loop, seen)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..drive import SHARES, Drive
@@ -23,7 +25,7 @@ USUAL_FILTER = 0.1
 def as_run(loop: Loop, drive: Drive) -> Loop:
     """The loop with what its drive adds.  Raises InputError: parts that do not go together."""
     model = "lugre" if LUGRE in loop.present else "switch"
-    run = Loop(tuple(part.sampled or part for part in loop.parts), loop.values, loop.name)
+    run = replace(loop, parts=tuple(part.sampled or part for part in loop.parts))
     for name, key in DRIVE_PARTS.items():
         if getattr(drive, key) != getattr(Drive, key):
             run = with_remedy(run, remedy_of(name, model), float(getattr(drive, key)))

@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from ...axis_units import in_its_units, quantity
 from ...results import Result
 from ..drive import with_remedy
 from ..outcome import SETTLES, Outcome
@@ -67,6 +68,7 @@ class Cause(Result):
     dead_band: float
 
 
+@in_its_units
 def cause_of(motion: SampledMotion) -> Cause | None:
     """Why a motion hunts.
 
@@ -102,7 +104,7 @@ def told_apart(seen: Outcome, without: Outcome) -> tuple[Kind, str]:
     if without.kind != "hunting":
         return "not certain", f"without quantisation the same loop is {without.kind}: {without.sentence}"
     off = max(abs(seen.mean_period / without.mean_period - 1), abs(seen.amplitude / without.amplitude - 1))
-    hunts = f"without quantisation it hunts with {without.amplitude:.4g} rad and {without.period:.4g} s"
+    hunts = f"without quantisation it hunts with {quantity(without.amplitude, 'rad')} and {without.period:.4g} s"
     hunts = f"{hunts}, {off:.1%} different in the mean"
     if seen.unevenness - without.unevenness > OTHERWISE:
         low, high = min(seen.lasts), max(seen.lasts)

@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
+from ...axis_units import in_its_units
 from ...results import Result
 from ..drive import Drive, with_remedy
 from ..outcome import BY_SEVERITY, SETTLES
@@ -85,6 +86,7 @@ class AsBuilt(Result):
         return self.kind in ("hunting", "growing")
 
 
+@in_its_units
 def as_built(servo: Servo | Loop, gain: float | None, drive: Drive) -> AsBuilt:
     """Whether a servo comes to rest in the loop as built, from a few starts and at a few set points.
 

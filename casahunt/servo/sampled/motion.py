@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import in_its_units, quantity
 from ...checks import COMPUTED, moderate, of_kind, sensible
 from ...errors import InputError
 from ...export import Columns
@@ -112,6 +113,7 @@ class SampledMotion(LoopResult):
         return static_of(self.loop)[0]
 
     @cached_property
+    @in_its_units
     def verdict(self) -> Outcome:
         """What the end of the motion shows."""
         static, coulomb = static_of(self.loop)
@@ -136,7 +138,7 @@ class SampledMotion(LoopResult):
     def _waits(self) -> str:
         """What is said of a servo that ends stuck."""
         x, v = self.states[:2, -1]
-        return f"; it ends stuck {x:+.4g} rad beside the set point" if v == 0 else ""
+        return f"; it ends stuck {quantity(x, 'rad', '+.4g')} beside the set point" if v == 0 else ""
 
     def _columns(self) -> Columns:
         states = dict(zip(self.names, self.states[:, :-1], strict=True))
@@ -173,6 +175,7 @@ def _check_stops(model: str, drive: Drive) -> None:
             raise InputError(f"drive.{key}: needs an encoder or the model 'switch'; LuGre's bristles never stand still")
 
 
+@in_its_units
 def simulate_sampled(
     servo: Servo | Loop, gain: float | None = None, drive: Drive | None = None, *, model: Model | None = None,
     set_point: float = 1.0, time: float = 100.0, position: float = 0.0, velocity: float = 0.0, integral: float = 0.0,

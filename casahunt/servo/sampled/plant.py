@@ -75,7 +75,8 @@ def plant_of(loop: Loop) -> tuple[Loop, tuple[Part, ...]]:
     if not parts:
         raise InputError(f"{loop.name}: no part of it is moved by the motor")
     numbers = {name: loop.value(name) for part in parts for name in part.parameters}
-    return Loop((*parts, HELD), numbers, loop.name), tuple(part for part in loop.present if part not in parts)
+    plant = Loop((*parts, HELD), numbers, loop.name, loop.units)
+    return plant, tuple(part for part in loop.present if part not in parts)
 
 
 @kept(maxsize=64)

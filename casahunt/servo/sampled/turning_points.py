@@ -26,6 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...axis_units import quantity, several
 from ..outcome import Outcome
 
 Array = np.ndarray
@@ -102,13 +103,14 @@ def judge(times: Array, x: Array, end: Ending) -> Outcome:
     """
     if not math.isnan(end.rests_since):
         text = "it is stuck, and its torque stays within static friction"
-        return Outcome("at rest", f"since {end.rests_since:.6g} s {text}: {x[-1]:+.4g} rad beside the set point")
+        where = quantity(x[-1], "rad", "+.4g")
+        return Outcome("at rest", f"since {end.rests_since:.6g} s {text}: {where} beside the set point")
     if end.far:
-        return Outcome("growing", f"it was followed only until {x[-1]:+.3g} rad beside the set point")
+        return Outcome("growing", f"it was followed only until {quantity(x[-1], 'rad', '+.3g')} beside the set point")
     half = x[x.size // 2 :]
     if np.ptp(half) < end.bends:
-        text = f"since {times[-half.size]:.4g} s it moves by less than its bristles bend, {end.bends:.2g} rad"
-        return Outcome("at rest", text)
+        bend = quantity(end.bends, "rad", ".2g")
+        return Outcome("at rest", f"since {times[-half.size]:.4g} s it moves by less than its bristles bend, {bend}")
     turns = turning_points(x, TURNED_BACK * float(np.ptp(half)))
     t, S = times[turns], np.abs(np.diff(x[turns]))
     last, lasts = (tuple(map(float, values[-LONGEST_PATTERN:])) for values in (S, np.diff(t)))
@@ -120,23 +122,26 @@ def judge(times: Array, x: Array, end: Ending) -> Outcome:
         return Outcome("hunting", text, amplitude, period, pattern, last, lasts)
     largest = float(np.abs(half).max())
     if not end.grain and largest <= DIED_OUT * end.unit and largest < np.abs(x[: -half.size]).max(initial=0.0):
-        text = f"within {largest:.2g} rad of the set point since {times[-half.size]:.4g} s"
+        text = f"within {quantity(largest, 'rad', '.2g')} of the set point since {times[-half.size]:.4g} s"
         return Outcome("decaying", f"{text}{end.waits}", swings=last)
     late = S[t[:-1] >= times[-1] / 2]
     falling = max(FALLING, min(late.size - 1, ENDLESS))  # of a chatter some few are smaller by chance
     falls = S.size > falling and bool((np.diff(S[-falling - 1 :]) < 0).all())
     if falls and S[-1] >= end.grain:  # of less nothing is read, or acts, and the integral goes on
-        text = f"the last {falling} swings are each smaller than the one before, {S[-1]:.3g} rad at the end"
+        at_last = quantity(S[-1], "rad", ".3g")
+        text = f"the last {falling} swings are each smaller than the one before, {at_last} at the end"
         return Outcome("decaying", f"{text}{end.waits}", swings=last)
     early, later = (float(part.max(initial=0.0)) for part in np.array_split(late, 2))
     if late.size >= ENDLESS and later > LARGER_LATER * early:
-        text = f"its swings grow, from {early:.3g} to {later:.3g} rad in the second half of the motion"
+        text = f"its swings grow, from {several((early, later), 'rad', '.3g', ' to ')} in the second half of the motion"
         return Outcome("undecided", f"{text}; simulate a longer time", swings=last)
     if late.size >= ENDLESS and later >= SMALLER * early:
         text = f"{late.size} swings in the second half of the motion, which get no smaller and do not repeat"
         mean = float(2 * (t[-1] - t[-1 - late.size]) / late.size)
         return Outcome("hunting", text, float(late.max()) / 2, mean, 0, last, lasts)
-    seen = f"; its last swing is {S[-1]:.3g} rad, {t[-1] - t[-2]:.4g} s after the one before" if late.size else ""
+    seen = ""
+    if late.size:
+        seen = f"; its last swing is {quantity(S[-1], 'rad', '.3g')}, {t[-1] - t[-2]:.4g} s after the one before"
     text = f"neither a pattern nor rest is seen in {times[-1]:.4g} s{seen}; simulate a longer time{end.waits}"
     return Outcome("undecided", text, swings=last)
 

@@ -10,11 +10,13 @@ import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from ...axis_units import label, quantity
 from ...checks import error_text, to_absolute_error, to_error
 from ...orbits import Orbit
 from ...servo.parts.loop import Loop
 from ...servo.parts.table import unit_of
 from ...servo.servo import Servo
+from ...servo.units import GAIN_UNIT
 
 PLAIN_DIGITS = 4
 """Digits of a number in a plain line."""
@@ -76,8 +78,29 @@ def within(x: float, error: float) -> str:
 
 
 def angle(x: float, error: float = 0.0) -> str:
-    """An angle [rad] of a plain line, in degrees too."""
-    return f"{short(x, error)} rad ({short(math.degrees(x), error)} degrees)"
+    """A position [rad] of a plain line; where it is shown in radians in degrees too."""
+    degrees = f" ({short(math.degrees(x), error)} degrees)" if label("rad").endswith("rad") else ""
+    return f"{quantity(x, 'rad', lambda shown: short(shown, error))}{degrees}"
+
+
+def known(x: float, error: float, unit: str = "rad", most: int = 12) -> str:
+    """A quantity to the digits that its relative error vouches for."""
+    return quantity(x, unit, lambda shown: to_error(shown, error, most))
+
+
+def position(x: float, error: float = 0.0) -> str:
+    """A position [rad] of a plain line; error: relative."""
+    return quantity(x, "rad", lambda shown: short(shown, error))
+
+
+def volts_per(gain: float, error: float = 0.0) -> str:
+    """A gain [V/rad] of a plain line; error: relative."""
+    return quantity(gain, GAIN_UNIT, lambda shown: short(shown, error))
+
+
+def at_gain(gain: float) -> str:
+    """The gain [V/rad] at which something was asked."""
+    return f"at gain {quantity(gain, GAIN_UNIT, '.10g')}"
 
 
 def rhythm(period: float, error: float = 0.0) -> str:
@@ -88,7 +111,7 @@ def rhythm(period: float, error: float = 0.0) -> str:
 def exactly(orbit: Orbit) -> list[str]:
     """Amplitude and period of an orbit in all the digits that are known."""
     return [
-        item("amplitude", f"{to_error(orbit.amplitude, orbit.amplitude_error)} rad"),
+        item("amplitude", known(orbit.amplitude, orbit.amplitude_error)),
         item("period", f"{to_error(orbit.period, orbit.period_error)} s"),
         item("error estimate", f"{error_text(orbit.error_estimate)} (relative, of period and amplitude)"),
     ]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ...axis_units import shown
 from ...checks import error_text, to_error
 from ...servo.basin import Basin, Trial
 from ...servo.outcome import Kind
-from .answer import Answer, angle, called, complex_text, item, parts_of, short
+from .answer import Answer, angle, at_gain, called, complex_text, item, known, parts_of, short
 
 ENDS: dict[Kind, str] = {
     "at rest": "it came to rest", "decaying": "it came to rest", "hunting": "it hunted on",
@@ -25,7 +26,7 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
 
     tol: to which the positions of the two motions are known; count: of the encoder [rad], 0 without one.
     """
-    title, border = f"{called(found.loop)} at gain {found.gain:.10g} V/rad", angle(found.border, found.error_estimate)
+    title, border = f"{called(found.loop)} {at_gain(found.gain)}", angle(found.border, found.error_estimate)
     unseen = found.border < count
     if found.confirmed:
         head = f"{title}: where it sticks within {border} of the set point it comes to rest, a little farther away it "
@@ -64,10 +65,10 @@ def _details(found: Basin, tol: float) -> Iterator[str]:
     if found.model != "switch":
         yield item("border", "x1 at m = 0.9 Fs before breakaway")
     side = "below" if found.side < 0 else "above"
-    yield item("border", f"{to_error(found.border, found.error_estimate)} rad, {side} the set point")
+    yield item("border", f"{known(found.border, found.error_estimate)}, {side} the set point")
     if found.unstable is not None:
-        amplitude = to_error(found.unstable.amplitude, found.error_estimate)
-        yield item("unstable cycle", f"amplitude max |x1| = {amplitude} rad")
+        amplitude = known(found.unstable.amplitude, found.error_estimate)
+        yield item("unstable cycle", f"amplitude max |x1| = {amplitude}")
         what = "of its amplitude and period"
     else:
         yield item("unstable cycle", "not computed: the border is where motions part")
@@ -75,16 +76,17 @@ def _details(found: Basin, tol: float) -> Iterator[str]:
     yield item("estimated error", f"{error_text(found.error_estimate)} (relative, {what})")
     yield _outer_in_full(found)
     for name, trial in (("inside", found.inside), ("outside", found.outside)):
-        a = [to_error(position, tol, most=4) for position in trial.positions]
+        named = shown().near(max(map(abs, trial.positions), default=0.0), "rad")
+        a = [to_error(shown().number(position, "rad", named), tol, most=4) for position in trial.positions]
         path = ", ".join(a if len(a) <= POSITIONS_SHOWN else [*a[: POSITIONS_SHOWN - 2], "...", a[-1]])
-        yield item(f"from {name}", f"{trial.outcome} after {len(a) - 1} turns: {path} rad")
+        yield item(f"from {name}", f"{trial.outcome} after {len(a) - 1} turns: {path} {named}")
 
 
 def _outer_in_full(found: Basin) -> str:
     """The line of the cycle beyond the border."""
     if found.outer is None:
         return item("stable cycle", found.why_no_outer)
-    amplitude = f"amplitude max |x1| = {to_error(found.outer.amplitude, found.outer.amplitude_error)} rad"
+    amplitude = f"amplitude max |x1| = {known(found.outer.amplitude, found.outer.amplitude_error)}"
     if found.outer.stable:
         return item("stable cycle", amplitude)
     m = found.outer.multipliers

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from ...axis_units import label
 from ...continuation import FOLD, SYMMETRY_BREAKING
 from ...continuation import Branch as AnyBranch
 from ...servo.branch import Branch
-from .answer import Answer, item, short
+from ...servo.units import GAIN_UNIT
+from .answer import Answer, item, position, short, volts_per
 
 if TYPE_CHECKING:
     from ...orbits import SystemOrbit
@@ -25,17 +27,17 @@ def _plain(branch: Branch) -> Iterator[str]:
     gains = branch.gains
     last = max(folds, key=lambda orbit: orbit.gain, default=None)
     if last is not None and last.gain >= gains.max():
-        yield f"{branch.model}: the servo can hunt up to gain {short(last.gain)} V/rad, and not above it"
-        yield item("there", f"amplitude {short(last.amplitude)} rad, period {short(last.period)} s")
+        yield f"{branch.model}: the servo can hunt up to gain {volts_per(last.gain)}, and not above it"
+        yield item("there", f"amplitude {position(last.amplitude)}, period {short(last.period)} s")
     else:
         yield f"{branch.model}: the servo can hunt; where that ends was not met ({branch.ended})"
     first = branch.orbits[0]
-    size = f"amplitude {short(first.amplitude)} rad, period {short(first.period)} s"
-    yield item(f"at {short(first.gain)} V/rad", size)
+    size = f"amplitude {position(first.amplitude)}, period {short(first.period)} s"
+    yield item(f"at {volts_per(first.gain)}", size)
     broken = [short(special.orbit.gain) for special in branch.special if special.kind == SYMMETRY_BREAKING.kind]
     if broken:
-        yield item("uneven swings", f"begin or end at gain {', '.join(broken)} V/rad")
-    yield item("computed", f"{len(branch.orbits)} cycles from gain {short(gains.min())} to {short(gains.max())} V/rad")
+        yield item("uneven swings", f"begin or end at gain {', '.join(broken)} {label(GAIN_UNIT)}")
+    yield item("computed", f"{len(branch.orbits)} cycles from gain {short(gains.min())} to {volts_per(gains.max())}")
 
 
 def _details(branches: Sequence[Branch]) -> Iterator[str]:

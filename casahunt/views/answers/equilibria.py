@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from ...axis_units import label, quantity, several, shown, word
 from ...servo.equilibria import PROVES, Equilibria
-from .answer import Answer, angle, called, item, parts_of, short
+from .answer import Answer, angle, at_gain, called, item, parts_of, short
 
 NO_LIMIT = "no limit"
+STATE_UNITS = {"x1": "rad", "x3": "rad s", "x4": "rad", "load_angle": "rad"}
 AT_THE_SET_POINT = 1e-9
 """Of a servo that stands as near to its set point as that [rad], it stands there."""
 
@@ -16,11 +18,13 @@ AT_THE_SET_POINT = 1e-9
 def equilibria_answer(found: Equilibria) -> Answer:
     """What is said of the equilibria at a gain."""
     low, high = found.ranges.get("x1", (math.nan, math.nan))
-    plain = [f"{called(found.loop)} at gain {found.gain:.10g} V/rad: {_where(low, high)}", *parts_of(found.loop)]
+    plain = [f"{called(found.loop)} {at_gain(found.gain)}: {_where(low, high)}", *parts_of(found.loop)]
     if math.isfinite(found.integral_limit):
-        plain.append(item("there", f"with any integral of the error up to {short(found.integral_limit)} rad s"))
+        limit = quantity(found.integral_limit, "rad s", short)
+        plain.append(item("there", f"with any integral of the error up to {limit}"))
     elif "torque" in found.ranges:
-        plain.append(item("there", f"with a torque of the motor of {_between(*found.ranges['torque'])} N m"))
+        between = _between(*found.ranges["torque"], "N m")
+        plain.append(item("there", f"with a {word('torque')} of the motor of {between}"))
     if max(abs(low), abs(high)) <= AT_THE_SET_POINT and math.isfinite(found.position_limit):
         held = f"friction alone holds it up to {angle(found.position_limit)} away, but the integral grows"
         plain.append(item("stuck beside it", f"{held} until it breaks away"))
@@ -43,27 +47,30 @@ def _where(low: float, high: float) -> str:
     return f"it can stand still for ever from {angle(low)} to {angle(high)} beside the set point"
 
 
-def _between(low: float, high: float) -> str:
-    return f"{short(low)} to {short(high)}" if math.isfinite(high - low) else NO_LIMIT
+def _between(low: float, high: float, unit: str = "") -> str:
+    if not math.isfinite(high - low):
+        return f"{NO_LIMIT} {label(unit)}".rstrip()
+    return several((low, high), unit, short, " to ").rstrip()
 
 
 def _details(found: Equilibria) -> Iterator[str]:
     yield item("state", "x1 position from the set point, x2 velocity, x3 integral of x1")
     for each in found.rests:
         extent = "; ".join(
-            f"{name} {_between(float(x.min()), float(x.max()))}"
+            f"{name} {_between(float(x.min()), float(x.max()), '' if shown().plain else STATE_UNITS.get(name, ''))}"
             for name, x in zip(each.names, each.corners.T, strict=True) if name not in ("x2", "load_rate")
         )  # fmt: skip
         yield item("equilibria", f"{each.mode}, {each.corners.shape[0]} corners: {extent}")
     if math.isfinite(found.position_limit):
-        yield item("stick region", f"x2 = 0, |m| <= Fs: with nothing wound up |x1| <= {found.position_limit:.10g} rad")
+        limit = quantity(found.position_limit, "rad", ".10g")
+        yield item("stick region", f"x2 = 0, |m| <= Fs: with nothing wound up |x1| <= {limit}")
         yield item("elsewhere in it", "something goes on until the servo breaks away, after a finite time, or rests")
     linear = "is not linear" if found.linear_stable is None else "is stable" if found.linear_stable else "is unstable"
     yield item("linear loop", f"without dry friction it {linear}")
     if found.model == "switch":
         yield item("linearising", "has no answer: while it sticks no eigenvalue tells of friction, which is exact")
         return
-    yield item("bristle", f"z = F/sigma0, |z| <= Fs/sigma0 = {found.bristle_limit:.10g} rad")
+    yield item("bristle", f"z = F/sigma0, |z| <= Fs/sigma0 = {quantity(found.bristle_limit, 'rad', '.10g')}")
     zeros = max((each.directions for each in found.rests), default=0)
     yield item(
         "linearising",
@@ -77,10 +84,11 @@ def _details(found: Equilibria) -> Iterator[str]:
         if math.isnan(sides[0]):
             continue
         than, holds = (">", "it holds") if sides[0] > sides[1] else ("<=", "it does not hold")
+        said = [shown().number(side, unit) for side in sides]
         yield item(
             f"{name} condition",
-            f"{text}, {says} for all members to be stable but for the zero: {sides[0]:.8g} {than} {sides[1]:.8g} "
-            f"{unit}, {holds}",
+            f"{text}, {says} for all members to be stable but for the zero: {said[0]:.8g} {than} {said[1]:.8g} "
+            f"{label(unit)}, {holds}",
         )
     if found.threshold:
         least = f"1 - (2 alpha - 1) sigma0 z/Fs < {found.threshold:.4g}, at the ends of the bristle's range"

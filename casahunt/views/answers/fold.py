@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ...axis_units import word
 from ...checks import error_text, known_decimals, to_error
 from ...continuation import Fold
 from ...design.sensitivity import Sensitivities
-from .answer import Answer, angle, item, rhythm, short
+from .answer import Answer, angle, item, known, rhythm, volts_per
 
 MOST_DECIMALS, PLAIN_DECIMALS = 4, 2
 """Of a sensitivity in per cent of the gain, in the details and in a plain line."""
@@ -57,16 +58,16 @@ def _hunts(stable: Mapping[str, Any]) -> str:
         (_, first), *others = stable["ranges"]
         if not others:
             return "up to that gain motions end in a cycle"
-        between = f"from there to {short(others[-1][0])} V/rad swings that reach farther to one side may take its place"
-        return f"up to {short(first)} V/rad motions end in a cycle; {between}"
-    return f"up to {short(stable['gain'])} V/rad motions end in a cycle; {ABOVE_THE_STABLE[stable['beyond']]}"
+        between = f"from there to {volts_per(others[-1][0])} swings that reach farther to one side may take its place"
+        return f"up to {volts_per(first)} motions end in a cycle; {between}"
+    return f"up to {volts_per(stable['gain'])} motions end in a cycle; {ABOVE_THE_STABLE[stable['beyond']]}"
 
 
 def _sensitivities(slopes: Sensitivities, most: int, least: float = 0.0, tol: float = 0.0) -> Iterator[str]:
     """A line for each parameter, the largest first."""
     for name, value in sorted(slopes.elasticities.items(), key=lambda entry: -abs(entry[1])):
         if abs(value) >= least:
-            yield f"    {name:26s} {sensitivity_text(value, tol, most):>9s} %"
+            yield f"    {word(name):26s} {sensitivity_text(value, tol, most):>9s} %"
 
 
 def sensitivity_text(value: float, tol: float, most: int = MOST_DECIMALS) -> str:
@@ -84,7 +85,7 @@ def _details(
     orbit = fold.orbit
     yield item(f"{fold.parameter} there", value)
     yield item("estimated error", f"{error_text(fold.value_error)} (relative, of the {fold.parameter})")
-    yield item("amplitude there", f"{to_error(orbit.amplitude, orbit.amplitude_error)} rad")
+    yield item("amplitude there", known(orbit.amplitude, orbit.amplitude_error))
     yield item("period there", f"{to_error(orbit.period, orbit.period_error)} s")
     if stable is not None:
         yield item("a stable cycle", stable["sentence"])

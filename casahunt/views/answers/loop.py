@@ -6,9 +6,11 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from ...axis_units import quantity
 from ...servo.linear.linear_loop import LinearLoop
 from ...servo.linear.margins import Margins
-from .answer import Answer, item, short
+from ...servo.units import GAIN_UNIT
+from .answer import Answer, item, short, volts_per
 from .sampled import drive_said
 
 if TYPE_CHECKING:
@@ -33,12 +35,12 @@ def loop_answer(
         plain.append(f"  with viscous friction     {_stable_from(limits[0])}")
         plain.append(f"  without any friction      {_stable_from(limits[1])}")
     for loop in loops:
-        plain.append(f"gain {loop.gain:.10g} V/rad{kind}: {'stable' if loop.stable else 'unstable'}")
+        plain.append(f"gain {_stated(loop.gain)}{kind}: {'stable' if loop.stable else 'unstable'}")
         for c in loop.gain_crossovers:
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
         plain.append(item("gain margin", _gain_margin(loop)))
     for loop, margins in zip(loops, built, strict=bool(built)):
-        plain.append(f"gain {loop.gain:.10g} V/rad as built: {_as_built(margins)}")
+        plain.append(f"gain {_stated(loop.gain)} as built: {_as_built(margins)}")
     if drive is not None:
         said = "; ".join(drive_said(drive.exact()))
         left = "what is not linear in it is left out; a picture (--plot) shows both"
@@ -46,12 +48,16 @@ def loop_answer(
     return Answer([*plain, NOT_SAID], _details(loops, limits))
 
 
+def _stated(gain: float) -> str:
+    return quantity(gain, GAIN_UNIT, ".10g")
+
+
 def _stable_from(gain: float) -> str:
     if gain == 0:
         return "stable at every gain"
     if not math.isfinite(gain):
         return "stable at no gain"
-    return f"stable at every gain above {short(gain)} V/rad"
+    return f"stable at every gain above {volts_per(gain)}"
 
 
 def _gain_margin(loop: LinearLoop) -> str:
@@ -80,9 +86,9 @@ def _as_built(found: Margins) -> str:
 
 def _details(loops: Sequence[LinearLoop], limits: tuple[float, float] | None) -> Iterator[str]:
     if limits is not None:
-        yield f"  Routh-Hurwitz    K > {limits[0]:.10g} V/rad with viscous friction, K > {limits[1]:.10g} without any"
+        yield f"  Routh-Hurwitz    K > {_stated(limits[0])} with viscous friction, K > {limits[1]:.10g} without any"
     for loop in loops:
-        yield f"  gain {loop.gain:.10g} V/rad"
+        yield f"  gain {_stated(loop.gain)}"
         yield f"    poles          {', '.join(_pole(pole) for pole in loop.poles)} 1/s"
         for c in loop.gain_crossovers:
             yield f"    phase margin   {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
+from ...axis_units import quantity, word
 from ...design.remedies.cures import Cures
 from ...design.remedies.price import SETTLED_WITHIN, settled_within
 from ...errors import NoOrbit
@@ -28,7 +29,7 @@ def columns_meant(found: Cures, own: Mapping[str, str], *, of_a_set: bool) -> It
     yield "  ends it        the smallest size that does, or where less is more the largest"
     yield f"  choose         {100 * found.margin:g} % more of the remedy than that{more}"
     yield f"  error at rest  the largest at which the servo may stand still, with the size to choose{set_too}"
-    yield f"  torque         the largest on a {found.task}, with that size{as_given}"
+    yield f"  {word('torque'):13s}  the largest on a {found.task}, with that size{as_given}"
     small = settled_within(found.amplitude, found.step) < SETTLED_WITHIN * found.step
     within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the way"
     since = "" if found.move is None else ", since its start,"
@@ -48,5 +49,5 @@ def today(found: Cures, most: float | None) -> str:
         time = found.period + (0.0 if found.move is None else found.move.time(found.step))
         peak = simulate(found.loop, set_point=found.step, time=time, move=found.move).peak_torque
         already = ", which is above that limit already" if peak > most else ""
-        return f"; the present controller asks for {short(peak)} N m on a {found.task}{already}"
+        return f"; the present controller asks for {quantity(peak, 'N m', short)} on a {found.task}{already}"
     return ""

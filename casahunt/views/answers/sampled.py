@@ -6,7 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .answer import Answer, angle, called, item, parts_of, short
+from ...axis_units import quantity, shown, word
+from ...servo.units import kinds_of
+from .answer import Answer, angle, at_gain, called, item, parts_of, position, short
 from .simulate import HEADS
 
 if TYPE_CHECKING:
@@ -15,11 +17,11 @@ if TYPE_CHECKING:
     from ...servo.sampled.motion import SampledMotion
 
 REMEDIES = {
-    "dead_band": "dead band {:g} rad", "shifted_dead_band": "shifted dead band {:g} rad",
-    "hysteresis": "hysteresis {:g} rad", "enter_ratio": "its inner edge {:g} of that", "leak": "leak {:g} 1/s",
-    "dwell": "freeze after {:g} s", "reset": "reset to {:g}", "reset_at_stop": "reset at a stop to {:g}",
-    "error_dead_band": "error dead band {:g} rad", "remaining_gain": "in it {:g} of the error",
-    "error_filter_time": "error filter {:g} s", "compensated": "feedforward of {:g} of the Coulomb friction",
+    "dead_band": "dead band {}", "shifted_dead_band": "shifted dead band {}", "hysteresis": "hysteresis {}",
+    "enter_ratio": "its inner edge {} of that", "leak": "leak {}", "dwell": "freeze after {}", "reset": "reset to {}",
+    "reset_at_stop": "reset at a stop to {}", "error_dead_band": "error dead band {}",
+    "remaining_gain": "in it {} of the error", "error_filter_time": "error filter {}",
+    "compensated": "feedforward of {} of the Coulomb friction",
 }  # fmt: skip
 """What is said of a remedy in the controller, by its key."""
 
@@ -31,8 +33,9 @@ def sampled_answer(found: SampledMotion, cause: Cause | None) -> Answer:
 
 def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     verdict, q = found.verdict, found.drive.count
-    name = f"{called(found.loop)} as built at gain {found.gain:.10g} V/rad"
-    yield f"{name}, set point {found.set_point:.10g} rad, {found.duration:.10g} s: {HEADS[verdict.kind]}"
+    name = f"{called(found.loop)} as built {at_gain(found.gain)}"
+    where = f"set point {quantity(found.set_point, 'rad', '.10g')}, {found.duration:.10g} s"
+    yield f"{name}, {where}: {HEADS[verdict.kind]}"
     yield item("because", verdict.sentence)
     yield from parts_of(found.loop)
     yield item("drive", "; ".join(drive_said(found.drive)))
@@ -48,9 +51,9 @@ def _plain(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
         yield item("cause", f"{cause.kind}: {cause.sentence}")
         yield item("what ends it", _cure(cause, q))
     x, v = found.states[:2, -1]
-    yield item("at the end", f"{short(x)} rad from the set point, velocity {short(v)} rad/s")
+    yield item("at the end", f"{position(x)} from the set point, velocity {quantity(v, 'rad/s', short)}")
     by = f", by {short(found.peak_torque / gain)} V" if (gain := found.loop.parameters.get("motor_gain")) else ""
-    yield item("largest torque", f"{short(found.peak_torque)} N m{by}")
+    yield item(word("largest torque"), f"{quantity(found.peak_torque, 'N m', short)}{by}")
 
 
 def _cure(cause: Cause, count: float) -> str:
@@ -58,7 +61,7 @@ def _cure(cause: Cause, count: float) -> str:
         return "no dead band of the integrator that was tried"
     counts = f", {cause.dead_band / count:.4g} counts" if count else ""
     beyond = "just enough for this motion; casahunt remedies gives one with a margin, for other starts too"
-    return f"a dead band of the integrator of {cause.dead_band:.4g} rad{counts}, {beyond}"
+    return f"a dead band of the integrator of {quantity(cause.dead_band, 'rad')}{counts}, {beyond}"
 
 
 def drive_said(drive: Drive) -> Iterator[str]:
@@ -67,21 +70,23 @@ def drive_said(drive: Drive) -> Iterator[str]:
     if drive.delay:
         yield f"delay {drive.delay:g} s"
     if drive.encoder:
-        yield f"{drive.encoder:g} counts of {drive.count:.4g} rad"
+        per = "" if shown().linear else f"{drive.encoder:g} "
+        yield f"{per}counts of {quantity(drive.count, 'rad')}"
     if drive.quantise_torque:
-        yield f"torque by {drive.quantise_torque:g} N m"
+        yield f"{word('torque')} by {quantity(drive.quantise_torque, 'N m', 'g')}"
     yield f"derivative by {drive.derivative}"
     yield f"integral by {drive.integration}"
     for key, text in REMEDIES.items():
         if (size := getattr(drive, key)) != getattr(type(drive), key):
-            yield text.format(size)
+            yield text.format(quantity(size, kinds_of(key)[0], "g").rstrip())
 
 
 def _details(found: SampledMotion) -> Iterator[str]:
     verdict = found.verdict
     if verdict.kind == "hunting":
-        yield item("amplitude", f"{verdict.amplitude:.6g} rad")
+        yield item("amplitude", quantity(verdict.amplitude, "rad", ".6g"))
         yield item("period", f"{verdict.period:.6g} s")
     x, v = found.states[:2, -1]
-    yield item("at the end", f"position {found.set_point + x:.10g} rad, velocity {v:.6g} rad/s")
+    at, velocity = quantity(found.set_point + x, "rad", ".10g"), quantity(v, "rad/s", ".6g")
+    yield item("at the end", f"position {at}, velocity {velocity}")
     yield item("computed", f"{found.times.size - 1} samples, {found.stops.size} stops, {found.wall_s:.2f} s")

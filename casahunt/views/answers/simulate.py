@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ...axis_units import quantity, several, word
 from ...checks import error_text, to_absolute_error, to_error
 from ...servo.move import told
 from ...servo.other_end import OtherEnd
 from ...servo.outcome import SETTLES, Outcome
 from ...servo.simulate import NAMED
 from ...servo.trajectory import Trajectory
-from .answer import Answer, angle, called, item, parts_of, rhythm, short, within
+from .answer import Answer, angle, at_gain, called, item, known, parts_of, position, rhythm, short, within
 
 HEADS = {
     "hunting": "hunting",
@@ -47,9 +48,9 @@ def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) 
 def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     seen = found.verdict
     partly = ", but not from every start" if other is not None and other.hunts else ""
-    name = f"{called(found.loop)} at gain {found.gain:.10g} V/rad"
+    name = f"{called(found.loop)} {at_gain(found.gain)}"
     move = "" if found.move is None else f", {told(found.move, found.distance)}"
-    where = f"set point {found.set_point:.10g} rad{move}, {found.duration:.10g} s"
+    where = f"set point {quantity(found.set_point, 'rad', '.10g')}{move}, {found.duration:.10g} s"
     waits = "" if seen.kind != "decaying" or math.isnan(seen.waits) else "stuck for now, "
     yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
     yield item("because", _because(found))
@@ -61,17 +62,18 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     elif seen.kind in SETTLES:
         yield item("other starts", NOT_LOOKED_AT)
     yield from parts_of(found.loop)
-    end = [f"{_near(found)} the set point", f"velocity {within(found.end[1], found.state_errors[1])} rad/s"]
+    velocity = quantity(found.end[1], "rad/s", within, found.state_errors[1])
+    end = [f"{_near(found)} the set point", f"velocity {velocity}"]
     yield item("at the end", ", ".join([*end, *_others(found)]))
     by = "" if math.isnan(found.peak_voltage) else f", by {short(found.peak_voltage)} V"
-    yield item("largest torque", f"{short(found.peak_torque)} N m{by}")
+    yield item(word("largest torque"), f"{quantity(found.peak_torque, 'N m', short)}{by}")
 
 
 def _others(found: Trajectory) -> Iterator[str]:
     """The states of other parts than those of a servo, at the end."""
     for state, value, error in zip(found.names, found.end, found.state_errors, strict=True):
         if state in found.loop.angles and state != "x1":
-            yield f"{within(value, error)} rad from the set point ({state})"
+            yield f"{quantity(value, 'rad', within, error)} from the set point ({state})"
         elif state not in ("x1", *NAMED.values()):
             yield f"{state} {within(value, error)}"
 
@@ -81,7 +83,7 @@ def _near(found: Trajectory) -> str:
     x = float(found.end[0])
     if abs(x) <= max(float(found.state_errors[0]), AT * float(np.abs(found.states[0]).max())):
         return "at"
-    return f"{within(abs(x), found.state_errors[0])} rad {'beyond' if x > 0 else 'short of'}"
+    return f"{quantity(abs(x), 'rad', within, found.state_errors[0])} {'beyond' if x > 0 else 'short of'}"
 
 
 def _because(found: Trajectory) -> str:
@@ -100,7 +102,7 @@ def elsewhere(other: OtherEnd, duration: float) -> str:
         return "at this gain there is no hunting cycle to end in" if other.none else (
             "whether there is a hunting cycle at this gain is not known (casahunt orbit says what was tried)"
         )  # fmt: skip
-    size = f"of amplitude {short(orbit.amplitude, orbit.amplitude_error)} rad and period {short(orbit.period)} s"
+    size = f"of amplitude {position(orbit.amplitude, orbit.amplitude_error)} and period {short(orbit.period)} s"
     if not other.hunts:
         return f"there is a cycle {size}, but no motion was found that stays beside it"
     left_out = {"time": duration, "integral": 0.0, "velocity": 0.0}
@@ -112,26 +114,28 @@ def elsewhere(other: OtherEnd, duration: float) -> str:
 def _details(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterator[str]:
     seen, errors, x = found.verdict, found.state_errors, found.end
     if seen.swings:
-        sizes, times = (", ".join(f"{value:.5g}" for value in values) for values in (seen.swings, seen.lasts))
-        yield item("swings ahead", f"{sizes} rad in {times} s")
+        sizes = several(seen.swings, "rad", ".5g")
+        yield item("swings ahead", f"{sizes} in {', '.join(f'{value:.5g}' for value in seen.lasts)} s")
     if other is not None and other.orbit is not None:
         orbit = other.orbit
-        amplitude, period = (
-            to_error(value, error, most=7)
-            for value, error in ((orbit.amplitude, orbit.amplitude_error), (orbit.period, orbit.period_error))
-        )
+        amplitude = known(orbit.amplitude, orbit.amplitude_error, most=7)
+        period = to_error(orbit.period, orbit.period_error, most=7)
         kind = "stable" if orbit.stable else "symmetric"
-        yield item("other cycle", f"{kind}, of amplitude {amplitude} rad and period {period} s")
+        yield item("other cycle", f"{kind}, of amplitude {amplitude} and period {period} s")
     if seen.kind == "hunting":
         of = f"repeats after {seen.pattern} swings" if seen.pattern else "repeats in no pattern"
-        yield item("hunting", f"{seen.amplitude:.6g} rad, {seen.period:.6g} s; {of}")
-    end = (found.set_point + x[0], errors[0]), (x[1], errors[1])
-    position, velocity = (to_absolute_error(value, error, most=10) for value, error in end)
-    yield item("at the end", ", ".join([f"position {position} rad", f"velocity {velocity} rad/s", *_others(found)]))
+        yield item("hunting", f"{quantity(seen.amplitude, 'rad', '.6g')}, {seen.period:.6g} s; {of}")
+    end = (found.set_point + x[0], "rad", errors[0]), (x[1], "rad/s", errors[1])
+    at, velocity = (quantity(value, unit, _all_known, error) for value, unit, error in end)
+    yield item("at the end", ", ".join([f"position {at}", f"velocity {velocity}", *_others(found)]))
     yield item("events", counted([event.name for event in found.events]))
     times = f"{error_text(found.time_error)} s of event times"
     yield item("error estimate", f"{times}, {error_text(found.end_error)} of the final state")
     yield item("status", f"{found.status.name.lower()}, {found.intervals} intervals, {wall_s:.2f} s")
+
+
+def _all_known(value: float, error: float) -> str:
+    return to_absolute_error(value, error, most=10)
 
 
 def counted(names: Sequence[str]) -> str:

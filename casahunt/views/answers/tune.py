@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
+from ...axis_units import quantity
 from ...checks import to_error
 from ...design.tune.demands import NUMBERS
 from ...servo.outcome import SETTLES
@@ -118,12 +119,12 @@ def _tasks(tasks: Sequence[Mapping[str, Any]]) -> str:
     torque, voltage = (max(task[key] for task in tasks) for key in ("peak_torque", "peak_voltage"))
     seen = [task["verdict"] for task in tasks]
     said = ", ".join(f"{DOES[kind]} in {seen.count(kind)}" for kind in DOES if kind in seen)
-    return f"{said} of {len(tasks)} motions; at most {torque:.3g} N m, {voltage:.3g} V"
+    return f"{said} of {len(tasks)} motions; at most {quantity(torque, 'N m', '.3g')}, {voltage:.3g} V"
 
 
 def _peak(task: Mapping[str, Any]) -> str:
     """What a task asks of the motor."""
-    return f"at most {task['peak_torque']:.3g} N m, {task['peak_voltage']:.3g} V"
+    return f"at most {quantity(task['peak_torque'], 'N m', '.3g')}, {task['peak_voltage']:.3g} V"
 
 
 def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ...axis_units import quantity, word
 from ...checks import to_error
 from ...design.uncertainty.samples import Samples
 from ...design.uncertainty.summary import Summary
@@ -32,7 +33,7 @@ def uncertainty_answer(
         said = f"in half of them hunting ends below {half} V/rad, in 95 % below {most}, in the worst at {top}"
         plain.append(item(f"{len(samples.gains)} samples", said))
     plain.append("  the worst values")
-    plain += [f"    {name:26s} {value:.8g} {unit_of(name)}" for name, value in worst.corner.items()]
+    plain += [f"    {word(name):26s} {quantity(value, unit_of(name), '.8g')}" for name, value in worst.corner.items()]
     return Answer(plain, _details(fold, samples, worst, seen, tol, wall_s))
 
 

@@ -7,6 +7,7 @@ taken.py       what a servo file leaves to Table 1
 arguments.py   the arguments that they share, read and checked
 move.py        the profile of a move
 pool.py        processes that a command shares its work out to
+record_options.py those by which they read a record
 console.py     what else they share: files, how numbers are shown
 uncertain.py   what is uncertain of a servo, and what of it is left out
 sampled.py     what simulate does with the loop as built

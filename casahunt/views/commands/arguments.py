@@ -12,20 +12,22 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from ...axis_units import UNITS_TABLE, show_in, shown, units_of_table
 from ...checks import choice_of, quoted, sensible, shortened, typed
 from ...errors import InputError
 from ...orbits import Options
+from ...quantities import with_its_unit
 from ...servo.controller import Pid
-from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table
+from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table, drive_value
 from ...servo.friction import MODELS, Model
-from ...servo.servo import Servo, assigned, read_toml, servo_of_tables, with_overrides
+from ...servo.servo import Servo, read_toml, servo_of_tables, with_overrides
+from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
 from .progress import progress, say
 from .taken import taken_from_table_1
 
 if TYPE_CHECKING:
-    from ...design.record.file import Record
     from ...servo.parts import Loop
 
 LOOP_TABLE = "loop"
@@ -38,8 +40,6 @@ CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing 
 """Said where a drive is described and not computed."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
-TORQUE_OPTIONS = ("torque_column", "current_column", "torque_constant")
-"""How the torque of the motor is read from a record, by the commands that fit it."""
 _ARGPARSE_WORDS = {
     "expected one argument": "must be followed by a value",
     "ignored explicit argument": "takes no value, but was given",
@@ -157,48 +157,6 @@ def add_command(
     return command
 
 
-def add_reading(command: Parser) -> None:
-    """How a record is read from its file."""
-    command.add_argument("--time-unit", metavar="U", help="unit of the times: s, ms, min ... or a number of s")
-    command.add_argument("--position-unit", metavar="U", help="unit of the positions: rad, deg ... or a number of rad")
-    command.add_argument("--time-column", metavar="C", help="column of the times: its header, or its number from 1")
-    command.add_argument("--position-column", metavar="C", help="column of the positions, in the same way")
-    command.add_argument("--skip", metavar="N", help="leave out the first N lines, such as a preamble")
-    command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
-
-
-def reading_of(options: argparse.Namespace) -> dict[str, Any]:
-    """How a record is read, as `read_record` takes it; the columns of the torque, of commands that read it."""
-    given = {name: value for name in TORQUE_OPTIONS if (value := getattr(options, name, None)) is not None}
-    if "torque_constant" in given:
-        given["torque_constant"] = positive("torque-constant", given["torque_constant"])
-    return {
-        "time_unit": options.time_unit, "position_unit": options.position_unit, "time_column": options.time_column,
-        "position_column": options.position_column,
-        "skip": None if options.skip is None else count_of("skip", options.skip, 0), **given,
-    }  # fmt: skip
-
-
-def add_torque(command: Parser) -> None:
-    """How the torque of the motor is read from a record."""
-    command.add_argument("--torque-column", metavar="C", help="column of the torque of the motor, which is fitted too")
-    command.add_argument("--current-column", metavar="C", help="column of its current, instead of the torque")
-    command.add_argument(
-        "--torque-constant", metavar="NM", help="N m of an ampere, or of one of the torque column's unit"
-    )
-
-
-def later_part(record: Record, options: argparse.Namespace) -> Record:
-    """The record from --from on.  Raises InputError: nothing is left of it."""
-    if options.start is None:
-        return record
-    start = finite("from", options.start)
-    rest = record.after(start)
-    if rest.times.size == 0:
-        raise InputError(f"from = {start:g}: must lie before the end of {record.name}")
-    return rest
-
-
 def add_vary(command: Parser, what: str) -> None:
     """The parameter of a loop.
 
@@ -282,23 +240,45 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
     for text in options.set:
         key, _, value = text.strip().partition("=")
         if key.startswith(OF_DRIVE):
-            name = choice_of("key", key.strip(), [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
+            own = shown().own_name(key.strip())
+            name = choice_of("key", own, [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
             given[name.removeprefix(OF_DRIVE)] = value.strip()
     given |= {key: value for key in DRIVE_KEYS if by_options and (value := getattr(options, key)) is not None}
-    numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in given.items()}
+    read = {key: drive_value(key, value, shown()) for key, value in given.items()}
+    numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in read.items()}
     if numbers.get("sample_time") == 0:
         dropped = ", ".join(f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time")
         stream = progress(options) if dropped and not hasattr(options, "continuous") else None
         options.continuous = True
         say(stream, f"the loop is taken as a continuous one: {dropped} left out")
         return None
-    return drive_of_table(table, **numbers) if table or numbers else None
+    return drive_of_table(table, shown(), **numbers) if table or numbers else None
+
+
+def shown_as_the_file_says(options: argparse.Namespace) -> None:
+    """Show numbers, and take them with their units, as the servo file of a command says.
+
+    Raises InputError: it cannot be read, or its units are wrong.
+    """
+    if getattr(options, "servo", None) is not None:
+        _tables(options)
+    for key in ("vary", "fold_in"):
+        if isinstance(named := getattr(options, key, None), str):
+            setattr(options, key, shown().own_name(named))
 
 
 def _tables(options: argparse.Namespace) -> dict[str, Any]:
-    """The tables of the servo file, which is read once: it may be a pipe."""
+    """The tables of the servo file, which is read once: it may be a pipe.  Numbers are shown in its units from then on.
+
+    Raises InputError: it cannot be read, or its units are wrong.
+    """
     if not hasattr(options, "tables"):
-        options.tables = read_toml(options.servo, f"servo file {options.servo!r}")
+        what = f"servo file {options.servo!r}"
+        options.tables = read_toml(options.servo, what)
+        try:
+            show_in(units_of_table(options.tables.get(UNITS_TABLE, {})))
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from None
     tables: dict[str, Any] = options.tables
     return tables
 
@@ -316,9 +296,11 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
         left_out(options, "the friction of a loop is one of its parts", "model")
     loop = loop_of_tables(tables, f"loop file {options.servo!r}")
     given = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
-    values = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
+    texts = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
     gain = gain_of(options) if gain is None and getattr(options, "gain", None) is not None else gain
-    return loop.replace(**values, **({} if gain is None else {"gain": gain}))
+    loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
+    check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
+    return loop
 
 
 def asked_of(options: argparse.Namespace) -> Any:
@@ -334,12 +316,13 @@ def left_out(options: argparse.Namespace, why: str, *names: str) -> None:
             raise InputError(f"{name.replace('_', '-')}: must be left out, {why}")
 
 
-def finite(key: str, text: Any) -> float:
+def finite(key: str, text: Any, *units: str) -> float:
     """A finite number.
 
-    key, text: what the user calls it, and what was given. Raises InputError: it is none.
+    key, text: what the user calls it, and what was given; units: that it may have, in SI, of a rotary axis.
+    Raises InputError: it is none, or has a unit of another kind.
     """
-    value = typed(key, text)
+    value = shown().read(key, text, *units) if any(units) and with_its_unit(text) else typed(key, text)
     if not math.isfinite(value):
         raise InputError(f"{key} = {shortened(str(text))}: must be a finite number, not NaN or infinity")
     return value
@@ -360,12 +343,12 @@ def count_of(key: str, text: Any, least: int, most: float = math.inf) -> int:
     return value
 
 
-def positive(key: str, text: Any) -> float:
+def positive(key: str, text: Any, *units: str) -> float:
     """A gain, a time or a position.
 
-    key, text: what the user calls it, and what was given. Raises InputError: it is none in the range of `checks`.
+    key, text, units: as of `finite`. Raises InputError: it is none in the range of `checks`.
     """
-    return sensible(key, finite(key, text))
+    return sensible(key, finite(key, text, *units))
 
 
 def add_gain(command: Parser, example: str = "0.1", **keywords: Any) -> None:
@@ -377,7 +360,7 @@ def add_gain(command: Parser, example: str = "0.1", **keywords: Any) -> None:
 
 def gain_of(options: argparse.Namespace) -> float:
     """The one gain of a command that must have one [V/rad]: what is given, or what the file states."""
-    return stated_gain(options) if options.gain is None else positive("gain", options.gain)
+    return stated_gain(options) if options.gain is None else positive("gain", options.gain, GAIN_UNIT)
 
 
 def stated_gain(options: argparse.Namespace) -> float:

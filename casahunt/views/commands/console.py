@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ...axis_units import quantity, shown
 from ...checks import to_error
 from ...errors import InputError, NoOrbit
 from ...files import alone_in, unmake
@@ -106,7 +107,7 @@ def complain(command: str, what: object, *, details: bool = False) -> None:
     command, what: who complains, such as "casahunt orbit", and of what; details: with its evidence, where it has some.
     """
     clear()
-    said = what.plain if isinstance(what, NoOrbit) and not details else str(what)
+    said = shown().relabelled(what.plain if isinstance(what, NoOrbit) and not details else str(what))
     print(f"{command}: {said}", file=sys.stderr)
     _COMPLAINTS.append(said)
 
@@ -160,7 +161,8 @@ def orbit_line(stream: Progress | None, orbit: Orbit, mu: str = "", vary: str = 
     if stream is not None and stream.every:
         return progress_line(orbit, mu, vary)
     value, amplitude, period = orbit.problem.value(vary), orbit.amplitude, orbit.period
-    return f"{_whose(orbit)}: {vary} {short(value)}, amplitude {short(amplitude)} rad, period {short(period)} s"
+    size = quantity(amplitude, "rad", short)
+    return f"{_whose(orbit)}: {vary} {short(value)}, amplitude {size}, period {short(period)} s"
 
 
 def _whose(orbit: Orbit) -> str:
@@ -175,10 +177,10 @@ def progress_line(orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
     if not mu:
         mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
     value = to_error(orbit.problem.value(vary), max(orbit.parameter_error, 1e-8))
-    amplitude = to_error(orbit.amplitude, orbit.amplitude_error, most=6)
+    amplitude = quantity(orbit.amplitude, "rad", lambda x: to_error(x, orbit.amplitude_error, most=6))
     period = to_error(orbit.period, orbit.period_error, most=6)
     return (
-        f"{_whose(orbit):7s} {'K' if vary == 'gain' else vary} = {value}  amplitude = {amplitude} rad  "
+        f"{_whose(orbit):7s} {'K' if vary == 'gain' else vary} = {value}  amplitude = {amplitude}  "
         f"period = {period} s  "
         f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
     )

@@ -30,6 +30,7 @@ from ...servo.lopsided import with_lopsided
 from ...servo.parts.verbs import FAR_UP, check_present, loop_cycle
 from ...servo.problem import HuntingOrbit
 from ...servo.saved import INTERRUPTED
+from ...servo.units import GAIN_UNIT, kinds_of
 from ..answers.answer import parts_of, record_of, short
 from ..answers.diagram import diagram_answer, loop_diagram_answer
 from .arguments import (
@@ -111,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
     if loop is not None:
         return _of_a_loop(options, loop, vary, how)
     left_out(options, "a servo's diagram goes round its fold and back", "to")
-    start = None if options.start is None else positive("from", options.start)
+    start = None if options.start is None else positive("from", options.start, GAIN_UNIT)
     task = DiagramTask(servo_of(options), start, how, options.natural)
     began = time.perf_counter()
     results = _results(options)
@@ -148,8 +149,8 @@ def run(options: argparse.Namespace) -> int:
 def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options) -> int:
     """The branch of a loop in one of its parameters, written when it is there; returns the exit code."""
     left_out(options, "they go with the diagram of a servo", "natural", "resume")
-    start = None if options.start is None else finite("from", options.start)
-    to = None if options.to is None else finite("to", options.to)
+    start = None if options.start is None else finite("from", options.start, *kinds_of(vary))
+    to = None if options.to is None else finite("to", options.to, *kinds_of(vary))
     began, stream = time.perf_counter(), progress(options)
     with folder(options.out, _results(options)) as out:
         branch = _branch_of(

@@ -11,7 +11,10 @@ import webbrowser
 from dataclasses import replace
 from typing import Any
 
+from ...axis_units import shown
+from ...errors import InputError
 from ...servo.drive import Drive
+from ...servo.units import GAIN_UNIT
 from ..explore.state import State, state_of_loop, state_of_servo
 from .arguments import add_command, count_of, drive_of, loop_of, model_of, positive, servo_of
 from .progress import progress, say
@@ -33,6 +36,11 @@ def run(options: argparse.Namespace) -> int:
     """Serve until it is interrupted; returns the exit code."""
     from ..explore.server import THIS_MACHINE, Server  # not for who asks for --help
 
+    if not shown().plain:
+        raise InputError(
+            "explore: its page is in SI, of a rotary axis; leave [units] out of the file, with every number in SI, and "
+            "rad stands for m, N m for N; or ask casahunt simulate, orbit, fold and remedies"
+        )
     port = None if options.port is None else count_of("port", options.port, 1, LAST_PORT)
     server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
     stream = progress(options)
@@ -52,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
 def _first(options: argparse.Namespace) -> State:
     """The state of the page without an address."""
     loop = loop_of(options) if options.servo is not None else None
-    gain = {} if options.first is None else {"gain": positive("gain", options.first)}
+    gain = {} if options.first is None else {"gain": positive("gain", options.first, GAIN_UNIT)}
     if loop is not None:
         state = state_of_loop(options.tables["loop"]["parts"], loop)
     else:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...axis_units import quantity, shown
 from ...checks import to_error
 from ...design.fold_curve import RANGE_POINTS, FoldCurve, FoldPoint, check_range, fold_curve
 from ...errors import NoOrbit, Status
@@ -22,6 +23,7 @@ from ...servo.friction import Model
 from ...servo.parts.loop import Loop
 from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
+from ...servo.units import kinds_of
 from ..answers.answer import called, record_of
 from ..answers.fold_curve import fold_curve_answer
 from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
@@ -61,7 +63,8 @@ def run(options: argparse.Namespace) -> int:
     how = how_of(options)
     servo = loop or servo_of(options)
     asked: dict[str, Any] = {"vary": options.vary, "fold_in": options.fold_in or "gain"}
-    asked |= {"start": finite("from", options.start), "end": finite("to", options.to)}
+    asked |= {"start": finite("from", options.start, *kinds_of(options.vary))}
+    asked |= {"end": finite("to", options.to, *kinds_of(options.vary))}
     check_range(servo, **asked)
     asked |= {"points": count_of("points", options.points, *CURVE_POINTS)}
     desk = _Desk(servo, asked, how, options.csv, progress(options))
@@ -132,16 +135,17 @@ class _Desk:
     def keep(self, curve: FoldCurve) -> None:
         """Write what is asked for, `curve` behind the curves before it."""
         if self.table:
-            write_csv(tables_of([*self.curves, curve]), self.table)
+            write_csv(shown().columns(tables_of([*self.curves, curve])), self.table)
 
 
 def _line(vary: str, fold_in: str, point: FoldPoint, model: Model | None) -> str:
     """A line of progress."""
-    border, amplitude, period = (
+    border, period = (
         to_error(value, point.error_estimate, most=most)
-        for value, most in ((point.border, 8), (point.orbit.amplitude, 6), (point.orbit.period, 6))
+        for value, most in ((point.border, 8), (point.orbit.period, 6))
     )
+    amplitude = quantity(point.orbit.amplitude, "rad", lambda x: to_error(x, point.error_estimate, most=6))
     return (
         f"{model or 'loop':7s} {vary} = {point.value:.8g}  {'K' if fold_in == 'gain' else fold_in} = {border}  "
-        f"amplitude = {amplitude} rad  period = {period} s"
+        f"amplitude = {amplitude}  period = {period} s"
     )

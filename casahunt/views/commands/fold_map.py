@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from ... import effort
+from ...axis_units import shown
 from ...design.fold_map import SIDES, fold_map
 from ...errors import InputError, NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
+from ...servo.units import kinds_of
 from ..answers.fold_map import fold_map_answer
 from .arguments import add_command, count_of, finite, how_of, model_of, servo_of
 from .console import orbit_line
@@ -74,8 +76,9 @@ def _reporter(stream: Progress | None, total: int) -> Callable[[int], None]:
 def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
     names, axes = [], []
     for which in ("vary", "and"):
-        name, *ends = getattr(options, which)
-        low, high = (finite(f"{which} {name}", end) for end in ends)
+        called, *ends = getattr(options, which)
+        name = shown().own_name(called)
+        low, high = (finite(f"{which} {name}", end, *kinds_of(name)) for end in ends)
         if not low < high:
             raise InputError(f"{which} {name} {low:g} {high:g}: the range must begin below its end")
         names.append(name)

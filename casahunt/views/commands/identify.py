@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import UNITS_TABLE, label, quantity, shown, word
 from ...checks import to_absolute_error
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.judgement import NEGLIGIBLE
@@ -31,20 +32,16 @@ from ...results import tables_of
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
 from ...servo.servo import flatten
-from ...servo.units import unit_of
+from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
     add_command,
     add_gain,
     add_out,
-    add_reading,
-    add_torque,
     drive_of,
     how_of,
-    later_part,
     model_of,
     positive,
-    reading_of,
     servo_of,
     stated_gain,
 )
@@ -52,6 +49,7 @@ from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
 from .progress import progress, tell
+from .record_options import add_reading, add_torque, later_part, reading_of
 
 SIGN = "# casahunt identify"
 FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
@@ -112,7 +110,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
             raise InputError(f"record {path!r}: is a servo file by its name; it is given as --servo {path}")
     model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
     drive = drive_of(options)
-    gains = [positive("gain", gain) for gain in options.gain or ()] or [stated_gain(options)]
+    gains = [positive("gain", gain, GAIN_UNIT) for gain in options.gain or ()] or [stated_gain(options)]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
 
@@ -182,11 +180,16 @@ def texts_of(found: Identification, drive: Drive | None) -> dict[str, str]:
     widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
     intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
     sections: dict[str, list[str]] = {}
+    units = found.servo.units
+    if not units.plain:
+        sections[UNITS_TABLE] = [f"{key} = {json.dumps(unit)}" for key, unit in units.table().items()]
     for key, value in flatten(found.servo).items():
-        section, name = key.split(".")
+        section, name = units.word(key).split(".")
         sections.setdefault(section, []).append(f"{name} = {value!r}")
     if drive is not None:
         given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
+        if units.linear and drive.encoder:
+            given["encoder"] = f"{drive.count!r} m"
         sections[DRIVE_TABLE] = [f"{key} = {json.dumps(value)}" for key, value in given.items()]
     servo = "\n\n".join("\n".join([f"[{section}]", *lines]) for section, lines in sections.items())
     texts = (
@@ -266,14 +269,15 @@ def _rows(found: Identification, most: int) -> Iterator[str]:
     """The table of the parameters, with so many digits."""
     yield ROW.format("", "value", "from", "to", "unit")
     for name, value in found.values.items():
-        low, high = found.intervals[name]
+        unit = unit_of(name)
+        value, low, high = (shown().number(x, unit) for x in (value, *found.intervals[name]))
         width = (high - low if math.isfinite(high) else value) / 20
         numbers = (value, low, high)
         ends = {math.inf: "no end"}
         texts = [
             to_absolute_error(each, width, most=most) if math.isfinite(each) else ends.get(each, "") for each in numbers
         ]
-        yield ROW.format(name, *texts, unit_of(name)).rstrip()
+        yield ROW.format(word(name), *texts, label(unit)).rstrip()
 
 
 def identified_details(found: Identification) -> Iterator[str]:
@@ -281,11 +285,11 @@ def identified_details(found: Identification) -> Iterator[str]:
     judgement = found.judgement
     yield from _rows(found, FITTED_DIGITS)
     for d, noise, torque, orbit in zip(found.records, found.noises, found.torque_noises, found.orbits, strict=True):
-        rounded = f", positions in steps of {noise.quantum:.4g} rad" if noise.quantum else ""
-        rounded += "" if torque is None else f", torque with noise {torque:.2g} N m"
+        rounded = f", positions in steps of {quantity(noise.quantum, 'rad')}" if noise.quantum else ""
+        rounded += "" if torque is None else f", torque with noise {quantity(torque, 'N m', '.2g')}"
         yield (
-            f"  gain {d.gain:.6g} V/rad: {d.times.size} samples, noise {noise.sigma:.2g} rad{rounded}; fitted "
-            f"amplitude {orbit.amplitude:.6g} rad, period {orbit.period:.6g} s"
+            f"  gain {d.gain:.6g} V/rad: {d.times.size} samples, noise {quantity(noise.sigma, 'rad', '.2g')}{rounded}; "
+            f"fitted amplitude {quantity(orbit.amplitude, 'rad', '.6g')}, period {orbit.period:.6g} s"
         )
     yield f"  misfit {judgement.misfit:.3g} (1 of noise alone)"
     if judgement.factor > 1:

@@ -10,6 +10,7 @@ from ...servo.gains import lowest_stable_gain, routh_hurwitz_gain
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.margins import margins
 from ...servo.servo import Servo
+from ...servo.units import GAIN_UNIT
 from ..answers.loop import loop_answer
 from .arguments import add_command, add_gain, drive_of, loop_of, positive, servo_of, stated_gain
 from .output import give
@@ -25,7 +26,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    gains = [positive("gain", text) for text in options.gain or ()] or [stated_gain(options)]
+    gains = [positive("gain", text, GAIN_UNIT) for text in options.gain or ()] or [stated_gain(options)]
     parts, drive = loop_of(options, gains[0]), drive_of(options)
     servo = servo_of(options) if parts is None else parts
     each = [(servo, gain) if isinstance(servo, Servo) else (servo.replace(gain=gain), None) for gain in gains]

@@ -39,8 +39,8 @@ def run(options: argparse.Namespace) -> int:
     Raises InputError, NoOrbit: the command line is wrong; none of the motions could be computed.
     """
     gain = gain_of(options)
-    low = None if options.start is None else positive("from", options.start)
-    high = None if options.to is None else positive("to", options.to)
+    low = None if options.start is None else positive("from", options.start, "rad")
+    high = None if options.to is None else positive("to", options.to, "rad")
     points = count_of("points", options.points, *MOTIONS)
     servo = servo_of(options)
     report = _reporter(servo, gain, low, high, points, options)

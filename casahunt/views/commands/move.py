@@ -9,7 +9,8 @@ from ...errors import InputError
 from ...servo.move import Move
 from .arguments import positive
 
-PROFILE = ("speed", "acceleration", "jerk")
+PROFILE = {"speed": "rad/s", "acceleration": "rad/s2", "jerk": "rad/s3"}
+"""The numbers of a profile, and their units."""
 
 
 def add_profile(command: Any) -> None:
@@ -22,10 +23,10 @@ def add_profile(command: Any) -> None:
 
 def move_of(options: argparse.Namespace) -> Move | None:
     """The profile that was asked for; None for a step.  Raises InputError: a part of one, or a number out of range."""
-    given = {key: positive(key, value) for key in PROFILE if (value := getattr(options, key)) is not None}
+    given = {key: positive(key, x, unit) for key, unit in PROFILE.items() if (x := getattr(options, key)) is not None}
     if not given:
         return None
-    missing = [key for key in PROFILE[:2] if key not in given]
+    missing = [key for key in ("speed", "acceleration") if key not in given]
     if missing:
         raise InputError(f"{missing[0]}: must be given too, a move has a speed and an acceleration")
     return Move(**given)

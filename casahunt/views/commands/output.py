@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ...axis_units import shown
 from ...errors import Status
 from ...export import Columns, plain, write_csv
 from ...results import Result
@@ -24,7 +25,7 @@ _DEEPEST = 30
 """Columns that the second line of a long one is indented by at most."""
 _LABEL = re.compile(r" *\S.*?\S {2,}(?=\S)")
 _TOGETHER = re.compile(
-    r"(?<=\d) (?=(?:rad|N|V|1/s|s|%|Hz|degrees)(?:[ ,;)/]|$))|(?<=\d N) (?=m(?:[ ,;)/]|$))"
+    r"(?<=\d) (?=(?:rad|[num]?m(?:/s)?|[mk]?N|V|1/s|s|%|Hz|degrees)(?:[ ,;)/]|$))|(?<=\d N) (?=m(?:[ ,;)/]|$))"
     r"|(?<=\S) (?=[=<>]=? \S)|(?<= [=<>]) |(?<=[<>]=) "
 )
 """Spaces between a number and its unit, and around a sign of comparison: no line ends there."""
@@ -66,7 +67,7 @@ def show(lines: Iterable[str], said: Collection[str] = ()) -> None:
 
     said: words of the trade that they explain themselves.
     """
-    lines = list(lines)
+    lines = [shown().relabelled(line) for line in lines]
     for line in (*lines, *meanings(lines, said)):
         for part in wrapped(line):
             print(part)
@@ -88,22 +89,37 @@ def give(
     views/pictures and its arguments; said: as of `show`.
     """
     if options.csv and table is not None:
-        options.outputs.write(write_csv, table, options.csv)
+        options.outputs.write(write_csv, shown().columns(table), options.csv)
     if options.plot and picture:
         options.outputs.draw(lambda: _draw(options.plot, *picture))
     clear()
     if options.json:
-        print(json.dumps(plain(found)))
+        print(json.dumps(_with_units(plain(found))))
     else:
         below = tuple(answer.details) if options.details else ()
         show((*answer.plain, *((DETAILS, *below) if below else ())), said)
+
+
+def _with_units(record: dict[str, Any]) -> dict[str, Any]:
+    """A JSON object, whose numbers are in SI; where the axis has units of its own, with what says in which."""
+    units = shown()
+
+    def relabelled(value: Any) -> Any:
+        if isinstance(value, str):
+            return units.relabelled(value)
+        if isinstance(value, dict):
+            return {key: relabelled(item) for key, item in value.items()}
+        return [relabelled(item) for item in value] if isinstance(value, list) else value
+
+    return record if units.plain else {**relabelled(record), "units": units.record()}
 
 
 def tell_refusal(error: Exception) -> None:
     """The JSON object of a command that found nothing: why (refused, evidence); status, null where there is none."""
     status: Status | None = getattr(error, "status", Status.NOT_FOUND)
     why, evidence = getattr(error, "plain", str(error)), getattr(error, "evidence", "")
-    print(json.dumps(plain({"status": status, "refused": why, "evidence": evidence or None})), flush=True)
+    record = {"status": status, "refused": why, "evidence": evidence or None}
+    print(json.dumps(_with_units(plain(record))), flush=True)
 
 
 def drawing(name: str) -> Callable[..., Any]:

@@ -17,6 +17,8 @@ import time
 from collections.abc import Callable
 from typing import IO
 
+from ...axis_units import shown
+
 TELL_EVERY = 2.0
 """Seconds between two reports of a computation that reports far too often."""
 LOG_FROM = 10.0
@@ -105,13 +107,13 @@ def over() -> None:
 def say(stream: Progress | None, text: str) -> None:
     """A milestone; stream: None: nowhere."""
     if stream is not None:
-        stream.say(text)
+        stream.say(shown().relabelled(text))
 
 
 def tell(stream: Progress | None, text: str) -> None:
     """Where the command is; stream: None: nowhere."""
     if stream is not None:
-        stream.tell(text)
+        stream.tell(shown().relabelled(text))
 
 
 def teller(stream: Progress | None) -> Callable[[str], None]:

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import quantity, shown
 from ...checks import known_decimals, moderate, to_absolute_error
 from ...design.identify.clipped import of_clipped
 from ...design.identify.identify import Identification, identify
@@ -37,22 +38,21 @@ from ...export import columns_from
 from ...orbits import Orbit
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
+from ...servo.units import GAIN_UNIT
 from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, rhythm
 from .arguments import (
     add_command,
-    add_reading,
     finite,
     how_of,
-    later_part,
     loop_of,
     model_of,
     positive,
-    reading_of,
     servo_of,
 )
 from .console import complain
 from .output import give
 from .progress import progress, tell
+from .record_options import add_reading, later_part, reading_of
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
 
@@ -84,8 +84,9 @@ def run(options: argparse.Namespace) -> int:
     if options.file.endswith(".toml"):
         raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
     model, loop = model_of(options), loop_of(options)
-    gain = None if options.gain is None else positive("gain", options.gain)
-    set_point = None if options.set_point is None else moderate("set-point", finite("set-point", options.set_point))
+    gain = None if options.gain is None else positive("gain", options.gain, GAIN_UNIT)
+    given = options.set_point
+    set_point = None if given is None else moderate("set-point", finite("set-point", given, "rad"))
     servo = None if loop is not None else servo_of(options)
     how, reading = how_of(options), reading_of(options)
     began = time.perf_counter()
@@ -141,9 +142,11 @@ def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -
 def _rows(m: Measurement, orbit: Orbit | None) -> list[dict[str, Any]]:
     """What was measured beside what was predicted (NaN for nothing); columns `CSV_COLUMNS`."""
     amplitude, period = (orbit.amplitude, orbit.period) if orbit else (math.nan, math.nan)
+    named = shown().near(m.amplitude, "rad")
+    size = [shown().number(x, "rad", named) for x in (m.amplitude, m.amplitude_error, m.amplitude_scatter, amplitude)]
     errors = (orbit.amplitude_error, orbit.period_error) if orbit else (math.nan, math.nan)
     rows = [
-        ("amplitude", "rad", m.amplitude, m.amplitude_error, m.amplitude_scatter, amplitude, errors[0]),
+        ("amplitude", named, *size, errors[0]),
         ("frequency", "Hz", m.frequency, m.frequency_error, m.frequency_scatter, 1 / period, errors[1]),
         ("period", "s", m.period, m.period_error, m.period_scatter, period, errors[1]),
     ]
@@ -163,11 +166,13 @@ def _lines(
         yield from _beside(m, orbit, PLAIN_DIGITS)
     elif orbit:
         yield f"  predicted: amplitude {angle(orbit.amplitude)}, once in {rhythm(orbit.period)}"
-    level = to_absolute_error(m.mean_level, m.amplitude_error if known else 0.0, most=PLAIN_DIGITS)
-    offset = f", {m.mean_level - set_point:+.3g} rad off the set point" if set_point is not None else ""
-    yield f"  mean position {level} rad{offset}, drift {m.drift:.2g} rad/s"
+    error = m.amplitude_error if known else 0.0
+    level = quantity(m.mean_level, "rad", lambda x, e: to_absolute_error(x, e, most=PLAIN_DIGITS), error)
+    offset = "" if set_point is None else f", {quantity(m.mean_level - set_point, 'rad', '+.3g')} off the set point"
+    yield f"  mean position {level}{offset}, drift {quantity(m.drift, 'rad/s', '.2g')}"
     if known:
-        yield f"  noise {m.noise:.2g} rad; above its mean line for {m.above:.1%} of a period (50% if symmetric)"
+        noise = quantity(m.noise, "rad", ".2g")
+        yield f"  noise {noise}; above its mean line for {m.above:.1%} of a period (50% if symmetric)"
         for sentence in (*_remarks(m), of_clipped(record, m.quantum)):
             if sentence:
                 yield f"  {sentence}"
@@ -210,7 +215,8 @@ def _remarks(m: Measurement) -> list[str]:
     if m.missing > 0.01 * m.period:
         remarks.append(f"left out: {m.missing:.4g} s in between, in gaps or without a whole period")
     if m.quantum > 0:
-        remarks.append(f"positions come in steps of {m.quantum:.4g} rad; the error of the amplitude covers that")
+        step = quantity(m.quantum, "rad")
+        remarks.append(f"positions come in steps of {step}; the error of the amplitude covers that")
     return remarks
 
 

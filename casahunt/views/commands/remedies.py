@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from ...axis_units import label, quantity, shown, word
 from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
 from ...design.remedies.price import TASK_STEP
@@ -32,7 +33,7 @@ from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of
 from ...servo.sampled.as_run import DRIVE_PARTS
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
-from ..answers.answer import PLAIN_DIGITS, Answer
+from ..answers.answer import PLAIN_DIGITS, Answer, at_gain
 from ..answers.remedy_columns import columns_meant, today
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
@@ -66,10 +67,6 @@ ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
 NOT_FOR_THE_WORST = "not found; the size to choose is for the values as given"
 """What is said of the worst servo of a set where no size was found for it."""
-HEADINGS = (
-    ("remedy", "", "ends it", "", "choose", "error at", "torque on", "settles"),
-    ("", "", "", "", "", "rest, rad", "{}, N m", "in, s"),
-)
 NONE_AS_BUILT = "none of those that were checked brings every motion to rest (see below)"
 """Said where no remedy holds in the loop as built."""
 AFTERWARDS = {"hunting": "hunts on", "growing": "grows without bound", "undecided": "could not be followed to its end"}
@@ -107,8 +104,8 @@ def demands_of(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, A
     """Which remedies are looked at, and the step and move of their price, by `remedies`' names; what they may cost;
     and in how many processes."""
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
-    limits = {key: positive(key, value) for key in DEMANDS if (value := getattr(options, key)) is not None}
-    asked = {"only": names, "step": positive("step", options.step), "move": move_of(options)}
+    limits = {key: positive(key, x, DEMANDS[key][1]) for key in DEMANDS if (x := getattr(options, key)) is not None}
+    asked = {"only": names, "step": positive("step", options.step, "rad"), "move": move_of(options)}
     return asked, limits, min(jobs_of(options), len(names) or len(REMEDY_NAMES))
 
 
@@ -211,7 +208,7 @@ def _record(
         "advice": advice_of(found, limits, built, of_a_set=uncertain), "limits": limits, "task": found.task,
         "uncertain": uncertain, "parts": [part.name for part in found.loop.present], "servo": own,
         "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
-        **({"as_built": plain(built)} if built else {}),
+        **({"as_built": plain(built)} if built else {}), **({} if shown().plain else {"units": shown().record()}),
     }  # fmt: skip
 
 
@@ -232,13 +229,12 @@ def as_it_is_found(row: Cure) -> str:
 def _exact(row: Cure, most: int = 12) -> str:
     """The size to the digits that its error vouches for, `most` at most."""
     error = max(row.size_error, SURELY_KNOWN * abs(row.size))
-    return _with(to_absolute_error(row.size, error, most), row.unit)
+    return quantity(row.size, row.unit, lambda x, e: to_absolute_error(x, e, most), error).rstrip()
 
 
-def _with(number: str | float, unit: str) -> str:
+def _with(number: float, unit: str) -> str:
     """A number and its unit, if it has one."""
-    text = number if isinstance(number, str) else f"{number:.{PRICE_DIGITS}g}"
-    return f"{text} {unit}".rstrip()
+    return quantity(number, unit, f".{PRICE_DIGITS}g").rstrip()
 
 
 def _not_known(found: Cures) -> str:
@@ -256,7 +252,8 @@ def none_within(found: Cures, limits: dict[str, float]) -> str:
 
 def _within(limits: dict[str, float]) -> str:
     """The demands, as a part of a sentence."""
-    said = [f"{word} up to {limits[key]:g} {unit}" for key, (word, unit) in DEMANDS.items() if key in limits]
+    asked = [(what, quantity(limits[key], unit, "g")) for key, (what, unit) in DEMANDS.items() if key in limits]
+    said = [f"{word(what)} up to {limit}" for what, limit in asked]
     return f" with {' and '.join(said)}" if said else ""
 
 
@@ -267,7 +264,7 @@ def remedy_lines(
     hunts = "hunts with" if found.stable else "has a hunting cycle, which motions leave again, of"
     hunts = "hunts irregularly, with up to" if found.irregular else hunts
     yield (
-        f"{found.name} at gain {found.gain:.10g} V/rad {hunts} {found.amplitude:.{PRICE_DIGITS}g} rad and "
+        f"{found.name} {at_gain(found.gain)} {hunts} {_with(found.amplitude, 'rad')} and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
     yield f"  {advice_of(found, limits, built or {}, of_a_set=of_a_set)}"
@@ -276,8 +273,8 @@ def remedy_lines(
     ending = [row for row in found.remedies if row.ends_hunting]
     if ending:
         yield ""
-        for words in HEADINGS:
-            yield ROW.format(*(word.format("move" if found.move else "step") for word in words)).rstrip()
+        for words in headings(found):
+            yield ROW.format(*words).rstrip()
         for row in ending:
             yield from _row(row, of_a_set)
     others = [row for row in found.remedies if not row.ends_hunting]
@@ -288,6 +285,14 @@ def remedy_lines(
     if ending:
         yield ""
         yield "  what the columns mean, and every digit: --details"
+
+
+def headings(found: Cures) -> tuple[tuple[str, ...], ...]:
+    """Of the table."""
+    return (
+        ("remedy", "", "ends it", "", "choose", "error at", word("torque on"), "settles"),
+        ("", "", "", "", "", f"rest, {label('rad')}", f"{'move' if found.move else 'step'}, {label('N m')}", "in, s"),
+    )
 
 
 def that_holds(
@@ -328,13 +333,17 @@ def remedy_details(found: Cures, *, of_a_set: bool) -> Iterator[str]:
 
 
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
-    def short(x: float, unknown: str = "unknown") -> str:
-        return f"{x:.{PRICE_DIGITS}g}" if math.isfinite(x) else unknown if math.isnan(x) else "any"
+    units, named = shown(), shown().near(row.size, row.unit)
+
+    def short(x: float, unit: str, label: str = "") -> str:
+        if math.isfinite(x):
+            return f"{units.number(x, unit, label):.{PRICE_DIGITS}g}"
+        return "unknown" if math.isnan(x) else "any"
 
     yield ROW.format(
-        row.name, "from" if row.recommended > row.size else "up to", short(row.size), row.unit,
-        short(row.recommended), short(row.recommended_rest_error), short(row.peak_torque),
-        _settles(row.settling),
+        row.name, "from" if row.recommended > row.size else "up to", short(row.size, row.unit, named), named,
+        short(row.recommended, row.unit, named), short(row.recommended_rest_error, "rad"),
+        short(row.peak_torque, "N m"), _settles(row.settling),
     ).rstrip()  # fmt: skip
     if not row.keeps_it_ended:
         yield f"    {_not_kept(row)}"
@@ -381,9 +390,9 @@ def advice_of(
         unknown = _not_known(found)
         none = f"no remedy that ends it{within} was found" if unknown else f"none of these remedies ends it{within}"
         return none + today(found, limits.get("max_torque"))
-    on = f"N m on a {'move' if found.move else 'step'}"
-    prices = (best.recommended_rest_error, "rad at rest"), (best.peak_torque, on)
-    costs = [f"{price:.{PRICE_DIGITS}g} {what}" for price, what in prices if not math.isnan(price)]
+    on = f"on a {'move' if found.move else 'step'}"
+    prices = (best.recommended_rest_error, "rad", "at rest"), (best.peak_torque, "N m", on)
+    costs = [f"{_with(price, unit)} {what}" for price, unit, what in prices if not math.isnan(price)]
     if math.isfinite(best.settling):
         costs.append(f"settles in {_settles(best.settling)} s")
     alone = "; what the worst servo of the set needs was not found" if of_a_set and math.isnan(best.worst_size) else ""

@@ -37,9 +37,10 @@ from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of as loop_of_servo
 from ...servo.parts.table import remedies_for, with_remedy
 from ...servo.sampled.as_run import DRIVE_PARTS
-from ...servo.servo import Servo, assigned
+from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
+from ...servo.units import assigned, numbers_of
 from ..answers.simulate import simulation_answer
 from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain
@@ -49,6 +50,10 @@ from .sampled import add_drive, of_drive
 
 OF_DRIVE_ALONE = tuple(key for key in DRIVE_KEYS if key not in (*DRIVE_PARTS.values(), *SHARES, "sample_time"))
 """Keys that mean nothing to the continuous loop."""
+START_UNITS = {
+    "set_point": "rad", "position": "rad", "velocity": "rad/s", "integral": "rad s", "bristle": "rad", "tol": "",
+}  # fmt: skip
+"""Numbers of the command line, and their units."""
 MOST_ROWS = 10_000_000
 """Of a table: a gigabyte, of which nobody reads more."""
 
@@ -78,10 +83,11 @@ def run(options: argparse.Namespace) -> int:
     """
     model, of_file = model_of(options), loop_of(options)
     gain = gain_of(options)
-    length = positive("time", options.time)
-    keys = ("set_point", "position", "velocity", "integral", "bristle", "tol")
-    numbers: dict[str, Any] = {key: _size(key.replace("_", "-"), getattr(options, key)) for key in keys}
-    step = None if options.step is None else positive("step", options.step)
+    length = positive("time", options.time, "s")
+    numbers: dict[str, Any] = {
+        key: _size(key.replace("_", "-"), getattr(options, key), unit) for key, unit in START_UNITS.items()
+    }
+    step = None if options.step is None else positive("step", options.step, "s")
     if step is not None and options.csv is None:
         raise InputError("step: must be left out without --csv")
     if step is not None and length / step > MOST_ROWS:
@@ -92,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
         first = next(iter(remedies)).replace("_", "-")
         raise InputError(f"{first}: must be left out, a loop has its remedies as parts")
     loop = with_remedies(servo_of(options), model, gain, remedies) if of_file is None else of_file
-    numbers["start"] = assigned(options.state, "state", loop.system.states, "name=value")
+    numbers["start"] = numbers_of(assigned(options.state, "state", loop.system.states, "name=value"), loop.units)
     if drive is not None:
         left_out(options, "moves by a profile are those of the continuous loop", *PROFILE)
         return of_drive(options, loop, drive, length, numbers)
@@ -117,8 +123,8 @@ def run(options: argparse.Namespace) -> int:
     return 0 if sure and not cut else 1
 
 
-def _size(key: str, text: Any) -> float:
-    return moderate(key, finite(key, text))
+def _size(key: str, text: Any, unit: str) -> float:
+    return moderate(key, finite(key, text, unit))
 
 
 def _advice(found: Trajectory) -> str:

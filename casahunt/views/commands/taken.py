@@ -22,8 +22,8 @@ def taken_from_table_1(
 
     sought: the parameters of friction are found in records, and taken to start from.
     """
-    own = {f"{table}.{key}" for table, keys in tables.items() for key in keys}
-    own |= {text.partition("=")[0].strip() for text in given}
+    own = {servo.units.own_name(f"{table}.{key}") for table, keys in tables.items() for key in keys}
+    own |= {servo.units.own_name(text.partition("=")[0].strip()) for text in given}
     missing = [key for key in NEEDED if key not in own and not (sought and key.startswith("friction"))]
     missing += [] if any(key.startswith(f"{CONTROLLER}.") for key in own) else [CONTROLLER]
     if missing:

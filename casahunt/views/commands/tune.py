@@ -130,7 +130,7 @@ def _demands(options: argparse.Namespace) -> Demands:
     for key in ("delay", "sample_time"):
         text = getattr(options, key)
         own = 0.0 if drive is None else getattr(drive, key)
-        times[key] = own if text is None else finite(key.replace("_", "-"), text)
+        times[key] = own if text is None else finite(key.replace("_", "-"), text, "s")
     if drive is not None:
         drive = dataclasses.replace(drive, **times) if times["sample_time"] else None
     return Demands(
@@ -139,7 +139,7 @@ def _demands(options: argparse.Namespace) -> Demands:
         gain_margin=finite("gain-margin", options.gain_margin),
         drive=drive,
         **times,
-        max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque),
+        max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque, "N m"),
     )
 
 

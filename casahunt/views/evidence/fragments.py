@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...axis_units import shown
 from ...checks import known_digits
 from ...servo.outcome import SETTLES
 from ..glossary import GLOSSARY, words_in
@@ -87,9 +88,12 @@ class Fragments:
 
     def with_unit(self, key: str, unit: str, form: str = ".8g") -> str:
         """As `n`, with the unit behind the number."""
-        there = unit and value_at(self.record, key) is not None
-        shown = unit.replace("m2", "m\N{SUPERSCRIPT TWO}").replace("1/s", "s\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}")
-        return self.n(key, form) + (f"&nbsp;{shown.replace(' ', '&nbsp;')}" if there else "")
+        value = value_at(self.record, key)
+        there = unit and value is not None
+        label = shown().near(value or 0.0, unit)
+        factor = float(shown().number(1.0, unit, label))
+        label = label.replace("m2", "m\N{SUPERSCRIPT TWO}").replace("1/s", "s\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}")
+        return self.n(key, form, factor) + (f"&nbsp;{label.replace(' ', '&nbsp;')}" if there else "")
 
     def text(self, key: str) -> str:
         """The text at `key`."""
@@ -113,7 +117,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 def words(name: str) -> str:
     """The name of a number as words."""
-    return html.escape(name.replace("_", " ").replace(".", ": "))
+    return html.escape(shown().word(name).replace("_", " ").replace(".", ": "))
 
 
 def figure(caption: str, seen: str, data: bytes) -> str:
@@ -160,6 +164,7 @@ def _built(p: Fragments, at: str) -> list[str]:
 
 def document(title: str, parts: Sequence[str]) -> str:
     """The whole page of its parts, with the words of the trade explained at its end."""
+    parts = [part if "base64" in part else shown().relabelled(part) for part in parts]
     parts = [*parts, *meanings(" ".join(parts))]
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'

@@ -6,6 +6,7 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
+from ...axis_units import quantity
 from ...servo.outcome import SETTLES
 from ...servo.parts.table import unit_of
 from ...servo.units import GAIN_UNIT
@@ -162,8 +163,9 @@ def _seen(name: str, record: Mapping[str, Any]) -> str:
     """What a picture shows, with its numbers, for who does not see it."""
     if name == "rests":
         sets = [(row["name"], max(abs(x1) for x1, _ in row["rests"])) for row in record["remedies"] if row["rests"]]
-        said = "; ".join(f"{row}: {f'within {reach:.4g} rad' if reach else 'the set point'}" for row, reach in sets)
+        reaches = [(row, f"within {quantity(reach, 'rad')}" if reach else "the set point") for row, reach in sets]
+        said = "; ".join(f"{row}: {reach}" for row, reach in reaches)
         return f"Sets of error and torque at which the servo rests. {said}."
     rows = [row for row in record["remedies"] if row["size"] is not None]
-    said = "; ".join(f"{row['name']}: {row['size']:.4g} {row['unit']}".rstrip() for row in rows)
+    said = "; ".join(f"{row['name']}: {quantity(row['size'], row['unit'])}".rstrip() for row in rows)
     return f"Amplitude against size for each remedy. Cycles end at {said}."

@@ -23,6 +23,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode
 
+from ...axis_units import Units
 from ...checks import choice_of, number, quoted, sensible, typed
 from ...design.remedies.sizes import scale_of
 from ...errors import InputError
@@ -268,7 +269,7 @@ def _drive(said: Mapping[str, str]) -> dict[str, Any]:
     texts = {key: said[f"{DRIVE_TABLE}.{key}"] for key in DRIVE_KEYS if f"{DRIVE_TABLE}.{key}" in said}
     drive = {key: text if key in DRIVE_WORDS else _number(f"{DRIVE_TABLE}.{key}", text) for key, text in texts.items()}
     if drive:
-        drive_of_table(drive)
+        drive_of_table(drive, Units())
     return drive
 
 

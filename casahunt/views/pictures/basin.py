@@ -7,10 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import quantity
 from ...servo.basin import Basin
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, MaxNLocator, legend, logarithmic, panels
+from .plotting import (
+    LOOKS,
+    MORE_LOOKS,
+    NEUTRAL,
+    Axes,
+    MaxNLocator,
+    in_one_unit,
+    in_units_of_the_axis,
+    legend,
+    logarithmic,
+    panels,
+)
 
 
+@in_units_of_the_axis
 def basin(found: Basin, *, ax: Any = None) -> Axes:
     """Stick position against the number of the swing, of the motions from both sides, with the two cycles as lines.
 
@@ -38,21 +51,26 @@ def basin(found: Basin, *, ax: Any = None) -> Axes:
     """
     figure, (panel,) = panels(ax, 1)
     look = LOOKS[found.model]
-    for trial, style, word in ((found.outside, look, "outside"), (found.inside, MORE_LOOKS[0], "inside")):
-        shown = trial.positions > 0
+    named, (border, outer, outside, inside) = in_one_unit(
+        "rad", found.border, found.outer_position, found.outside.positions, found.inside.positions
+    )
+    for trial, positions, style, word in (
+        (found.outside, outside, look, "outside"), (found.inside, inside, MORE_LOOKS[0], "inside"),
+    ):  # fmt: skip
+        there = positions > 0
         panel.plot(
-            np.flatnonzero(shown), trial.positions[shown], color=style.colour, marker=style.marker,
+            np.flatnonzero(there), positions[there], color=style.colour, marker=style.marker,
             linewidth=style.width, label=f"from a little {word}: {trial.outcome}",
         )  # fmt: skip
-    panel.axhline(found.border, color=NEUTRAL, linestyle="--", linewidth=1.2,
-                  label=f"border: {found.border:.4g} rad")  # fmt: skip
+    panel.axhline(border, color=NEUTRAL, linestyle="--", linewidth=1.2,
+                  label=f"border: {quantity(found.border, 'rad')}")  # fmt: skip
     if found.outer is not None:
         kind = "stable" if found.outer.stable else "symmetric"
-        panel.axhline(found.outer_position, color=NEUTRAL, linewidth=1.2,
-                      label=f"{kind} cycle: {found.outer_position:.4g} rad")  # fmt: skip
+        panel.axhline(outer, color=NEUTRAL, linewidth=1.2,
+                      label=f"{kind} cycle: {quantity(found.outer_position, 'rad')}")  # fmt: skip
     logarithmic(panel, "y")
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-    panel.set(xlabel="swing", ylabel="stick position [rad]")
+    panel.set(xlabel="swing", ylabel=f"stick position [{named}]")
     panel.grid(True, color="0.9", linewidth=0.6)
     legend(figure, panel, frameon=False, ncols=2)
     return panel

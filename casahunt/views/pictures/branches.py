@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...axis_units import label, shown
 from ...continuation import Branch as BranchOfCycles
 from ...errors import InputError
 from ...orbits import Orbit
@@ -34,6 +35,7 @@ from .plotting import (
     LineStyle,
     NullLocator,
     at_least_one,
+    in_units_of_the_axis,
     legend,
     logarithmic,
     power,
@@ -57,6 +59,7 @@ EXCHANGING = ("fold", "symmetry breaking", "flip")
 """Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
 
 
+@in_units_of_the_axis
 def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any = None) -> Array:
     """Bifurcation diagram: amplitude [rad] and period [s] of the cycles against the controller gain.
 
@@ -95,8 +98,9 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any =
     for ax, quantity in ((above, "amplitude"), (below, "period")):
         for curve in curves:
             values = np.array([getattr(orbit, quantity) for orbit in curve.orbits])
+            values = shown().number(values, "rad") if quantity == "amplitude" else values
             _draw_curve(ax, curve, values, markers)
-        ax.set_ylabel({"amplitude": "amplitude max |x₁| [rad]", "period": "period [s]"}[quantity])
+        ax.set_ylabel({"amplitude": f"amplitude max |x₁| [{label('rad')}]", "period": "period [s]"}[quantity])
         ax.grid(True, which="major", color="0.88", linewidth=0.6)
         ax.margins(x=0.04, y=0.08)
     logarithmic(above, "y")
@@ -111,6 +115,7 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any =
     return both
 
 
+@in_units_of_the_axis
 def multipliers(branches: Sequence[AnyBranch], *, ax: Axes | None = None) -> Axes:
     """Leading half multiplier mu against the controller gain, linear between -1 and 1, logarithmic beyond.
 
@@ -218,7 +223,7 @@ def _label(branches: Sequence[AnyBranch]) -> str:
     if len(names) > 1:
         raise InputError(f"branches in {' and in '.join(sorted(names))}: must be in one parameter")
     (vary,) = names
-    unit = unit_of(vary)
+    unit = shown().si.label(unit_of(vary))
     return GAIN_LABEL if vary == "gain" else f"{vary.replace('_', ' ')} [{unit}]" if unit else vary.replace("_", " ")
 
 
@@ -365,7 +370,7 @@ def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
             if (curve.look.colour, f"{value:.4g}") in said:
                 continue
             said.add((curve.look.colour, f"{value:.4g}"))
-            sides[1 if beside <= value else -1].append((value, curve.orbits[i].amplitude, text))
+            sides[1 if beside <= value else -1].append((value, shown().number(curve.orbits[i].amplitude, "rad"), text))
     left, right = axes.get_xlim()
     for side, labels in sides.items():
         room = away + letter * max((len(line) for _, _, text in labels for line in text.splitlines()), default=0)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import quantity, shown
 from ...servo.equilibria import Equilibria
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, logarithmic, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, in_units_of_the_axis, logarithmic, panels
 
 LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
 """Values of c whose eigenvalues get a colour of their own."""
@@ -16,6 +17,7 @@ DRAWN_TO, STRETCHED = 10.0, 1e3
 """What has no limit is drawn up to so many rad; by so much position is stretched to tell the order of corners."""
 
 
+@in_units_of_the_axis
 def equilibria(found: Equilibria, *, ax: Any = None) -> Array:
     """Equilibria of Switch in the plane (x1, x3) with the stick region, of other loops in that of x1 and the torque; or
     the eigenvalues of LuGre.
@@ -49,12 +51,14 @@ def equilibria(found: Equilibria, *, ax: Any = None) -> Array:
 
 def _rests(found: Equilibria, given: Any) -> Array:
     _, (axes,) = panels(given, 1)
-    looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
+    units, looks = shown(), [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
     for each, look in zip(found.rests, looks, strict=False):
         x1, torque = each.corners[:, each.names.index("x1")].clip(-DRAWN_TO, DRAWN_TO), each.corners[:, -1]
         round_it = np.argsort(np.arctan2(torque - torque.mean(), (x1 - x1.mean()) * STRETCHED))
-        axes.fill(x1[round_it], torque[round_it], color=look.colour, alpha=0.4, linewidth=4, label=each.mode)
-    axes.set(xlabel="x₁ [rad]", ylabel="torque of the motor [N m]")
+        corners = units.number(x1[round_it], "rad"), units.number(torque[round_it], "N m")
+        axes.fill(*corners, color=look.colour, alpha=0.4, linewidth=4, label=each.mode)
+    of_motor = f"{units.word('torque of the motor')} [{units.label('N m')}]"
+    axes.set(xlabel=f"x₁ [{units.label('rad')}]", ylabel=of_motor)
     axes.set_title(f"where the servo can stand still for ever, K = {found.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.legend(fontsize=SMALL)
@@ -79,8 +83,8 @@ def _strip(found: Equilibria, given: Any) -> Array:
     axes.plot([0, 0], [-1, 1], color=LOOKS["switch"].colour, linewidth=5, solid_capstyle="butt", label="equilibria")
     axes.set_xlim(-3, 3)
     axes.set_ylim(-4, 4)
-    axes.set_xlabel(f"x₁ / (Fs/kp), Fs/kp = {a:.4g} rad")
-    axes.set_ylabel(f"x₃ / (Fs/ki), Fs/ki = {b:.4g} rad s")
+    axes.set_xlabel(f"x₁ / (Fs/kp), Fs/kp = {quantity(a, 'rad')}")
+    axes.set_ylabel(f"x₃ / (Fs/ki), Fs/ki = {quantity(b, 'rad s')}")
     axes.set_title(f"stick region of the Switch servo, K = {found.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.95", linewidth=0.6)
     axes.legend(fontsize=SMALL, loc="upper right")

@@ -7,7 +7,7 @@ import numpy as np
 from ...motion import MarchFailure
 from ...servo.event_map.fixed_points import FixedPoints
 from ...servo.event_map.slopes import map_at
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, legend, logarithmic, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Axes, in_units_of_the_axis, legend, logarithmic, panels
 
 DRAWN_SWINGS = 12
 """Half periods drawn of each motion."""
@@ -15,6 +15,7 @@ ASIDE = 0.02
 """A motion starts this part above and below the unstable fixed point."""
 
 
+@in_units_of_the_axis
 def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     """P(a) against a, both logarithmic, gaps at jumps, with two motions from beside the innermost fixed point.
 

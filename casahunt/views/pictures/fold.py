@@ -7,16 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import word
 from ...continuation import Fold
 from ...design.sensitivity import Sensitivities
 from ...errors import InputError
 from ...servo.problem import HuntingFold
 from .orbits import look_of
-from .plotting import Axes, panels
+from .plotting import Axes, in_units_of_the_axis, panels
 
 MINUS = "\N{MINUS SIGN}"
 
 
+@in_units_of_the_axis
 def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *, ax: Axes | None = None) -> Axes:
     """Per cent of the fold gain for one per cent of each parameter, the largest on top.
 
@@ -57,7 +59,7 @@ def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *,
             label=_label(fold),
         )  # fmt: skip
         axes.bar_label(bars, [f"{value:+.3g}".replace("-", MINUS) for value in values], padding=3, fontsize=9)
-    axes.set_yticks(place, [name.replace("_", " ").replace(".", ": ") for name in names])
+    axes.set_yticks(place, [word(name).replace("_", " ").replace(".", ": ") for name in names])
     axes.axvline(0, color="0.3", linewidth=0.8)
     axes.margins(x=0.15)
     what = folds[0].parameter.replace("_", " ")

@@ -11,7 +11,7 @@ from ...design.fold_curve import FoldCurve, cubic_through_points
 from ...errors import InputError
 from ...servo.friction import MODELS
 from ..answers.answer import named
-from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, logarithmic, panels
+from .plotting import GAIN_LABEL, LOOKS, NAMES, NEUTRAL, SMALL, Axes, in_units_of_the_axis, logarithmic, panels
 
 LABELS = {
     "servo.inertia": "inertia J [kg m$^2$]",
@@ -37,6 +37,7 @@ HEADROOM = 1.12
 """The axis reaches this factor beyond the highest gain."""
 
 
+@in_units_of_the_axis
 def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     """The fold gain against a parameter of the servo, the gains with hunting shaded; or that of a loop.
 

@@ -8,7 +8,7 @@ from ...design.fold_map import FoldMap
 from ...errors import InputError
 from ...servo.servo import flatten
 from .fold_curve import LABELS, WIDE
-from .plotting import NAMES, SMALL, Axes, MaxNLocator, panels
+from .plotting import NAMES, SMALL, Axes, MaxNLocator, in_units_of_the_axis, panels
 
 CONTOURS = 9
 """At most: more of them stand closer than their labels are high."""
@@ -16,6 +16,7 @@ NEVER = "#d9d9d9"
 """Colour where no gain hunts."""
 
 
+@in_units_of_the_axis
 def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     """The fold gain as contours over two parameters; above a contour's gain the servo on it does not hunt.
 

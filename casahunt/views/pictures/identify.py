@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from ...design.identify.identify import Identification
-from .plotting import LOOKS, NAMES, Array, Line2D, align, legend, panels
+from .plotting import LOOKS, NAMES, Array, Line2D, align, in_units_of_the_axis, legend, panels
 from .simulation import MOST_DOTS
 
 DOTS = ("0.55", "#7a1f3d", "#5fae8c", "#b0509b", "#555555")
 """Colours of the records, in turn."""
 
 
+@in_units_of_the_axis
 def fitted_records(found: Identification, *, ax: Any = None) -> Array:
     """Positions of all records against the time in their period, with the cycle at the first gain; below, what is left.
 

@@ -21,7 +21,7 @@ from ...servo.linear.pulse_transfer import pulse_transfer
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, in_units_of_the_axis, legend, logarithmic, panels
 
 BODE_POINTS = 600
 """One for every second pixel of a panel."""
@@ -30,6 +30,7 @@ ROOM = 30.0
 _LOOKS = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
 
 
+@in_units_of_the_axis
 def bode(
     servo: Servo | Loop, loops: Sequence[LinearLoop], drive: Drive | None = None, *, ax: Any = None
 ) -> Array:

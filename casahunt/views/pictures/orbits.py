@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import quantity, shown
 from ...errors import InputError
 from ...orbits import Orbit
 from ...servo.friction import MODELS, Model
@@ -33,6 +34,7 @@ from .plotting import (
     at_least_one,
     fix_labels,
     fixed_grid,
+    in_units_of_the_axis,
     legend,
     panels,
     power,
@@ -51,6 +53,7 @@ DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
 
+@in_units_of_the_axis
 def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
 
@@ -102,11 +105,13 @@ def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.margins(x=0.01, y=0.1)
     all_of_them[-1].set_xlabel("time from the rise of x₁ through zero [s]")
-    labels = [f"{name_of(o)}: period {o.period:.4g} s, amplitude {_rounded(o.amplitude)} rad" for o in orbits]
+    sizes = [quantity(orbit.amplitude, "rad", _rounded) for orbit in orbits]
+    labels = [f"{name_of(o)}: period {o.period:.4g} s, amplitude {size}" for o, size in zip(orbits, sizes, strict=True)]
     legend(figure, all_of_them[0], _orbit_handles(orbits, labels), frameon=False)
     return all_of_them
 
 
+@in_units_of_the_axis
 def phase_portrait(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
 
@@ -222,7 +227,7 @@ def _distinct_names(orbits: Sequence[Orbit]) -> list[str]:
     """Model and gain; and the amplitude, where these are not enough."""
     names = [name_of(orbit) for orbit in orbits]
     return [
-        name if names.count(name) == 1 else f"{name}, amplitude {_rounded(orbit.amplitude)} rad"
+        name if names.count(name) == 1 else f"{name}, amplitude {quantity(orbit.amplitude, 'rad', _rounded)}"
         for name, orbit in zip(names, orbits, strict=True)
     ]
 
@@ -244,6 +249,9 @@ def _orbit_handles(orbits: Sequence[Orbit], labels: Sequence[str]) -> list[Line2
 
 def _scaled(name: str, unit: str, peak: float) -> tuple[float, str]:
     """(factor, axis label) that bring numbers of size `peak` between 0.1 and 100."""
+    if not shown().plain and unit:
+        named = shown().near(peak, unit)
+        return 1 / float(shown().number(1.0, unit, named)), f"{name} [{named}]"
     exponent = 3 * math.floor((math.log10(peak) + 1) / 3) if peak > 0 else 0
     said = " ".join(part for part in (power(exponent) if exponent else "", unit) if part)
     return 10.0**exponent, f"{name} [{said}]" if said else name

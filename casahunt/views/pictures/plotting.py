@@ -12,18 +12,21 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.scale import SymmetricalLogScale
+from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogFormatterSciNotation, MaxNLocator, NullLocator
 
+from ...axis_units import in_its_units, shown
 from ...checks import quoted
 from ...errors import InputError
 from ...export import MAKER
@@ -31,6 +34,8 @@ from ...files import whole_file
 
 Array = np.ndarray
 Axes = Any
+P = ParamSpec("P")
+R = TypeVar("R")
 
 SIZE = (8.0, 6.0)
 """Width and height of a figure [in]."""
@@ -148,6 +153,29 @@ def figure_of(drawn: Any) -> Figure:
 def png(axes: Any) -> bytes:
     """The figure of axes as the bytes of a PNG file, for a page."""
     return drawn(figure_of(np.ravel(np.asarray(axes, dtype=object))[0]), dpi=DPI * 2 // 3)
+
+
+def in_units_of_the_axis(draw: Callable[P, R]) -> Callable[P, R]:
+    """Let a function draw in the units of what it is given; a label that is in SI of a rotary axis gets those in SI."""
+
+    @wraps(draw)
+    def inner(*arguments: P.args, **keywords: P.kwargs) -> R:
+        axes = draw(*arguments, **keywords)
+        for text in figure_of(axes).findobj(Text) if shown().linear else ():
+            text.set_text(shown().relabelled(text.get_text()))
+        return axes
+
+    return in_its_units(inner)
+
+
+def in_one_unit(unit: str, *values: Any) -> tuple[str, tuple[Any, ...]]:
+    """The unit in which arrays of one kind are drawn, and the arrays in it.
+
+    unit: in SI, of a rotary axis; values: in SI.
+    """
+    sizes = [float(np.max(np.abs(some[np.isfinite(some)]), initial=0.0)) for some in map(np.asarray, values)]
+    named = shown().near(max(sizes, default=0.0), unit)
+    return named, tuple(shown().number(each, unit, named) for each in values)
 
 
 def at_least_one(what: str, items: Sequence[Any]) -> None:
@@ -304,6 +332,8 @@ __all__ = [
     "figure_of",
     "fix_labels",
     "fixed_grid",
+    "in_one_unit",
+    "in_units_of_the_axis",
     "legend",
     "logarithmic",
     "new_figure",

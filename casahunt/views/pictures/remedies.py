@@ -8,11 +8,12 @@ from contextlib import suppress
 
 import numpy as np
 
+from ...axis_units import label, quantity, shown, word
 from ...design.remedies.cures import Cure, Cures
 from ...errors import InputError, NoOrbit
 from ...servo.outcome import SETTLES
 from .fold_curve import HEADROOM
-from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, png
+from .plotting import ALONE, NEUTRAL, Axes, in_units_of_the_axis, legend, logarithmic, panels, png
 
 MOST_COLUMNS = 4
 """Panels in a row: more cannot be read."""
@@ -28,6 +29,7 @@ MOST_TICKS = 4
 """Intervals between ticks at most: more run into each other."""
 
 
+@in_units_of_the_axis
 def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
     """A panel for each remedy with a border: amplitude against size, the border marked, and what is behind it.
 
@@ -56,7 +58,7 @@ def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
     rows = [row for row in found.remedies if row.first is not None and math.isfinite(row.size)]
     if not rows:
         raise InputError("remedies: none of them has a size at which hunting ends, so there is nothing to draw")
-    return _panel_each(rows, ax, "have a border", _size, "max |x1| [rad]")
+    return _panel_each(rows, ax, "have a border", _size, f"max |x1| [{label('rad')}]")
 
 
 def _size(place: Axes, row: Cure) -> None:
@@ -67,22 +69,26 @@ def _size(place: Axes, row: Cure) -> None:
         values, amplitudes = list(branch.values), [orbit.amplitude for orbit in branch.orbits]
         # Behind the border unstable cycles may become as large as anything.
         highest = max(amplitudes[: 1 + int(np.argmax(np.abs(np.array(values) - values[0])))])
+        amplitudes = shown().number(np.array(amplitudes), "rad")
+        values, highest = list(shown().number(np.array(values), row.unit)), shown().number(highest, "rad")
         place.plot(values, amplitudes, label="cycles")
     except NoOrbit:
         place.text(0.5, 0.5, "branch not followed", ha="center", transform=place.transAxes)
-    place.axvline(row.size, color="C3", linestyle="--", label="no stable cycle beyond")
+    size, beyond = shown().number(row.size, row.unit), [shown().number(x, row.unit) for x in row.beyond]
+    place.axvline(size, color="C3", linestyle="--", label="no stable cycle beyond")
     for ended, marker, colour, said in ((True, "o", RESTING, "motions end at rest"), (False, "x", "C3", "they do not")):
-        sizes = [at for at, seen in zip(row.beyond, row.stays, strict=True) if (seen in SETTLES) is ended]
+        sizes = [at for at, seen in zip(beyond, row.stays, strict=True) if (seen in SETTLES) is ended]
         place.plot(sizes, [0.0] * len(sizes), marker, color=colour, label=said)
     top = HEADROOM * highest
     place.set_ylim(-ROOM_BELOW * top, top)
-    sizes = [row.size, *row.beyond, *values]
+    sizes = [size, *beyond, *values]
     if min(sizes) > 0 and max(sizes) > LOGARITHMIC_FROM * min(sizes):
         logarithmic(place, "x")
-    place.set_title(f"{row.name}: {row.size:.4g} {row.unit}".rstrip())
-    place.set_xlabel(f"size [{row.unit}]" if row.unit else "size")
+    place.set_title(f"{row.name}: {quantity(row.size, row.unit)}".rstrip())
+    place.set_xlabel(f"size [{label(row.unit)}]" if row.unit else "size")
 
 
+@in_units_of_the_axis
 def rest_positions(found: Cures, *, ax: Axes | None = None) -> Axes:
     """A panel for each remedy: error and torque at which the servo may stand still for ever, with the size to choose.
 
@@ -115,26 +121,30 @@ def rest_positions(found: Cures, *, ax: Axes | None = None) -> Axes:
     if not rows:
         raise InputError("remedies: of none of them the set of rest positions is known, so there is nothing to draw")
     ending = [row for row in rows if row.ends_hunting] or rows
-    reach, torque = np.abs([corner for row in ending for corner in row.rests]).max(axis=0)
-    first = _panel_each(rows, ax, "have a set", _rest_set, "torque [N m]")
+    corners = np.abs([corner for row in ending for corner in row.rests]).max(axis=0)
+    reach, torque = shown().number(corners[0], "rad"), shown().number(corners[1], "N m")
+    swing = shown().number(found.amplitude, "rad")
+    first = _panel_each(rows, ax, "have a set", _rest_set, f"{word('torque')} [{label('N m')}]")
     if ax is None:
         for place in first.figure.axes:
-            place.set_xlim(-HEADROOM * (reach or found.amplitude), HEADROOM * (reach or found.amplitude))
+            place.set_xlim(-HEADROOM * (reach or swing), HEADROOM * (reach or swing))
             place.set_ylim(-HEADROOM * (torque or 1.0), HEADROOM * (torque or 1.0))
     return first
 
 
 def _rest_set(place: Axes, row: Cure) -> None:
     """The set of rest positions."""
-    corners = np.array([*row.rests, row.rests[0]])
+    x1, torque = np.array([*row.rests, row.rests[0]]).T
+    corners = np.array([shown().number(x1, "rad"), shown().number(torque, "N m")]).T
     place.axhline(0, color=NEUTRAL, linewidth=0.5)
     place.axvline(0, color=NEUTRAL, linewidth=0.5)
     place.fill(corners[:, 0], corners[:, 1], color=RESTING, alpha=0.25)
     place.plot(corners[:, 0], corners[:, 1], color=RESTING, linewidth=2 * ALONE, marker="o", label="rests")
-    reach = np.abs(corners[:, 0]).max()
+    reach = np.abs(x1).max()
+    within = f"within {quantity(reach, 'rad')}"
     place.locator_params("x", nbins=MOST_TICKS)
-    place.set_title(f"{row.name}: {f'within {reach:.4g} rad' if reach else 'set point alone'}")
-    place.set_xlabel("x1 [rad]")
+    place.set_title(f"{row.name}: {within if reach else 'set point alone'}")
+    place.set_xlabel(f"x1 [{label('rad')}]")
 
 
 def page_images(found: Cures) -> dict[str, bytes]:

@@ -10,13 +10,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...axis_units import quantity, shown
 from ...design.record.measure import Measurement
 from ...orbits import Orbit
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import servo_of_loop
 from ...servo.trajectory import Trajectory
 from .orbits import look_of, name_of, rolled
-from .plotting import ALONE, LOOKS, NAMES, NEUTRAL, SMALL, Array, Line2D, align, legend, panels
+from .plotting import (
+    ALONE,
+    LOOKS,
+    NAMES,
+    NEUTRAL,
+    SMALL,
+    Array,
+    Line2D,
+    align,
+    in_one_unit,
+    in_units_of_the_axis,
+    legend,
+    panels,
+)
 
 if TYPE_CHECKING:
     from ...servo.sampled.motion import SampledMotion
@@ -39,6 +53,7 @@ SHADE = "0.9"
 LEVEL_COLOUR = "#b03020"
 
 
+@in_units_of_the_axis
 def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     """Position, velocity and motor torque of a simulated motion against time [s].
 
@@ -73,7 +88,7 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     name = f"{called}, K = {trajectory.gain:.4g}"
     name += f": {verdict.kind}{', irregularly' if verdict.irregular else ''}"
     if verdict.kind == "hunting":
-        name += f", amplitude {verdict.amplitude:.4g} rad, period {verdict.period:.4g} s"
+        name += f", amplitude {quantity(verdict.amplitude, 'rad')}, period {verdict.period:.4g} s"
     curves = trajectory.set_point + x[0], x[1], trajectory.signal("torque", t)
     colour, static = LOOKS[trajectory.model].colour, trajectory.loop.parameters.get("static")
     levels = () if static is None else (-static, static)
@@ -84,6 +99,7 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     return three
 
 
+@in_units_of_the_axis
 def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     """As `motion`, of the loop as built; the torque is what each sample asks for.
 
@@ -137,12 +153,17 @@ def _three(
 ) -> Array:  # fmt: skip
     """Position, velocity and torque over the time, the sticks grey, the torque with the levels of static friction."""
     figure, three = panels(given, 3, sharex=True, height_ratios=(1.4, 1, 1))
-    labels = "position θ [rad]", "velocity θ' [rad/s]", "motor torque m [N m]"
-    for ax, values, label in zip(three, curves, labels, strict=True):
+    position, (*first, set_point) = in_one_unit("rad", curves[0], set_point)
+    velocity, second = in_one_unit("rad/s", curves[1])
+    torque, (*third, levels) = in_one_unit("N m", curves[2], np.array(levels))
+    curves, units = (*first, *second, *third), (position, velocity, torque)
+    symbols = ("x", "x'", "motor force F") if shown().linear else ("θ", "θ'", "motor torque m")
+    labels = f"position {symbols[0]}", f"velocity {symbols[1]}", symbols[2]
+    for ax, values, label, unit in zip(three, curves, labels, units, strict=True):
         for stick in sticks:
             ax.axvspan(*stick, color=SHADE, linewidth=0, zorder=0)
         ax.plot(t, values, color=colour, linewidth=ALONE, zorder=4)
-        ax.set_ylabel(label)
+        ax.set_ylabel(f"{label} [{unit}]")
         ax.grid(True, color="0.85", linewidth=0.6)
         ax.margins(x=0, y=0.08)
     dashed = {"color": NEUTRAL, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 3}
@@ -150,8 +171,8 @@ def _three(
     for level in levels:
         three[2].axhline(level, **dashed)
     for ax, values, centre, least, unit in (
-        (three[0], curves[0], set_point, 0.0, "rad"), (three[1], curves[1], 0.0, 0.0, "rad/s"),
-        (three[2], curves[2], 0.0, max(levels, default=0.0), "N m"),
+        (three[0], curves[0], set_point, 0.0, units[0]), (three[1], curves[1], 0.0, 0.0, units[1]),
+        (three[2], curves[2], 0.0, max(levels, default=0.0), units[2]),
     ):  # fmt: skip
         # Cut off a spike, as at a step, beside which nothing else could be read; least: that is shown about the centre
         away = np.abs(values - centre)
@@ -166,7 +187,7 @@ def _three(
         three[2].set_xlim(t[0], end)
     three[2].set_xlabel("time [s]" + (f"; nothing more happens until {t[-1]:.4g} s" if end < t[-1] else ""))
     align(figure, three)
-    handles = [Line2D([], [], label="set point; static friction ±F$_s$" if levels else "set point", **dashed)]
+    handles = [Line2D([], [], label="set point; static friction ±F$_s$" if len(levels) else "set point", **dashed)]
     three[0].set_title(title, fontsize="medium")
     if sticks:
         handles.append(Line2D([], [], color=SHADE, linewidth=8, label="stick"))
@@ -174,6 +195,7 @@ def _three(
     return three
 
 
+@in_units_of_the_axis
 def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
@@ -205,21 +227,24 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
     figure, both = panels(ax, 2, height_ratios=(1, 1.6))
     (above, below), record = both, measurement.record
     every = max(1, record.times.size // MOST_DOTS)
-    t, y, level = record.times[::every], record.position[::every], measurement.level[::every]
+    t = record.times[::every]
+    position, level = record.position[::every], measurement.level[::every]
+    named, (y, drawn) = in_one_unit("rad", position, level)
+    beside = shown().near(measurement.amplitude, "rad")
     gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap
     above.plot(np.insert(t, gap, np.nan), np.insert(y, gap, np.nan), color=NEUTRAL, linewidth=0.8, zorder=3)
-    above.plot(t, level, color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), zorder=4)
+    above.plot(t, drawn, color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), zorder=4)
     for edge in measurement.crossings:
         above.axvline(edge, color="0.8", linewidth=0.7, zorder=1)
-    above.set(xlabel="time [s]", ylabel="position [rad]")
+    above.set(xlabel="time [s]", ylabel=f"position [{named}]")
     above.margins(x=0, y=0.08)
 
     dots = {"linestyle": "none", "marker": "o", "markersize": 2.2, "color": "0.55", "alpha": 0.6, "zorder": 2}
     period = measurement.period
     for edge, own in zip(measurement.starts, measurement.periods, strict=True):
         here = (t >= edge - period / 4) & (t < edge + own - period / 4)
-        below.plot(t[here] - edge, (y - level)[here], **dots)
-    averages = f"amplitude {measurement.amplitude:.4g} rad, frequency {measurement.frequency:.4g} Hz"
+        below.plot(t[here] - edge, shown().number((position - level)[here], "rad", beside), **dots)
+    averages = f"amplitude {quantity(measurement.amplitude, 'rad')}, frequency {measurement.frequency:.4g} Hz"
     handles = [
         Line2D([], [], label=f"record, {measurement.periods.size} periods: {averages}", **dots | {"markersize": 4}),
         Line2D([], [], color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), label="level"),
@@ -228,13 +253,13 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
         look, sense = look_of(orbit), 1.0 if measurement.rising else -1.0
         times, states = orbit.sample(PER_INTERVAL)
         times, states = rolled(times, sense * states)
-        below.plot(times, sense * states[0], color=look.colour, linewidth=2.0, zorder=5)
-        foretold = f"amplitude {orbit.amplitude:.4g} rad, frequency {1 / orbit.period:.4g} Hz"
+        below.plot(times, shown().number(sense * states[0], "rad", beside), color=look.colour, linewidth=2.0, zorder=5)
+        foretold = f"amplitude {quantity(orbit.amplitude, 'rad')}, frequency {1 / orbit.period:.4g} Hz"
         label = f"{name_of(orbit)}: {foretold}"
         handles.append(Line2D([], [], color=look.colour, linewidth=2.0, label=label))
     below.axhline(0, color="0.6", linewidth=0.7, zorder=1)
     rise = "rise" if measurement.rising else "fall"
-    below.set(xlabel=f"time from the {rise} through the level [s]", ylabel="position − level [rad]")
+    below.set(xlabel=f"time from the {rise} through the level [s]", ylabel=f"position − level [{beside}]")
     below.grid(True, color="0.9", linewidth=0.6)
     below.margins(x=0.01, y=0.1)
     legend(figure, below, handles, frameon=False)

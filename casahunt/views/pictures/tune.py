@@ -13,13 +13,14 @@ from ...errors import NoOrbit
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold import elasticities
-from .plotting import ALONE, NEUTRAL, SMALL, Array, Line2D, panels, png
+from .plotting import ALONE, NEUTRAL, SMALL, Array, Line2D, in_units_of_the_axis, panels, png
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
 CHOSEN = "#1d6b3f"
 
 
+@in_units_of_the_axis
 def operating_point(tuning: Tuning, branch: Branch, *, ax: Any = None) -> Array:
     """The diagram of the worst servo with the recommended gain and the fold gain plus margin.
 
@@ -68,6 +69,7 @@ def operating_point(tuning: Tuning, branch: Branch, *, ax: Any = None) -> Array:
     return both
 
 
+@in_units_of_the_axis
 def tasks(simulated: Sequence[SimulatedTask], *, ax: Any = None) -> Array:
     """Tasks with the tuned controller: distance from the set point [rad] against time [s].
 

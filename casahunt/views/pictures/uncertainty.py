@@ -9,12 +9,13 @@ from ...design.uncertainty.summary import Summary
 from ...design.uncertainty.worst_corner import WorstCase
 from ...errors import InputError
 from ...servo.problem import HuntingFold
-from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, Axes, legend, panels
+from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, Axes, in_units_of_the_axis, legend, panels
 
 MOST_BINS = 40
 """Narrower ones are bars of a few pixels."""
 
 
+@in_units_of_the_axis
 def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, *, ax: Axes | None = None) -> Axes:
     """Fold gains of the samples, with the servo's own, the linear interval and the worst corner.
 

@@ -1,0 +1,225 @@
+"""What commands, pictures and results say of a linear axis: in its units, of the numbers that stand for it in SI."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from command_line import one_json, run
+
+from casahunt import (
+    Options,
+    Units,
+    basin,
+    find_fold,
+    find_orbit,
+    load,
+    load_orbit,
+    pictures,
+    save_orbit,
+    simulate,
+)
+from casahunt.axis_units import shown
+from casahunt.quantities import in_si
+from problems.ball_screw import BY_HAND, TOML
+
+QUICK = {
+    "orbit": (), "fold": ("--details",), "loop": ("--details",), "equilibria": ("--details",), "basin": ("--details",),
+    "map": ("--details",), "simulate": ("--set-point", "0", "--position", "57 um", "--time", "2", "--details"),
+    "remedies": ("--only", "leak", "--details"),
+}  # fmt: skip
+
+
+def said(text: str) -> str:
+    """The answer, without the explanations of words, in one line."""
+    return " ".join(text.split("what the words mean")[0].split())
+
+
+SLOW = "map", "remedies"
+
+
+@pytest.mark.parametrize("command", [pytest.param(c, marks=[pytest.mark.slow] if c in SLOW else []) for c in QUICK])
+def test_nothing_is_said_in_radians(capsys, command, tmp_path):
+    code, out, err = run(capsys, command, TOML, *QUICK[command], "--csv", tmp_path / "out.csv", "--quiet")
+    assert code == 0, err
+    text = said(out)
+    assert not re.search(r"\d rad\b(?!/s)|V/rad|N m\b|degrees\)", text), text
+    assert bool(re.findall(r"\d rad/s", text)) == (command == "loop")  # where they are frequencies
+    header = (tmp_path / "out.csv").read_text().partition("\n")[0]
+    assert "_rad" not in header.replace("crossover_rad_per_s", "") and "Nm" not in header
+    assert ("crossover_rad_per_s" in header) == (command == "loop")
+    assert shown() == Units()  # what a command shows is its own affair
+
+
+def quantity_behind(text: str, words: str, unit: str) -> float:
+    """The quantity behind some words of an answer, in SI."""
+    return in_si(words, re.search(rf"{words} +([-\d.e]+ \S+)", text)[1].rstrip(",;."), (unit,))
+
+
+def test_the_numbers_are_those_of_the_axis_in_si(capsys):
+    servo = load(TOML)
+    orbit, fold, border = (
+        find_orbit(BY_HAND, "switch", 1.0), find_fold(BY_HAND, "switch"), basin(BY_HAND, "switch", 1.0)
+    )  # fmt: skip
+    own = find_orbit(servo, "switch", 1.0)
+    assert (own.amplitude, own.period) == (orbit.amplitude, orbit.period)  # to the last bit
+    assert find_fold(servo, "switch").gain == fold.gain
+    _, out, _ = run(capsys, "orbit", TOML, "--quiet")
+    assert quantity_behind(said(out), "amplitude", "m") == pytest.approx(orbit.amplitude, rel=1e-3)
+    _, out, _ = run(capsys, "fold", TOML, "--quiet")
+    assert quantity_behind(said(out), "up to gain", "V/m") == pytest.approx(fold.gain, rel=1e-3)
+    _, out, _ = run(capsys, "basin", TOML, "--quiet")
+    assert quantity_behind(said(out), "sticks within", "m") == pytest.approx(border.border, rel=1e-3)
+
+
+def test_tables_are_in_the_unit_that_is_asked_for(capsys, tmp_path):
+    path = tmp_path / "motion.csv"
+    words = "--set-point", "1 mm", "--time", "1", "--csv", path, "--quiet"
+    assert run(capsys, "simulate", TOML, *words)[0] == 0
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    assert list(rows[0]) == ["time_s", "position_mm", "velocity_mm_per_s", "integral_mm_s", "force_N", "mode"]
+    motion = simulate(BY_HAND, "switch", 1.0, set_point=1e-3, time=1.0)
+    table = motion.table()
+    for name, column, factor in (("position_mm", "position_rad", 1e3), ("force_N", "torque_Nm", 1.0)):
+        mine = np.array([float(row[name]) for row in rows])
+        np.testing.assert_allclose(mine, factor * np.asarray(table[column]), rtol=1e-15, atol=0)
+    own = simulate(load(TOML), "switch", 1.0, set_point=1e-3, time=1.0)
+    own.to_csv(tmp_path / "python.csv")
+    assert (tmp_path / "python.csv").read_text() == path.read_text()
+
+
+def test_json_and_results_are_in_si_and_say_so(capsys):
+    code, out, _ = run(capsys, "orbit", TOML, "--json", "--quiet")
+    found, orbit = one_json(out), find_orbit(load(TOML), "switch", 1.0)
+    assert code == 0 and found["amplitude"] == orbit.amplitude
+    assert found["units"] == {
+        "motion": "linear", "length": "m", "force": "N", "mass": "kg", "gain": "V/m", "time": "s",
+    }  # fmt: skip
+    assert {q.name: q.unit for q in orbit.quantities()} | {"gain": "V/m", "amplitude": "m"} == {
+        q.name: q.unit for q in orbit.quantities()
+    }
+    assert "rad" not in repr(orbit) and "units" not in find_orbit(BY_HAND, "switch", 1.0).to_dict()
+    assert list(orbit.to_dict()["table"]) == ["time_s", "x1_m", "x2_m_per_s", "x3_m_s"]
+
+
+def test_sentences_of_python_results_are_in_the_units_of_their_servo():
+    motion = simulate(load(TOML), "switch", 1.0, position=57e-6, set_point=0.0, time=2.0)
+    assert "by 57.18 um to either side" in motion.verdict.sentence
+    assert shown() == Units()
+    rotary = simulate(BY_HAND, "switch", 1.0, position=57e-6, set_point=0.0, time=2.0)
+    assert "by 5.718e-05 rad to either side" in rotary.verdict.sentence
+
+
+def test_pictures_are_in_the_units_of_their_servo():
+    orbit, hand = (find_orbit(servo, "switch", 1.0) for servo in (load(TOML), BY_HAND))
+    above, _, below = pictures.time_traces([orbit])
+    assert (above.get_ylabel(), below.get_ylabel()) == ("x₁ [um]", "x₃ [um s]")
+    line, other = above.lines[0], pictures.time_traces([hand])[0].lines[0]
+    assert np.abs(line.get_ydata()).max() == pytest.approx(1e6 * hand.amplitude, rel=1e-9)
+    assert line.get_xdata() == pytest.approx(other.get_xdata())
+    motion = simulate(load(TOML), "switch", 1.0, set_point=1e-3, time=1.0)
+    three = pictures.motion(motion)
+    assert [axes.get_ylabel() for axes in three] == ["position x [mm]", "velocity x' [mm/s]", "motor force F [N]"]
+    assert three[0].lines[-1].get_ydata()[0] == 1.0  # the set point
+    text = " ".join(text.get_text() for text in three[0].figure.findobj(match=lambda item: hasattr(item, "get_text")))
+    assert not re.search(r"\brad\b|N m", text)
+
+
+def test_values_with_units_on_the_command_line(capsys):
+    plain = run(capsys, "orbit", TOML, "--quiet", "--set", "friction.static=95")
+    assert run(capsys, "orbit", TOML, "--quiet", "--set", "friction.static=0.095 kN") == plain
+    assert run(capsys, "orbit", TOML, "--quiet", "--set", "friction.static = 95 N", "--gain", "0.001 V/mm") == plain
+    code, out, err = run(capsys, "simulate", TOML, "--position", "57 deg")
+    assert (code, out) == (2, "") and "position = '57 deg': must be in m" in err and "the axis is linear" in err
+    code, out, err = run(capsys, "orbit", TOML, "--set", "friction.static=95 N m")
+    assert (code, out) == (2, "") and "friction.static = '95 N m': must be in N" in err
+    code, out, err = run(capsys, "simulate", "--gain", "0.04", "--position", "57 um")
+    assert (code, out) == (2, "") and "must be in rad" in err and "the axis is rotary" in err
+
+
+@pytest.mark.slow
+def test_the_table_of_a_diagram(capsys, tmp_path):
+    out, words = tmp_path / "diagram", ("--model", "switch", "--from", "1.3 V/m", "--quiet")
+    for _ in range(2):  # the second run knows the files of the first one as its own
+        assert run(capsys, "diagram", TOML, *words, "--out", out)[0] == 0
+    header, first, *_ = (out / "switch.csv").read_text().splitlines()
+    assert header.startswith("gain,amplitude_mm,period_s")
+    hand = find_orbit(BY_HAND, "switch", 1.3)
+    assert float(first.split(",")[1]) == pytest.approx(1e3 * hand.amplitude, rel=1e-6)
+
+
+def test_an_orbit_on_disk_keeps_its_units(tmp_path):
+    save_orbit(find_orbit(load(TOML), "switch", 1.3), tmp_path / "orbit.npz")
+    assert load_orbit(tmp_path / "orbit.npz").servo.units == load(TOML).units
+
+
+@pytest.mark.slow
+def test_the_page_of_remedies(capsys, tmp_path):
+    code, _, err = run(capsys, "remedies", TOML, "--only", "leak", "--out", tmp_path / "page", "--quiet")
+    assert code == 0, err
+    page = (tmp_path / "page" / "remedies.html").read_text()
+    page = re.sub(r'src="data:[^"]*"|<style>.*?</style>', "", page, flags=re.S)
+    text = " ".join(re.sub(r"<[^>]+>", " ", page).replace("&nbsp;", " ").split())
+    assert "57.18 um" in text and "servo: mass" in text
+    assert not re.search(r"\brad\b|N m\b", text)
+    assert json.loads((tmp_path / "page" / "remedies.json").read_text())["units"]["length"] == "m"
+
+
+def test_parameters_go_by_their_names(capsys):
+    ends = "--vary", "servo.mass", "29 kg", "31 kg", "--and", "friction.static", "88 N", "92 N"
+    code, out, err = run(capsys, "fold-map", TOML, *ends, "--points", "2", "--json", "--quiet")
+    assert code == 0, err
+    found = one_json(out)
+    low = find_fold(BY_HAND.replace(**{"servo.inertia": 29.0, "friction.static": 88.0}), "switch").gain
+    assert found["gains"][0][0] == pytest.approx(low, rel=1e-5)
+
+
+def test_the_page_of_explore_is_of_a_rotary_axis(capsys):
+    code, out, err = run(capsys, "explore", TOML, "--no-browser")
+    assert (code, out) == (2, "") and "leave [units] out" in err
+
+
+@pytest.mark.slow
+def test_identify_writes_the_axis(capsys, tmp_path):
+    t, random = np.arange(0.0, 20.0, 0.002), np.random.default_rng(1)
+    x = simulate(BY_HAND, "switch", 1.0, set_point=0.0, position=57e-6, time=20.0).sample(t)[0]
+    rows = zip(t.tolist(), (1e3 * x + random.normal(0, 2e-5, t.size)).tolist(), strict=True)
+    record = tmp_path / "record.csv"
+    record.write_text("time [s],position [mm]\n" + "".join(f"{a!r},{b!r}\n" for a, b in rows))
+    code, out, err = run(capsys, "identify", record, "--servo", TOML, "--quiet", "--out", tmp_path / "found")
+    assert code == 0, err
+    assert re.search(r"stribeck_velocity +2(\.0*\d*)? .* mm/s|stribeck_velocity +1\.99\d* .* mm/s", out)
+    found = load(tmp_path / "found" / "servo.toml")
+    assert found.units == load(TOML).units and found.friction.static == pytest.approx(90.0, rel=1e-3)
+
+
+def test_a_rotary_axis_in_degrees(capsys, tmp_path):
+    path = tmp_path / "servo.toml"
+    path.write_text('[units]\nangle = "deg"\ntorque = "mN m"\n[friction]\nstatic = "530 mN m"\n')
+    _, plain, _ = run(capsys, "simulate", "--gain", "0.04", "--time", "30", "--quiet")
+    _, out, _ = run(capsys, "simulate", path, "--gain", "0.04", "--time", "30 s", "--quiet", "--set-point", "1")
+    amplitude = re.search(r"amplitude +(\S+) rad \((\S+) degrees\)", plain)
+    assert f"amplitude        {float(amplitude[2]):g} deg\n" in out
+    torque = re.search(r"largest torque +(\S+) N m", plain)
+    assert float(re.search(r"largest torque +(\S+) mN m", out)[1]) == pytest.approx(1e3 * float(torque[1]), rel=1e-3)
+
+
+def test_records_in_mm(capsys, tmp_path):
+    t = np.arange(0.0, 20.0, 0.005)
+    x = simulate(BY_HAND, "switch", 1.0, set_point=0.0, position=57e-6, time=20.0).sample(t)[0]
+    path = tmp_path / "record.csv"
+    rows = zip(t.tolist(), (1e3 * x).tolist(), strict=True)
+    path.write_text("time [s],position [mm]\n" + "".join(f"{a!r},{b!r}\n" for a, b in rows))
+    code, out, _ = run(capsys, "record", path, TOML, "--gain", "1", "--json", "--quiet")
+    found = one_json(out)
+    orbit = find_orbit(BY_HAND, "switch", 1.0, options=Options(tol=1e-8))
+    assert code == 0 and found["amplitude"] == pytest.approx(orbit.amplitude, rel=1e-3)
+    _, out, _ = run(capsys, "record", path, TOML, "--gain", "1", "--quiet")
+    assert "amplitude         57.18" in out and " um" in out and "rad" not in out
+    code, _, err = run(capsys, "record", path)
+    assert code == 2 and "'mm' is no unit of angle" in err
+    assert math.isfinite(found["noise"])
