@@ -43,7 +43,7 @@ _SAID = re.compile(
 """Units of numbers in a sentence; not rad/s, which is a frequency, too, but of a velocity."""
 NOT_EXPORTED = {"exported": False}
 """Of a field of a record that is not among what is exported."""
-ALIKE = 100.0
+ONE_UNIT_UP_TO = 100.0
 """Numbers of one row whose ratio is smaller have one unit."""
 READS_WELL = 0.1, 1e4
 """From and below which a number stays in the unit that was asked for."""
@@ -334,7 +334,7 @@ def several(numbers: Sequence[float], unit: str, text: str | Callable[..., str] 
     numbers, unit, text: as of `quantity`; by: what stands between them.
     """
     units, sizes = shown(), [abs(x) for x in numbers if x]
-    if not units.plain and sizes and max(sizes) > ALIKE * min(sizes):
+    if not units.plain and sizes and max(sizes) > ONE_UNIT_UP_TO * min(sizes):
         return by.join(quantity(x, unit, text) for x in numbers)
     named = units.near(max(map(abs, numbers), default=0.0), unit)
     each = (units.number(x, unit, named) for x in numbers)

@@ -18,8 +18,8 @@ import pytest
 from casahunt import Controller, Pid, Servo, find_fold
 from casahunt.cli import build_parser, main
 from casahunt.design.uncertainty.set import load_uncertainty
-from casahunt.servo.servo import KEYS
-from problems import table1
+from casahunt.servo.servo import KEYS, servo_of_tables
+from problems import ball_screw, table1
 from problems.taylor import switch_cycle, switch_fold, switch_half_cycle
 
 ROOT = Path(__file__).parents[1]
@@ -50,7 +50,8 @@ def test_python_example(capsys):
 
 
 def test_servo_file_example():
-    times, gains = map(tomllib.loads, blocks("toml", SERVO_FILE))
+    times, gains, linear = map(tomllib.loads, blocks("toml", SERVO_FILE))
+    assert servo_of_tables(linear, "the page") == ball_screw.BY_HAND
     for tree in (times, gains):
         assert {f"{section}.{key}" for section, table in tree.items() for key in table} <= set(KEYS)
     assert Pid(**gains["controller"]) == Pid(kp=1, ki=6, kd=0.15)

@@ -258,10 +258,11 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
 def shown_as_the_file_says(options: argparse.Namespace) -> None:
     """Show numbers, and take them with their units, as the servo file of a command says.
 
-    Raises InputError: it cannot be read, or its units are wrong.
+    What is wrong with it is told where the command reads it.
     """
     if getattr(options, "servo", None) is not None:
-        _tables(options)
+        with suppress(InputError):
+            _tables(options)
     for key in ("vary", "fold_in"):
         if isinstance(named := getattr(options, key, None), str):
             setattr(options, key, shown().own_name(named))
@@ -273,13 +274,24 @@ def _tables(options: argparse.Namespace) -> dict[str, Any]:
     Raises InputError: it cannot be read, or its units are wrong.
     """
     if not hasattr(options, "tables"):
-        what = f"servo file {options.servo!r}"
-        options.tables = read_toml(options.servo, what)
-        try:
-            show_in(units_of_table(options.tables.get(UNITS_TABLE, {})))
-        except InputError as error:
-            raise InputError(f"{what}: {error}") from None
+        options.tables = _read(options.servo)
+    if isinstance(options.tables, InputError):
+        raise options.tables
     tables: dict[str, Any] = options.tables
+    return tables
+
+
+def _read(path: str) -> dict[str, Any] | InputError:
+    """The tables of a servo file, or what is wrong with it."""
+    what = f"servo file {path!r}"
+    try:
+        tables = read_toml(path, what)
+    except InputError as error:
+        return error
+    try:
+        show_in(units_of_table(tables.get(UNITS_TABLE, {})))
+    except InputError as error:
+        return InputError(f"{what}: {error}")
     return tables
 
 

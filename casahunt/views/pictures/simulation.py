@@ -195,6 +195,10 @@ def _three(
     return three
 
 
+def _size(amplitude: float, frequency: float) -> str:
+    return f"amplitude {quantity(amplitude, 'rad')}, frequency {frequency:.4g} Hz"
+
+
 @in_units_of_the_axis
 def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
@@ -228,8 +232,7 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
     (above, below), record = both, measurement.record
     every = max(1, record.times.size // MOST_DOTS)
     t = record.times[::every]
-    position, level = record.position[::every], measurement.level[::every]
-    named, (y, drawn) = in_one_unit("rad", position, level)
+    named, (y, drawn) = in_one_unit("rad", record.position[::every], measurement.level[::every])
     beside = shown().near(measurement.amplitude, "rad")
     gap = np.flatnonzero(np.diff(t) > measurement.period / 4) + 1  # no line across a gap
     above.plot(np.insert(t, gap, np.nan), np.insert(y, gap, np.nan), color=NEUTRAL, linewidth=0.8, zorder=3)
@@ -243,8 +246,9 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
     period = measurement.period
     for edge, own in zip(measurement.starts, measurement.periods, strict=True):
         here = (t >= edge - period / 4) & (t < edge + own - period / 4)
-        below.plot(t[here] - edge, shown().number((position - level)[here], "rad", beside), **dots)
-    averages = f"amplitude {quantity(measurement.amplitude, 'rad')}, frequency {measurement.frequency:.4g} Hz"
+        off = (record.position - measurement.level)[::every][here]
+        below.plot(t[here] - edge, shown().number(off, "rad", beside), **dots)
+    averages = _size(measurement.amplitude, measurement.frequency)
     handles = [
         Line2D([], [], label=f"record, {measurement.periods.size} periods: {averages}", **dots | {"markersize": 4}),
         Line2D([], [], color=LEVEL_COLOUR, linewidth=1.4, linestyle=(0, (5, 2)), label="level"),
@@ -254,9 +258,8 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
         times, states = orbit.sample(PER_INTERVAL)
         times, states = rolled(times, sense * states)
         below.plot(times, shown().number(sense * states[0], "rad", beside), color=look.colour, linewidth=2.0, zorder=5)
-        foretold = f"amplitude {quantity(orbit.amplitude, 'rad')}, frequency {1 / orbit.period:.4g} Hz"
-        label = f"{name_of(orbit)}: {foretold}"
-        handles.append(Line2D([], [], color=look.colour, linewidth=2.0, label=label))
+        foretold = f"{name_of(orbit)}: {_size(orbit.amplitude, 1 / orbit.period)}"
+        handles.append(Line2D([], [], color=look.colour, linewidth=2.0, label=foretold))
     below.axhline(0, color="0.6", linewidth=0.7, zorder=1)
     rise = "rise" if measurement.rising else "fall"
     below.set(xlabel=f"time from the {rise} through the level [s]", ylabel=f"position − level [{beside}]")
