@@ -5,8 +5,8 @@ output.py      what is printed: 80 columns, words explained; CSV tables
 output_paths.py what a command may write
 taken.py       what a servo file leaves to Table 1
 arguments.py   the arguments that they share, read and checked
-move.py        the profile of a move
 pool.py        processes that a command shares its work out to
+price_options.py the options of what a remedy costs, and of a move
 record_options.py those by which they read a record
 console.py     what else they share: files, how numbers are shown
 uncertain.py   what is uncertain of a servo, and what of it is left out

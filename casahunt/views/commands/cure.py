@@ -39,13 +39,12 @@ from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
 from .pool import processes
+from .price_options import add_demands, demands_of
 from .progress import progress, tell
 from .remedies import (
-    add_demands,
     advice_of,
     as_it_is_found,
     built_lines,
-    demands_of,
     fails_as_built,
     none_within,
     remedies_as_built,

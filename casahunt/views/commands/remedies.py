@@ -20,7 +20,6 @@ from typing import Any
 from ...axis_units import label, quantity, shown, word
 from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
-from ...design.remedies.price import TASK_STEP
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
 from ...errors import InputError
 from ...export import plain
@@ -29,7 +28,7 @@ from ...servo.drive import with_remedy
 from ...servo.outcome import SETTLES
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of as parts_of
-from ...servo.parts.table import REMEDY_NAMES, remedy_name, remedy_of
+from ...servo.parts.table import remedy_of
 from ...servo.sampled.as_run import DRIVE_PARTS
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.servo import Servo, flatten
@@ -39,10 +38,10 @@ from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
 from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain, folder
-from .move import add_profile, move_of
 from .output import give
 from .output_paths import write_results
-from .pool import jobs_of, processes
+from .pool import processes
+from .price_options import DEMANDS, add_demands, demands_of
 from .progress import progress, tell
 from .sampled import checked_lines
 from .uncertain import uncertainty_of
@@ -58,8 +57,6 @@ NO_PART = "not checked: its size is that of a vibration much faster than the sam
 """Said of dither."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
-DEMANDS = {"max_error": ("error at rest", "rad"), "max_torque": ("torque", "N m")}
-"""Limits that may be set, what they limit, and the unit."""
 
 OWN = {"gain": "K", "derivative": "kd", "integral": "ki"}
 """Remedies that are numbers of the controller, and which."""
@@ -82,31 +79,6 @@ def add(commands: Any) -> None:
     command.add_argument("--margin", default=MARGIN_TO_CHOOSE, help=more)
     command.add_argument("--uncertainty", metavar="U.toml", help="what is uncertain: sizes for the worst servo too")
     add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
-
-
-def add_demands(command: Any) -> None:
-    """The arguments of which remedies are looked at, and of what they may cost."""
-    names = ", ".join(REMEDY_NAMES)
-    command.add_argument(
-        "--only", action="append", default=[], metavar="NAME",
-        help=f"only this remedy; repeat for more, or name several with commas between them: {names}",
-    )  # fmt: skip
-    command.add_argument("--max-error", metavar="RAD", help="largest error at rest that is allowed [rad]")
-    command.add_argument(
-        "--max-torque", metavar="NM", help="largest torque on the step, or the move, that is allowed [N m]"
-    )
-    command.add_argument("--step", default=TASK_STEP, metavar="RAD", help=f"how far (default {TASK_STEP:g} rad)")
-    add_profile(command)
-    command.add_argument("--jobs", metavar="J", help="processes, to which remedies are shared out (default: all cores)")
-
-
-def demands_of(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any], int]:
-    """Which remedies are looked at, and the step and move of their price, by `remedies`' names; what they may cost;
-    and in how many processes."""
-    names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
-    limits = {key: positive(key, x, DEMANDS[key][1]) for key in DEMANDS if (x := getattr(options, key)) is not None}
-    asked = {"only": names, "step": positive("step", options.step, "rad"), "move": move_of(options)}
-    return asked, limits, min(jobs_of(options), len(names) or len(REMEDY_NAMES))
 
 
 def run(options: argparse.Namespace) -> int:

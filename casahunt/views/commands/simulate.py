@@ -44,8 +44,8 @@ from ...servo.units import assigned, numbers_of
 from ..answers.simulate import simulation_answer
 from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
 from .console import complain
-from .move import PROFILE, add_profile, move_of
 from .output import give
+from .price_options import PROFILE, add_profile, move_of
 from .sampled import add_drive, of_drive
 
 OF_DRIVE_ALONE = tuple(key for key in DRIVE_KEYS if key not in (*DRIVE_PARTS.values(), *SHARES, "sample_time"))
