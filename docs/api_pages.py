@@ -37,7 +37,7 @@ TOPICS = (
     }),
     Topic("hunting", "Does it hunt?",
           "Its cycle at one gain, a motion and its verdict, the linear loop, where it may rest.", {
-        "casahunt": "find_orbit Orbit Arc Multipliers orbit_ensemble OrbitEnsemble no_cycle simulate Trajectory "
+        "casahunt": "find_orbit Orbit Arc Multipliers orbit_ensemble OrbitEnsemble no_cycle simulate Move Trajectory "
         "Outcome simulate_sampled SampledMotion cause_of Cause basin Basin fixed_points FixedPoints "
         "equilibria Equilibria linear_loop LinearLoop margins Margins save_orbit load_orbit",
     }),

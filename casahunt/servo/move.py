@@ -17,6 +17,7 @@ Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -160,6 +161,13 @@ def moving(loop: Loop, move: Move | None, distance: float) -> Loop:
     if move is None:
         return loop
     return loop.with_parts(move_part(distance, move.speed, move.acceleration, move.jerk))
+
+
+def begins_in(loop: Loop, move: Move | None, start: Mapping[str, float]) -> str:
+    """The mode in which a motion begins; of a move one that two others are parts of: nothing pulls to a side yet."""
+    named = loop.mode_at(**start)
+    whole = next(mode.unsplit for mode in loop.system.modes if mode.name == named)
+    return named if move is None else whole or named
 
 
 def check_time(move: Move, distance: float, time: float) -> None:

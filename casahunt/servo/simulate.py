@@ -36,7 +36,7 @@ from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
 from .friction import Model
 from .hunting import Kind
-from .move import Move, check_time, moving
+from .move import Move, begins_in, check_time, moving
 from .parts.ahead import errors_of, measured
 from .parts.fate import fate
 from .parts.loop import Loop
@@ -275,8 +275,9 @@ def _refined(run: _Runs, tol: float) -> _Pair | MarchFailure:
 class _Runs:
     """One motion, marched with any march tolerance."""
 
-    def __init__(self, rest: Loop, start: Mapping[str, float], time: float, move: Move | None) -> None:
+    def __init__(self, rest: Loop, start: Mapping[str, float], time: float, move: Move | None = None) -> None:
         loop = moving(rest, move, -start["x1"])
+        self.begins = begins_in(loop, move, start)
         self.loop, self.start, self.time, self.system = loop, loop.state(**start), time, loop.system
         beside = AS_IT_HUNTS * (max(errors_of(rest)) or 1.0)
         first, hunting = (
@@ -312,7 +313,7 @@ class _Runs:
             return bool(ended)
 
         phases = follow_for(
-            form, self.loop.mode_at(**self.start), self.system.state(self.start, None), p, self.scale, self.kind,
+            form, self.begins, self.system.state(self.start, None), p, self.scale, self.kind,
             self.time, tau, enough, LONGEST_MESH,
         )  # fmt: skip
         return _Run(Motion(self.system, p, tuple(phases), np.nan, self.scale, self.kind), self.time, ended, tau)

@@ -114,7 +114,7 @@ def test_the_lines_of_a_fold(capsys, loop_file, tmp_path):
     assert err.startswith("loop    dead_band = 0.0433457") and is_picture(tmp_path / "f.png")
     rows = {row["parameter"]: row for row in csv.DictReader((tmp_path / "f.csv").read_text().splitlines())}
     assert float(rows["gain"]["elasticity"]) == pytest.approx(float(rows["motor_gain"]["elasticity"]))
-    assert float(rows["gain"]["fold_dead_band"]) == pytest.approx(BAND, rel=1e-6)
+    assert float(rows["gain"]["fold_dead_band_rad"]) == pytest.approx(BAND, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_the_table_is_read_at_a_glance(capsys):
     said = " ".join(run(capsys, *GAIN, "--only", "gain", "--quiet", "--details")[1].split())
     assert "may stand still, with the size to choose" in said
     assert "10 % more of the remedy" in said and "step of 1 rad" in said
-    assert "of that step stays within 2 % of the step" in said and "in place of the present ones: gain: K" in said
+    assert "the error stays within 2 % of the way" in said and "in place of the present ones: gain: K" in said
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...motion import MarchFailure, Motion, follow_for
-from ...servo.move import Move, moving
+from ...servo.move import Move, begins_in, moving
 from ...servo.outcome import Kind
 from ...servo.parts.fate import TO_BE_SAMPLED, Points, Swing, fate
 from ...servo.parts.loop import Loop
@@ -52,7 +52,7 @@ def task(loop: Loop, before: Swing, rest_error: float, step: float = TASK_STEP, 
     start, mode, pieces = loop.at_rest(-step), "", list[tuple[Loop, Motion]]()
     if move is not None:
         try:
-            pieces.append(_moved(moving(loop, move, step), before, move.time(step), step))
+            pieces.append(_moved(loop, move, before, step))
         except MarchFailure:
             return Task(math.nan, math.nan, "undecided")
         (moved, motion), end = pieces[0], pieces[0][1].phases[-1].behind
@@ -78,11 +78,13 @@ def task(loop: Loop, before: Swing, rest_error: float, step: float = TASK_STEP, 
     return Task(peak, settled, ended.kind)
 
 
-def _moved(loop: Loop, before: Swing, time: float, step: float) -> tuple[Loop, Motion]:
+def _moved(loop: Loop, move: Move, before: Swing, step: float) -> tuple[Loop, Motion]:
     """The loop with a move, and its motion until that is over.  Raises MarchFailure."""
+    loop = moving(loop, move, step)
     start, system = loop.at_rest(-step), loop.system
     scale = np.array([before.sizes.get(name) or abs(x) or 1.0 for name, x in start.items()])
     kind: Points = "radau" if any(mode.stiff for mode in system.modes) else "gauss"
     p, x = system.values(None), np.array(list(start.values()))
-    phases = follow_for(system.vector_form, loop.mode_at(**start), x, p, scale, kind, time, TO_BE_SAMPLED)
+    begins, time = begins_in(loop, move, start), move.time(step)
+    phases = follow_for(system.vector_form, begins, x, p, scale, kind, time, TO_BE_SAMPLED)
     return loop, Motion(system, p, tuple(phases), math.nan, scale, kind)

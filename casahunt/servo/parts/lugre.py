@@ -78,9 +78,9 @@ LUGRE = Part(
     {"static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1, "stiffness": 2.2e4, "damping": 7.58},
     modes=(
         PartMode("slide+", _SLIDE, (Edge("reversal", _reversal, -1, _after), Edge("centre", _centre, +1, "slide+")), +1,
-                 "slide", lambda x, s, p: s.motor_rate > 0 or s.motor_rate == 0 and _after(x, s, p) == "slide+"),
+                 "slide", lambda x, s, p: s.motor_rate > 0 or s.motor_rate == 0 and _strength(x, s, p) >= 0),
         PartMode("slide-", _SLIDE, (Edge("reversal", _reversal, +1, _after), Edge("centre", _centre, -1, "slide-")), -1,
-                 "slide", lambda x, s, p: s.motor_rate < 0 or s.motor_rate == 0 and _after(x, s, p) == "slide-"),
+                 "slide"),
         PartMode("slide", _EITHER, (
             Edge("centre", _centre, 0, lambda x, s, p: "slide+" if s.motor_rate > 0 else "slide-"),
         )),
