@@ -41,7 +41,9 @@ COUNTS = "counts"
 """The unit of a length or an angle that is one count of the encoder."""
 KNOWN = "um mm cm m in ft urad mrad rad deg rev rpm ms s min mN N kN lbf Nm g kg lb mV V mA A".split()
 """Those that are told to who asks for another one."""
-_VALUE = re.compile(r"\s*+([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+((?![eE](?:[-+\d]|$))(?:[A-Za-zµμ°]|1\s*/).*)")
+_VALUE = re.compile(
+    r"\s*+([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+((?![eE](?:[-+\d]|$))(?:[A-Za-zµμ°]|1\s*/).*)"
+)
 _TOKEN = re.compile(r"\s*(?:([A-Za-zµμ]+|°)(?:\^|\*\*)?(-?[1-9](?!\d)|[²³])?|([/()*·])|1(?=\s*/))")
 
 

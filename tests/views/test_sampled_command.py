@@ -433,7 +433,8 @@ def test_what_is_done_with_a_drive_is_said_of_a_fit(capsys, tmp_path, built):
 def test_a_cycle_that_motions_leave_is_not_said_to_be_hunting():
     """Between where the stable cycles end and the fold."""
     table = SimpleNamespace(
-        name="servo", gain=7.4, amplitude=7e-4, period=6.0, remedies=(), best="", stable=False, irregular=False, move=None
+        name="servo", gain=7.4, amplitude=7e-4, period=6.0, remedies=(), best="", stable=False, irregular=False,
+        move=None,
     )
     first = next(remedy_lines(table, {}, of_a_set=False))
     assert "has a hunting cycle, which motions leave again, of 0.0007 rad" in first

@@ -35,7 +35,7 @@ from ...servo.parts.remedy import Remedy
 from ...servo.parts.table import with_remedy
 from ...servo.parts.verbs import loop_cycle
 from .scan import scan
-from .sizes import more_of, scale_of
+from .sizes import more_of, scale_of, sized
 
 Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
 BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
@@ -169,10 +169,10 @@ def border(loop: Loop, remedy: Remedy, before: Swing, options: Options) -> Borde
 
 def _by_motions(remedy: Remedy, seen: EndOfMotions, why: str) -> Border:
     """A border as motions show it; why: why they do alone."""
-    hunt = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip()
+    hunt = f"motions hunt up to {sized(seen.hunts, remedy)}"
     error = max(MOTIONS_ERROR * abs(seen.ended), abs(seen.ended - seen.hunts))
     return Border("motions", seen.ended, error, swing=seen.swing,
-                  why=f"{why}: {hunt}, and none does at {seen.ended:.4g}")  # fmt: skip
+                  why=f"{why}: {hunt}, and none does at {sized(seen.ended, remedy)}")  # fmt: skip
 
 
 def _of_irregular(loop: Loop, remedy: Remedy, before: Swing, unit: float) -> Border:
@@ -232,7 +232,7 @@ def _of_stable_loops(loop: Loop, remedy: Remedy, size: float, last: float) -> tu
 def _unstable_from(remedy: Remedy, limit: float) -> str:
     """What is said of a size from which on the loop is unstable; "" where there is none."""
     return "" if math.isnan(limit) else (
-        f"from {limit:.4g} {remedy.unit}".rstrip() + " on the loop itself is unstable, even without dry friction"
+        f"from {sized(limit, remedy)} on the loop itself is unstable, even without dry friction"
     )
 
 
@@ -244,9 +244,9 @@ def _without_end(remedy: Remedy, seen: EndOfMotions, size: float, last: float, l
     if seen.swing is not None and seen.hunts == last:
         return Border("none", last, swing=seen.swing, why=_unstable_from(remedy, limit))
     if seen.swing is None and math.isfinite(seen.ended):
-        why = f"with {size:.4g} {remedy.unit} of it no motion hunts on the cycle that was found".replace("  ", " ")
+        why = f"with {sized(size, remedy)} of it no motion hunts on the cycle that was found"
         return Border("not found", size, why=why)
-    up = f"motions hunt up to {seen.hunts:.4g} {remedy.unit}".rstrip() + "; whether any hunts beyond is not known"
+    up = f"motions hunt up to {sized(seen.hunts, remedy)}; whether any hunts beyond is not known"
     why = "; ".join(filter(None, (up, _unstable_from(remedy, limit))))
     return Border("not found", seen.hunts, why=why, swing=seen.swing)
 

@@ -50,7 +50,7 @@ from .border import (
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
 from .larger_sizes import stays
 from .price import TASK_STEP, task
-from .sizes import more_of, scale_of
+from .sizes import more_of, scale_of, sized
 
 NEVER_SETTLES = 30.0
 """Periods of the hunting that count for a step that does not settle."""
@@ -291,7 +291,7 @@ def _last_hunting(asked: _Asked, found: Border) -> Swing:
 
 def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
     """A remedy with which motions hunt at the last size."""
-    size, to = f"{found.size:.4g} {remedy.unit}".rstrip(), "up to" if remedy.sense > 0 else "down to"
+    size, to = sized(found.size, remedy), "up to" if remedy.sense > 0 else "down to"
     why = f"hunting goes on {to} {size}, {found.why or 'the last size looked at'}: {remedy.why_not}".rstrip(": ")
     return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(asked.loop)), why=why,
                 followed_to=found.size, first=found.first)  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ...axis_units import quantity
 from ...servo.parts.fate import Swing
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Remedy
@@ -15,6 +16,11 @@ def scale_of(remedy: Remedy, loop: Loop, hunting: Swing) -> float:
         return loop.value(remedy.size)
     by_name = {"amplitude": hunting.amplitude, "rate": 1 / hunting.period, "period": hunting.period, "one": 1.0}
     return by_name[remedy.scale] if remedy.scale in by_name else loop.value(remedy.scale)
+
+
+def sized(size: float, remedy: Remedy) -> str:
+    """A size of a remedy, as it stands in a sentence."""
+    return quantity(size, remedy.unit).rstrip()
 
 
 def more_of(remedy: Remedy, size: float, factor: float) -> float:
