@@ -1,12 +1,14 @@
 """Moves by a profile: the profile by its limits, the motion by an integrator that is not this package's."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from casahunt import InputError, Move, Servo, remedies, simulate
+from casahunt import InputError, Move, Servo, load, remedies, simulate
 from casahunt.servo.move import CLOCK, moving
 from casahunt.servo.parts import LUGRE, TWO_MASSES, Loop, loop_of
 from casahunt.servo.parts.table import remedy_of, with_remedy
@@ -158,3 +160,24 @@ def test_of_a_bristle_the_move_starts_at_rest():
 def test_bad_input(call, said):
     with pytest.raises(InputError, match=said):
         call()
+
+
+@pytest.mark.slow
+def test_a_filter_of_the_error_sees_the_move_too():
+    """Of a short time it is nearly none: what it delays is the error that remains of the move."""
+    plain, move = loop_of(Servo(), "switch", 0.04), Move(speed=0.5, acceleration=2.0)
+    where = np.linspace(0.0, 6.0, 25)
+    x = [
+        simulate(loop, time=6.0, move=move).sample(where)[0]
+        for loop in (plain, with_remedy(plain, remedy_of("error filter", "switch"), 1e-3))
+    ]
+    assert x[1] == pytest.approx(x[0], abs=5e-3) and np.ptp(x[0]) > 1
+
+
+@pytest.mark.slow
+def test_a_row_of_another_thread_speaks_of_the_axis():
+    """Of a linear one in mm, which no other thread or process knows by itself."""
+    servo = load(Path(__file__).parents[2] / "problems" / "ball_screw.toml")
+    with ThreadPoolExecutor(1) as executor:
+        found = remedies(servo, "switch", 1.0, only=["error dead band"], step=5e-3, executor=executor)
+    assert found.remedies[0].why.startswith("hunting goes on up to 1.144 mm")
