@@ -244,8 +244,8 @@ def test_a_gain_that_hunts_as_built_is_not_recommended_alone(capsys, built):
 @pytest.mark.slow
 def test_the_remedy_named_first_says_whether_it_was_checked(capsys, built, monkeypatch):
     """One that is cheaper cannot be checked: dither, if a step settles where its error is below 2 %."""
-    monkeypatch.setattr("casahunt.design.remedies.price.settled_within", lambda hunting: 0.02)
-    only = ("--only", "dither,leak")
+    monkeypatch.setattr("casahunt.design.remedies.price.settled_within", lambda hunting, step: 0.02)
+    only = ("--only", "dither,leak", "--jobs", 1)
     _, out, _ = run(capsys, "remedies", built, "--gain", 1, *only, "--quiet")
     said = " ".join(out.split())
     assert "in the loop as built: every motion comes to rest with leak (see below); dither was not checked" in said

@@ -287,10 +287,11 @@ def test_a_servo_that_hunts_has_not_settled():
 @pytest.mark.slow
 def test_rows_are_those_of_other_processes():
     """To the last bit, told in the same order; and a row that does not fit is one wherever it is asked."""
-    only, told = ["leak", "gain", "dither"], []
+    told, found = [[], []], []
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
-        there = remedies(Servo(), "lugre", 0.3, only=only, progress=lambda row: told.append(row.name),
-                         executor=executor)  # fmt: skip
-    here = remedies(Servo(), "lugre", 0.3, only=only)
-    assert there.to_dict() == here.to_dict() and told == only
+        for names, how in zip(told, (executor, None), strict=True):
+            asked = {"only": ["leak", "gain", "dither"], "progress": lambda row, to=names: to.append(row.name)}
+            found.append(remedies(Servo(), "lugre", 0.3, executor=how, **asked))
+    there, here = found
+    assert there.to_dict() == here.to_dict() and told[0] == told[1] == ["leak", "dither", "gain"]
     assert [row.kind for row in here.remedies].count("does not fit") == 1
