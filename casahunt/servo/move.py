@@ -23,7 +23,7 @@ from functools import lru_cache
 from typing import Any
 
 from ..axis_units import quantity
-from ..checks import floated, sensible
+from ..checks import floated, of_kind, sensible
 from ..errors import InputError
 from .parts.loop import Loop
 from .parts.part import Edge, Function, Law, Part, PartMode
@@ -168,6 +168,13 @@ def begins_in(loop: Loop, move: Move | None, start: Mapping[str, float]) -> str:
     named = loop.mode_at(**start)
     whole = next(mode.unsplit for mode in loop.system.modes if mode.name == named)
     return named if move is None else whole or named
+
+
+def a_move(value: Any) -> Move | None:
+    """What must be a move, or None for a step.  Raises InputError: it is neither."""
+    how = "such as Move(speed=0.5, acceleration=2.0), or None for a step"
+    move: Move | None = None if value is None else of_kind("move", value, Move, how)
+    return move
 
 
 def check_time(move: Move, distance: float, time: float) -> None:

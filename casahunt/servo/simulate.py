@@ -36,7 +36,7 @@ from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
 from .friction import Model
 from .hunting import Kind
-from .move import Move, begins_in, check_time, moving
+from .move import Move, a_move, begins_in, check_time, moving
 from .parts.ahead import errors_of, measured
 from .parts.fate import fate
 from .parts.loop import Loop
@@ -128,7 +128,7 @@ def simulate(
         raise InputError(f"tol = {tol:g}: must lie between {low:g} and {high:g}")
     theta_d = moderate("set_point", set_point, power=COMPUTED)
     given = {"velocity": velocity, "integral": integral, "bristle": bristle}
-    if move is not None:
+    if (move := a_move(move)) is not None:
         check_time(move, theta_d - position, time)
     x = start_of(loop, theta_d, position, given, start)
     return followed(loop, theta_d, x, time, tol, move)

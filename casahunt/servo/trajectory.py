@@ -260,8 +260,9 @@ class Trajectory(LoopResult):
         (times, states), names = self.motion.sample(1), self.loop.system.states
         errors = dict(zip(self.names, self.state_errors.tolist(), strict=True))
         kept = [self.motion.system.states.index(name) for name in names]
-        moved = Moved(times, states[kept], np.array([errors[name] for name in names]), self.motion.phases[-1].mode)
-        return ahead(self.loop, moved)
+        last = self.motion.phases[-1].mode
+        mode = last if last in self.loop.system.vector_form.modes else ""  # what was thrown out may not have arrived
+        return ahead(self.loop, Moved(times, states[kept], np.array([errors[name] for name in names]), mode))
 
     def table(self, times: Array | None = None) -> Columns:
         """The motion as columns: time_s, position_rad, the other states (`COLUMNS`), torque_Nm, mode.

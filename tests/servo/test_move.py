@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from casahunt import InputError, Move, Servo, load, remedies, simulate
+from casahunt import Controller, Friction, InputError, Move, Servo, load, remedies, simulate
 from casahunt.servo.move import CLOCK, moving
 from casahunt.servo.parts import LUGRE, TWO_MASSES, Loop, loop_of
 from casahunt.servo.parts.table import remedy_of, with_remedy
@@ -149,6 +149,19 @@ def test_of_a_bristle_the_move_starts_at_rest():
     assert motion.end[0] == pytest.approx(0.0, abs=0.03) and CLOCK in whole.system.states
 
 
+def test_a_servo_that_grows_may_not_arrive():
+    """Its linear loop is unstable, by the criterion of Routh, and it is thrown out during the move."""
+    servo = Servo(controller=Controller(lead_time=0.01, integral_time=0.05), friction=Friction(viscous=1e-3))
+    kp, kd, ki = servo.torque_gains(0.5)
+    assert (kd + servo.friction.viscous) * kp < servo.inertia * ki
+    motion = simulate(servo, "switch", 0.5, time=60.0, move=Move(speed=0.02, acceleration=0.1))
+    assert motion.verdict.kind == "growing" and motion.duration < motion.move.time(1.0)
+
+
+def test_no_way_is_no_move():
+    assert simulate(Servo(), "switch", 0.04, set_point=0.0, time=5.0, move=MOVES[0][0]).verdict.kind == "at rest"
+
+
 @pytest.mark.parametrize(("call", "said"), [
     (lambda: Move(speed=0.0, acceleration=1.0), "speed = 0"),
     (lambda: Move(speed=1.0, acceleration=math.nan), "acceleration"),
@@ -156,6 +169,8 @@ def test_of_a_bristle_the_move_starts_at_rest():
     (lambda: simulate(Servo(), "switch", 0.04, time=2.0, move=Move(speed=0.5, acceleration=2.0)),
      "must be longer than the move, which takes 2.25 s"),
     (lambda: remedies(Servo(), "switch", 0.04, step=-1.0), "step"),
+    (lambda: simulate(Servo(), "switch", 0.04, move=0.5), "move = 0.5"),
+    (lambda: remedies(Servo(), "switch", 0.04, move=0.5), "move = 0.5"),
 ])  # fmt: skip
 def test_bad_input(call, said):
     with pytest.raises(InputError, match=said):

@@ -15,7 +15,7 @@ import numpy as np
 from ...motion import MarchFailure, Motion, follow_for
 from ...servo.move import Move, begins_in, moving
 from ...servo.outcome import Kind
-from ...servo.parts.fate import TO_BE_SAMPLED, Points, Swing, fate
+from ...servo.parts.fate import ROUNDING_OF_A_STATE, TO_BE_SAMPLED, Points, Swing, fate
 from ...servo.parts.loop import Loop
 
 Array = np.ndarray
@@ -55,7 +55,9 @@ def task(loop: Loop, before: Swing, rest_error: float, step: float = TASK_STEP, 
             pieces.append(_moved(loop, move, before, step))
         except MarchFailure:
             return Task(math.nan, math.nan, "undecided")
-        (moved, motion), end = pieces[0], pieces[0][1].phases[-1].behind
+        moved, motion = pieces[0]
+        end = motion.phases[-1].behind
+        end = np.where(np.abs(end) > ROUNDING_OF_A_STATE * motion.scale, end, 0.0)  # a rounding of zero would slip
         start = {name: x for name, x in zip(moved.system.states, end.tolist(), strict=True) if name in start}
         mode = loop.mode_at(**start)
     ended = fate(loop, start, before, meshed=True, mode=mode)

@@ -24,7 +24,7 @@ from ...servo.find_orbit import find_orbit
 from ...servo.friction import MODELS, Model
 from ...servo.linear.margins import Margins, margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
-from ...servo.move import Move
+from ...servo.move import Move, a_move
 from ...servo.parts.cascade import P_PI
 from ...servo.parts.fate import Swing
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
@@ -132,7 +132,7 @@ def remedies(
     error = None if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     require("margin", margin, above=0, at_most=LARGER_SIZES[-1])
-    step = sensible("step", step)
+    step, move = sensible("step", step), a_move(move)
     asked = replace(_asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin), step=step, move=move)
     tasks = [(asked, remedy.name, misfit) for remedy, misfit in _looked_at(asked, wanted)]
     rows = []
