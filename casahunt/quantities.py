@@ -27,7 +27,7 @@ _BASES: dict[str, tuple[Any, Exponents]] = {
 """What takes a prefix: its size in SI, and its exponents."""
 _OTHERS: dict[str, dict[str, Any]] = {
     "m": {"in": "0.0254", "ft": "0.3048"},
-    "s": {"min": "60", "h": "3600"},
+    "s": {"min": "60", "h": "3600", "d": "86400"},
     "kg": {"lb": "0.45359237", "oz": "0.028349523125", "t": "1000"},
     "N": {"lbf": "4.4482216152605", "kgf": "9.80665"},
     "rad": {

@@ -16,42 +16,43 @@ from typing import Literal
 
 from ...axis_units import shown
 from ...errors import InputError
+from ...quantities import unit_of_text
 
 Quantity = Literal["time", "angle", "torque", "current"]
 
-_NAMES: dict[Quantity, dict[str, tuple[float, str]]] = {
+_NAMES: dict[Quantity, dict[str, str]] = {
     "time": {
-        "s": (1.0, "s sec secs second seconds"),
-        "ms": (1e-3, "ms msec msecs millisecond milliseconds"),
-        "us": (1e-6, "us usec usecs µs μs microsecond microseconds"),
-        "ns": (1e-9, "ns nsec nanosecond nanoseconds"),
-        "min": (60.0, "min mins minute minutes"),
-        "h": (3600.0, "h hr hrs hour hours"),
-        "d": (86400.0, "day days"),
+        "s": "s sec secs second seconds",
+        "ms": "ms msec msecs millisecond milliseconds",
+        "us": "us usec usecs µs μs microsecond microseconds",
+        "ns": "ns nsec nanosecond nanoseconds",
+        "min": "min mins minute minutes",
+        "h": "h hr hrs hour hours",
+        "d": "day days",
     },
     "angle": {
-        "rad": (1.0, "rad rads radian radians"),
-        "mrad": (1e-3, "mrad mrads milliradian milliradians"),
-        "urad": (1e-6, "urad µrad μrad microradian microradians"),
-        "deg": (math.pi / 180, "deg degs degree degrees ° º"),
-        "arcmin": (math.pi / 10800, "arcmin arcmins arcminute arcminutes"),
-        "arcsec": (math.pi / 648000, "arcsec arcsecs arcsecond arcseconds"),
-        "gon": (math.pi / 200, "gon gons grad grads gradian gradians"),
-        "rev": (2 * math.pi, "rev revs revolution revolutions turn turns"),
+        "rad": "rad rads radian radians",
+        "mrad": "mrad mrads milliradian milliradians",
+        "urad": "urad µrad μrad microradian microradians",
+        "deg": "deg degs degree degrees ° º",
+        "arcmin": "arcmin arcmins arcminute arcminutes",
+        "arcsec": "arcsec arcsecs arcsecond arcseconds",
+        "gon": "gon gons grad grads gradian gradians",
+        "rev": "rev revs revolution revolutions turn turns",
     },
-    "torque": {"N m": (1.0, "nm n·m n*m"), "mN m": (1e-3, "mnm mn·m mn*m"), "N cm": (1e-2, "ncm n·cm n*cm")},
-    "current": {"A": (1.0, "a amp amps ampere amperes"), "mA": (1e-3, "ma milliamp milliamps")},
+    "torque": {"N m": "nm n·m n*m", "mN m": "mnm mn·m mn*m", "N cm": "ncm n·cm n*cm"},
+    "current": {"A": "a amp amps ampere amperes", "mA": "ma milliamp milliamps"},
 }
-"""Unit, its factor to s, rad, N m or A, and how it is written."""
-_OF_A_LINEAR_AXIS: dict[Quantity, dict[str, tuple[float, str]]] = {
+"""Unit (quantities.py), and how it is written in headers."""
+_OF_A_LINEAR_AXIS: dict[Quantity, dict[str, str]] = {
     "angle": {
-        "m": (1.0, "m metre metres meter meters"),
-        "mm": (1e-3, "mm millimetre millimetres millimeter millimeters"),
-        "um": (1e-6, "um µm μm micron microns micrometre micrometres micrometer micrometers"),
-        "nm": (1e-9, "nm nanometre nanometres nanometer nanometers"),
-        "in": (0.0254, "in inch inches"),
+        "m": "m metre metres meter meters",
+        "mm": "mm millimetre millimetres millimeter millimeters",
+        "um": "um µm μm micron microns micrometre micrometres micrometer micrometers",
+        "nm": "nm nanometre nanometres nanometer nanometers",
+        "in": "in inch inches",
     },
-    "torque": {"N": (1.0, "n newton newtons"), "kN": (1e3, "kn kilonewton kilonewtons")},
+    "torque": {"N": "n newton newtons", "kN": "kn kilonewton kilonewtons"},
 }
 """What stands in their place where the servo is a linear axis: lengths, in m, and forces, in N."""
 _AMBIGUOUS = {"grad": "is degrees in some languages and gon in others; state which, as {option} deg or {option} gon"}
@@ -83,7 +84,7 @@ class Unit:
     factor: float
 
 
-def _names_of(quantity: Quantity) -> dict[str, tuple[float, str]]:
+def _names_of(quantity: Quantity) -> dict[str, str]:
     """The units of a quantity, of the axis that is asked about."""
     return (_OF_A_LINEAR_AXIS if shown().linear else _NAMES).get(quantity, _NAMES[quantity])
 
@@ -95,9 +96,9 @@ def base_of(quantity: Quantity) -> str:
 
 def _lookup(quantity: Quantity, text: str) -> Unit | None:
     word = _word(text)
-    for name, (factor, spellings) in _names_of(quantity).items():
+    for name, spellings in _names_of(quantity).items():
         if word in [spelling.casefold() for spelling in spellings.split()]:
-            return Unit(name, factor)
+            return Unit(name, float(unit_of_text(name)[0]))
     return None
 
 
