@@ -76,7 +76,7 @@ def remedies(
     model: Model | None = None,
     gain: float | None = None,
     *,
-    only: Sequence[str] = (),
+    only: Sequence[str | Remedy] = (),
     max_error: float | None = None,
     max_torque: float | None = None,
     margin: float = MARGIN_TO_CHOOSE,
@@ -95,7 +95,8 @@ def remedies(
         the servo, its friction model (default "switch") and gain K > 0 [V/rad] (default 1); or a loop of parts, which
         says both itself.
     only
-        names of the remedies that are looked at; default all.  Of one that does not go with the loop its row says why.
+        the remedies that are looked at, by name, or remedies of one's own; default all that there are.  Of one that
+        does not go with the loop its row says why.
     max_error, max_torque
         demands: largest error at rest [rad], largest torque on the step [N m].
     margin
@@ -128,13 +129,13 @@ def remedies(
     >>> round(table.remedies[0].size, 8)  # rad
     0.04334572
     """
-    wanted = [remedy_name(name) for name in only] or list(REMEDY_NAMES)
+    wanted = [each if isinstance(each, Remedy) else remedy_name(each) for each in only] or list(REMEDY_NAMES)
     error = None if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     require("margin", margin, above=0, at_most=LARGER_SIZES[-1])
     step, move = sensible("step", step), a_move(move)
     asked = replace(_asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin), step=step, move=move)
-    tasks = [(asked, remedy.name, misfit) for remedy, misfit in _looked_at(asked, wanted)]
+    tasks = [(asked, remedy, misfit) for remedy, misfit in _looked_at(asked, wanted)]
     rows = []
     for row in (executor.map if executor else map)(_row_of, tasks):
         rows.append(row)
@@ -242,12 +243,11 @@ def _price(today: float, hunting: Swing) -> Callable[[Cure], tuple[bool, float]]
     return of
 
 
-def _row_of(task: tuple[_Asked, str, str]) -> Cure:
-    """One remedy, by its name, found and priced where it fits."""
-    asked, name, misfit = task
-    remedy = remedy_of(name, asked.model)
+def _row_of(task: tuple[_Asked, Remedy, str]) -> Cure:
+    """One remedy, found and priced where it fits."""
+    asked, remedy, misfit = task
     with shown_in(units_of(asked.loop)):  # which another process does not know
-        return Cure(name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy)
+        return Cure(remedy.name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy)
 
 
 def _row(asked: _Asked, remedy: Remedy) -> Cure:
@@ -297,9 +297,10 @@ def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
                 followed_to=found.size, first=found.first)  # fmt: skip
 
 
-def _looked_at(asked: _Asked, wanted: Sequence[str]) -> list[tuple[Remedy, str]]:
-    """Remedies that are wanted, by name, and why each does not go with the loop.  Raises InputError: none does."""
+def _looked_at(asked: _Asked, wanted: Sequence[str | Remedy]) -> list[tuple[Remedy, str]]:
+    """Remedies that are wanted, and why each does not go with the loop.  Raises InputError: none does."""
     known = [remedy_of(name, asked.model) for name in REMEDY_NAMES if name in wanted]
+    known += [each for each in wanted if isinstance(each, Remedy)]
     looked_at = [(remedy, _misfit(asked, remedy)) for remedy in known]
     if all(misfit for _, misfit in looked_at):
         said = "; ".join(f"{remedy.name}: {misfit}" for remedy, misfit in looked_at)

@@ -188,6 +188,8 @@ def _said(found: Fate) -> str:
         return f"becomes smaller from swing to swing, geometrically, down to {down}, {lasted}"
     if found.kind == "growing":
         return f"grows without bound, to {quantity(abs(turns[-1]), 'rad', '.3g')}, {lasted}"
+    if found.still_grows:
+        return f"has grown in {turns.size} turns, to {quantity(swings[-2] / 2, 'rad', '.3g')}, and grows on, {lasted}"
     if found.swing is None:
         return f"neither rests nor repeats in {turns.size} turns, {lasted}"
     if not found.pattern:

@@ -7,8 +7,8 @@
     decaying   the swings shrank geometrically down their last decade, whatever their size: towards a smaller cycle they
                would shrink ever more slowly
     hunting    the turns repeat, n by n or mirrored, of whatever size they are; or what they still change by shrinks
-               geometrically, and leaves them their size; or they neither repeat nor shrink, for `TURNS_OF_A_FATE`:
-               it hunts irregularly
+               geometrically, and leaves them their size; or they neither repeat nor shrink nor grow, for
+               `TURNS_OF_A_FATE`: it hunts irregularly
     growing    its swings have become so large that they are beyond any hunting
     undecided  none of these with the work that is allowed, or it cannot be followed
 
@@ -33,7 +33,7 @@ from ..outcome import Kind
 from .loop import Loop
 from .lugre import LUGRE
 from .part import Edge, Part, PartMode
-from .turns import PATTERN, may_settle, settles, shrinks, width
+from .turns import PATTERN, grows, may_settle, settles, shrinks, width
 
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
@@ -48,7 +48,8 @@ MOVES_NOT = 1e-7
 ROUNDING_OF_A_STATE = 1e-12
 """A state that is so small a part of its size is zero."""
 ALIKE_PATTERNS, TURNS_OF_A_FATE = 1e-4, 240
-"""How well a shorter pattern repeats which is told instead; turns after which a motion repeats in none."""
+"""How well a shorter pattern repeats which is told instead; turns after which a motion repeats in none: twice as many
+where it still comes from far away."""
 HANDED_ON = 6
 """Of irregular hunting that is handed on to another servo so many times fewer turns are followed: it is there already,
 and hunts on where its swings become no smaller, in a pattern or in none."""
@@ -122,6 +123,11 @@ class Fate:
     at: Array = field(default_factory=lambda: np.zeros(0))
     pattern: int = 0
 
+    @property
+    def still_grows(self) -> bool:
+        """Whether it is not decided, and has become larger from swing to swing as far as it was followed."""
+        return self.kind == "undecided" and grows(np.abs(np.diff(self.turns[:-1])), TURNS_OF_A_FATE // 4)
+
 
 @dataclass
 class _Watched:
@@ -133,6 +139,7 @@ class _Watched:
     start: float
     rest: float
     meshed: bool
+    grown: float
     phases: list[Segment] = field(default_factory=list)
     time: float = 0.0
     turns: list[float] = field(default_factory=list)
@@ -224,7 +231,7 @@ class _Watched:
         swings = np.abs(np.diff(turns))
         if swings.size < 3:
             return None
-        far = np.abs(turns[-2:]).max() > GROWN_BY * max(self.before.amplitude, abs(self.start))
+        far = np.abs(turns[-2:]).max() > min(GROWN_BY * max(self.before.amplitude, abs(self.start)), self.grown)
         if far and swings[-1] > FARTHER_BY * swings[0]:
             return "growing"
         for n, mirror in may_settle(turns):
@@ -241,10 +248,12 @@ class _Watched:
         differ, before = np.ptp(late), np.ptp(earlier)
         irregular = differ > REPEATS_NOT * late.max()
         irregular |= differ > DIFFERS * late.max() and before / AS_MUCH_AS_BEFORE < differ < AS_MUCH_AS_BEFORE * before
-        if (irregular or fewer > 1) and late.max() > (1 - LEFT_OF_A_SWING / fewer) * earlier.max():
+        settled = late.max() > (1 - LEFT_OF_A_SWING / fewer) * earlier.max()
+        if (irregular or fewer > 1) and settled and not grows(swings, quarter):
             self.repeats = quarter, False
             return "hunting"
-        return None if swings.size < TURNS_OF_A_FATE else "undecided"
+        comes = not settled or differ <= before / AS_MUCH_AS_BEFORE
+        return None if swings.size < (1 + comes) * TURNS_OF_A_FATE else "undecided"
 
     def _shortest(self, most: int, mirror: float) -> tuple[int, bool]:
         """The shortest pattern that the turns repeat in, where a longer one was found to settle."""
@@ -284,19 +293,19 @@ class _Watched:
 
 def fate(
     loop: Loop, start: Mapping[str, float], before: Swing, rest: float = NEARLY_THERE, meshed: bool = False,
-    work: float = WORK_OF_A_FATE, mode: str = "",
+    work: float = WORK_OF_A_FATE, mode: str = "", grown: float = math.inf,
 ) -> Fate:  # fmt: skip
     """What becomes of a motion.
 
     start: its states at the start, by name, all others zero; before: the hunting that is to end, which measures it;
     rest: how near to a cycle it hunts, in its swings; meshed: its motion is to be sampled; work: allowed (effort.py);
-    mode: in which it starts, where it goes on from another motion.
+    mode: in which it starts, where it goes on from another motion; grown: from where motions are known to grow.
     """
     if not meshed and not any(each.ends or each.flow for each in loop.system.modes):
         loop = loop.with_parts(TURNS)
     state = loop.state(**start)
     sizes = [before.sizes.get(name) or abs(value) or 1.0 for name, value in state.items()]
-    watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed)
+    watched = _Watched(loop, before, np.array(sizes), state["x1"], rest, meshed, grown)
     x, name, length = np.array(list(state.values())), mode or loop.mode_at(**state), LOOK_OF_A_FATE * before.period
     try:
         with effort.at_most(work):
@@ -306,7 +315,7 @@ def fate(
                     break
     except (MarchFailure, effort.PartGivenUp) as failure:
         if mode and not watched.phases and isinstance(failure, MarchFailure):  # rounding of an end contradicts its mode
-            return fate(loop, start, before, rest, meshed, work)
+            return fate(loop, start, before, rest, meshed, work, grown=grown)
         watched.outcome = None
     kind = watched.outcome or "undecided"
     swing = watched.swing() if kind == "hunting" else None

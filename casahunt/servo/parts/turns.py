@@ -17,6 +17,8 @@ PATTERN, REPEATS = 8, 1e-6
 """Turns of a pattern at most; how well it repeats."""
 RATIO_KNOWN = 0.02
 """Changes shrink geometrically where their ratio r is known to so much of 1 - r."""
+GROWS_BY = 0.05
+"""Part by which the least and the largest swing of a motion that goes on growing are larger than those before."""
 
 
 @lru_cache(maxsize=PATTERN + 1)
@@ -82,3 +84,13 @@ def shrinks(swings: Array) -> bool:
     late = swings[min(larger[-1], swings.size - LEAST_SWINGS) :]
     ratios = late[2:] / late[:-2]
     return bool(np.ptp(ratios) <= RATIO_KNOWN * (1 - ratios.max()))
+
+
+def grows(swings: Array, many: int) -> bool:
+    """Whether the last `many` swings are larger than as many before, and these than those before, the least and the
+    largest alike: what neither repeats nor goes anywhere does so now and then in one of them."""
+    if swings.size < 3 * many:
+        return False
+    each = swings[-3 * many :].reshape(3, many)
+    ends = np.array([each.min(axis=1), each.max(axis=1)])
+    return bool((ends[:, 1:] > (1 + GROWS_BY) * ends[:, :-1]).all())

@@ -111,12 +111,14 @@ def _from_rest(
 
     unsettled: motions that neither rest nor settle, behind which no further one is followed.
     """
-    refusals, irregular = list[NoOrbit](), None
+    refusals, irregular, grown = list[NoOrbit](), None, math.inf
     for k in range(STARTS_HALVED + 1):
+        off = FIRST_OFF / 2**k
         try:
-            return _settled(loop, vary, _led_on(loop, loop.at_rest(-FIRST_OFF / 2**k), irregular), options)
+            return _settled(loop, vary, _led_on(loop, loop.at_rest(-off), irregular, grown), options)
         except NoOrbit as refusal:
             refusals.append(refusal)
+            grown = off if isinstance(refusal, _Grows) else grown
             irregular = refusal.swing if isinstance(refusal, HuntsIrregularly) else irregular
             if sum(not isinstance(each, (ComesToRest, _Grows)) for each in refusals) == unsettled:
                 break
@@ -127,20 +129,24 @@ class _Grows(NoOrbit):
     """A motion that grows: one from nearer to the set point may settle."""
 
 
-def _led_on(loop: Loop, start: dict[str, float], irregular: Swing | None = None) -> dict[str, float]:
+def _led_on(
+    loop: Loop, start: dict[str, float], irregular: Swing | None = None, grown: float = math.inf
+) -> dict[str, float]:
     """A state of the hunting to which a motion leads; its start where that is not known.
 
-    irregular: hunting that another start has led to: whether this one does so, too, is seen in fewer turns.
+    irregular: hunting that another start has led to: whether this one does so, too, is seen in fewer turns; grown: how
+    far from the set point another motion began that grows.
     Raises ComesToRest, HuntsIrregularly, NoOrbit: it grows, or is not decided.
     """
     if any(mode.stiff or not mode.ends for mode in loop.system.modes):
         return start
-    seen = fate(loop, start, irregular or measured(loop, start, FIRST_OFF), work=WORK_OF_A_START)
+    before = irregular or measured(loop, start, FIRST_OFF)
+    seen = fate(loop, start, before, work=WORK_OF_A_START, grown=grown)
     if seen.kind in SETTLES:
         lasted = f"followed for {seen.motion.duration:.6g}"
         raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest", Status.NOT_FOUND,
                           evidence=lasted)  # fmt: skip
-    if seen.kind == "growing":
+    if seen.kind == "growing" or seen.still_grows:
         far = abs(seen.turns[-2:]).max()
         between = several((abs(start["x1"]), far), "rad", ".3g", " to ")
         why = f"the motion grows, from {between} beside the set point and on"

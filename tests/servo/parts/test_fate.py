@@ -118,6 +118,25 @@ def test_a_motion_that_grows_hides_no_cycle_nearer_to_the_set_point():
     assert cycle.amplitude == pytest.approx(0.0004121312694, rel=1e-8)
 
 
+def test_swings_that_grow_by_as_much_in_every_turn_are_no_irregular_hunting():
+    """A screw axis (m, kg) whose force is limited to 1.2 times static friction, without anti-windup: from 1 m it swings
+    0.08 m farther in every turn, twice as far as it began after 50, and from 0.24 mm it hunts.
+
+    scripts/peers/axis.c, Runge-Kutta's formula of order 4: it grows; 0.6751295081248 s and 2.395274686e-05 m.
+    """
+    numbers = {"motor_gain": 1.0, "gain": 1.0, "load_inertia": 48.59978888916206, "shaft_stiffness": 3933782.620832481,
+               "shaft_damping": 1282.4999072280696, "inertia": 48.642945102985884, "static": 294.1308379869908,
+               "stribeck_velocity": 0.0004145865327465063, "coulomb": 230.54529927568223, "viscous": 543.407316797561,
+               "kp": 1454387.185651859, "kd": 20490.58126163913, "ki": 70805271.97755332,
+               "torque_limit": 351.0495606328852}  # fmt: skip
+    screw = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR, TORQUE_LIMIT), numbers)
+    seen = fate(screw, screw.at_rest(-1.0), Swing({}, 1.0, 10.0))
+    assert seen.kind == "undecided" and seen.still_grows
+    cycle = loop_cycle(screw)
+    assert cycle.period == pytest.approx(0.6751295081248, rel=1e-8)
+    assert cycle.amplitude == pytest.approx(2.395274686e-05, rel=1e-8)
+
+
 def test_beyond_the_fold_every_start_comes_to_rest_and_the_fold_is_named():
     """Table 1: K = 0.64733908 (the event map)."""
     with pytest.raises(ComesToRest, match=r"from each of 13 starts, 1 to .* fold at gain = 0\.6473390"):
