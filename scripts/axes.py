@@ -1,6 +1,6 @@
 """Random axes of parts against a simulator of its own: does it hunt, how far, how long?
 
-    python scripts/axes.py [--axes N] [--first I] [--seed S]
+    python scripts/axes.py [--axes N] [--first I] [--seed S] [--as-built]
 
 An axis is drawn as one would be built and tuned: one or two masses, its controller (PID by gains or cascade P-PI) for a
 bandwidth, on the motor or on the load, friction that may differ by direction, a filter, a torque limit (RANGES).  Its
@@ -10,11 +10,16 @@ casahunt's `loop_cycle` says: a cycle; it hunts irregularly; it comes to rest fr
 Motions of scripts/peers/axis.c (cc) start where `loop_cycle` starts, from some places between, and on the cycle.
 
     right      a cycle: the motion that starts on it has its amplitude and period, to AGREES; irregular: a motion from
-               the same starts repeats in no pattern, and WITHIN of its turns are as far and as far apart as is said;
-               at rest: from each of these starts; it grows: from one of them, and hunts from none
+               the same starts repeats in no pattern of up to 8 turns, and WITHIN of its turns are as far and as far
+               apart as is said; at rest: from each of these starts; it grows: from one of them, and hunts from none
     WRONG      not so: listed with what was seen
     elsewhere  right, but some other start hunts
     not found  nothing is said
+
+As built: a drive runs it, with a sample time, delay, and encoder; axis.c as well, for four times as long.
+
+    right      the motions are one, to SAME of Fs/kp, from the first sample to the last, or part by rounding, and the
+               swings at the end are as large to ALIKE; and where it is said to rest for ever, or to die out, it does
 
 Exit code 1 if anything is wrong.
 """
@@ -35,6 +40,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from casahunt import Drive, simulate_sampled  # noqa: E402
 from casahunt.errors import ComesToRest, HuntsIrregularly, NoOrbit  # noqa: E402
 from casahunt.servo.parts import (  # noqa: E402
     BACK_CALCULATION,
@@ -53,8 +59,9 @@ from casahunt.servo.parts import (  # noqa: E402
     series,
 )
 from casahunt.servo.parts.fate import on_the_cycle  # noqa: E402
+from casahunt.servo.parts.turns import PATTERN  # noqa: E402
 from casahunt.servo.parts.verbs import loop_cycle  # noqa: E402
-from scripts.peers.axis_motion import NAMES, AxisMotion, Fate  # noqa: E402
+from scripts.peers.axis_motion import NAMES, AxisMotion, Fate, built  # noqa: E402
 
 AGREES, WITHIN = 1e-6, (0.05, 0.95)
 STARTS = tuple(2.0**-k for k in range(0, 13, 2))
@@ -62,6 +69,10 @@ BETWEEN = (3.0, 0.5, 0.05)
 """Starts: of those of `loop_cycle`; and in units of Fs/kp."""
 LONGEST, PERIODS = 5e4, 200
 """Of a motion, in 1/bandwidth; and in periods, where it starts on a cycle."""
+SAME, ALIKE, FAR, LONGER = 1e-6, 0.1, 1e4, 4
+"""Of motions as built; farther away, in Fs/kp, none is followed; so many times as long, one that is said to rest is."""
+BUILT_FOR, MOST_SAMPLES, STARTED = 1e3, 200_000, 0.3
+"""1/bandwidth, and samples, of a motion as built; its start, in Fs/kp."""
 UNITS = {"rad": 1.0, "m": 1.0, "mm": 1e3}
 
 
@@ -216,7 +227,7 @@ def judged(axis: Axis, verdict: str, said: Any) -> tuple[str, str]:
         wrong = any(f.verdict in ("hunts", "irregular", "grows") for f in same)
         return ("WRONG" if wrong else "elsewhere" if hunting else "right"), seen
     if verdict == "irregular":
-        likely = [f for f in same if f.verdict == "irregular"]
+        likely = [f for f in same if f.verdict == "irregular" or f.n > PATTERN]
         pairs = [((said.amplitude, np.abs(f.turns)), (said.between, np.diff(f.times))) for f in likely]
         fits = [all(low <= q <= high for (low, high), of in each for q in np.quantile(of, WITHIN)) for each in pairs]
         return ("right" if any(fits) else "WRONG"), seen
@@ -226,20 +237,57 @@ def judged(axis: Axis, verdict: str, said: Any) -> tuple[str, str]:
     return ("not found" if hunting else "rests, not found"), seen
 
 
+def as_built(axis: Axis) -> tuple[str, str, float]:
+    """(outcome, what was seen, CPU [s]) of an axis with a drive that is drawn."""
+    scale, between, rng = axis.scale, axis.between, axis.rng
+    T = between(0.005, 0.05) / axis.bandwidth
+    delay, q = float(rng.choice([0, 0, 0.5, 1, 1.5])) * T, scale * between(1e-3, 3e-2) * (rng.random() < 0.7)
+    theta_d, off = q * float(rng.choice([0.0, 0.3])), STARTED * scale
+    samples = int(min(BUILT_FOR / axis.bandwidth / T, MOST_SAMPLES))
+    drive = Drive(sample_time=T, delay=delay, encoder=2 * math.pi / q if q else 0.0)
+    began = time.process_time()
+    said = simulate_sampled(axis.loop, drive=drive, time=samples * T, set_point=theta_d, position=theta_d - off)
+    cpu, verdict = time.process_time() - began, said.verdict
+    known = {"sample_time": T, "delay": delay, "count": q, "set_point": theta_d}
+    start, longer = axis.state(axis.loop.at_rest(-off)), LONGER if verdict.kind in ("at rest", "decaying") else 1
+    x = built(axis.n, known, start, longer * samples, FAR * scale)[:, 0] / scale
+    ours = said.states[0] / scale
+    many = min(ours.size, x.size)
+    apart = np.flatnonzero(np.abs(ours[:many] - x[:many]) > SAME)
+    one = int(apart[0]) if apart.size else many
+    end, late = np.ptp(ours[many // 2 : many]), np.ptp(x[x.size // 2 :])
+    right = one == many or max(late, end) <= SAME or abs(late / end - 1) <= ALIKE
+    if verdict.kind == "at rest":
+        right &= bool(np.ptp(x[samples:]) <= SAME)
+    if verdict.kind == "decaying":
+        right &= bool(np.abs(x[x.size // 2 :]).max() <= max(np.abs(ours[many // 2 :]).max(), q / scale) + SAME)
+    seen = f"T = {T * axis.bandwidth:.3g}, delay {delay / T:g} T, count {q / scale:.2g}: {verdict.kind}, "
+    seen += f"{end / 2:.4g} ({late / 2:.4g}) Fs/kp; one motion for {one} of {many} samples"
+    return ("right" if right else "WRONG"), seen, cpu
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, value in (("--axes", 40), ("--first", 0), ("--seed", 1)):
         parser.add_argument(name, type=int, default=value)
+    parser.add_argument("--as-built", action="store_true")
     asked = parser.parse_args(arguments)
     sums, took = Counter[str](), list[float]()
     for number in range(asked.first, asked.first + asked.axes):
         axis = Axis(asked.seed, number)
+        parts = ", ".join(part.name for part in axis.loop.parts)
+        if asked.as_built:
+            limited_otherwise = axis.n["M"] < 1e300 and axis.n["way"]  # axis.c has no drive for these
+            outcome, seen, cpu = ("left out", "", 0.0) if limited_otherwise else as_built(axis)
+            sums[outcome] += 1
+            took.append(cpu)
+            print(f"{number} ({parts}; {axis.unit}): {outcome}: {seen}; {cpu:.1f} s", flush=True)
+            continue
         verdict, said, cpu = said_by(axis)
         outcome, seen = judged(axis, verdict, said)
         sums[outcome] += 1
         took.append(cpu)
         what = f"{said.amplitude:.6g} {said.period:.6g}" if verdict == "hunts" else said
-        parts = ", ".join(part.name for part in axis.loop.parts)
         print(f"{number} ({parts}; {axis.unit}): {outcome}: {verdict} {what}; peer: {seen}; {cpu:.1f} s", flush=True)
     print(dict(sums), f"CPU median {np.median(took):.1f} s, largest {max(took):.1f} s")
     return int(sums["WRONG"] > 0)

@@ -2,7 +2,7 @@
 
     at rest    nothing moves any more, or it is at the set point, but for what the motion is known to
     decaying   it comes to rest behind its end, or its swings shrink geometrically towards nothing
-    hunting    it goes on for ever: its swings repeat, after a pattern of so many, or irregularly, in no pattern
+    hunting    it goes on for ever: its swings repeat, after a pattern of so many, or irregularly, in none of up to 8
     growing    it leaves the set point for good
     undecided  none of these was seen, and the sentence says how far it was looked for
 """

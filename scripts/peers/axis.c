@@ -6,6 +6,8 @@
    m = c, or at its limit +-M;   x3' = e; at the limit e, 0, or e + (c - m)/(ki Tu)
    F = s Fc + s (Fs - Fc) exp(-(x1'/vs)^2) + b x1' of the direction s; stuck while -Fs_back <= pull <= Fs
 
+   built() runs it by a drive, from sample to sample.
+
    A step ends where a scalar has crossed zero: its length is bisected, the step taken anew, to the last digit. */
 #include <math.h>
 #include <string.h>
@@ -20,6 +22,7 @@ static double demand(const Axis *a, const double *y) {
     return -(a->kp * e + a->kd * (a->Tf > 0 ? (e - y[LAG]) / a->Tf : rate) + a->ki * y[I]);
 }
 static double command(const Axis *a, const double *y) {
+    if (a->kind == 3) return a->w; /* held by a drive */
     if (a->kind == 1) return y[P];
     return demand(a, y) - (a->kind == 2 ? 2 * a->z * a->w * (1 - a->depth) * y[Q] : 0);
 }
@@ -137,4 +140,48 @@ int motion(const Axis *a, double *y, int *sign, int *at, double *t, double longe
     *sign = now.sign;
     *at = now.at;
     return many;
+}
+
+/* As built: every T a drive reads e = q floor((theta_d + x)/q + 1/2) - theta_d and holds its torque from `late` samples
+   and `part` seconds later on; backward differences, the sum by rectangles of the present reading, a torque limit
+   without anti-windup.  (x1, torque) of each of the samples into out; returns how many. */
+long built(const Axis *a, double T, double q, double theta_d, long late, double part, double *y, long samples, double tol,
+           double far, double *out) {
+    Axis plant = *a;
+    double sum = 0, lag = 0, p = 0, rate = 0, before = 0, waiting[1024] = {0}, size[N], t, scratch[64 * (N + 1)];
+    int sign = 2, at = 0;
+    plant.kind = 3;
+    plant.Tf = 0;
+    plant.M = 1e300;
+    plant.way = 0;
+    for (int n = 0; n < N; n++) size[n] = fabs(y[n]);
+    for (long k = 0; k < samples; k++) {
+        double x = a->seen ? y[PHI] : y[X], e = (q > 0 ? q * floor((theta_d + x) / q + 0.5) : theta_d + x) - theta_d;
+        if (!k) before = lag = e;
+        sum += T * e;
+        if (a->Tf > 0) lag = (lag + T / a->Tf * e) / (1 + T / a->Tf);
+        double slope = a->Tf > 0 ? (e - lag) / a->Tf : (e - before) / T, u = -(a->kp * e + a->kd * slope + a->ki * sum);
+        before = e;
+        if (a->kind == 1) u = p = (p + T * a->w * u) / (1 + T * a->w);
+        if (a->kind == 2) {
+            rate = (rate + T * u - T * a->w * a->w * p) / (1 + 2 * a->z * a->w * T + a->w * a->w * T * T);
+            p += T * rate;
+            u -= 2 * a->z * a->w * (1 - a->depth) * rate;
+        }
+        u = fmin(fmax(u, -a->M), a->M);
+        out[2 * k] = y[X];
+        out[2 * k + 1] = u;
+        waiting[k % 1024] = u;
+        for (int half = 0; half < 2; half++) {
+            long which = k - late - (half ? 0 : 1);
+            long phases = 1000000;
+            double lasts = half ? T - part : part;
+            if (!(lasts > 0)) continue;
+            plant.w = which >= 0 ? waiting[which % 1024] : 0;
+            for (t = 0; t < lasts * (1 - 1e-12);)
+                if (motion(&plant, y, &sign, &at, &t, lasts, tol, size, 0, 64, &phases, scratch) < 0) return -1;
+        }
+        if (fabs(y[X]) > far) return k + 1;
+    }
+    return samples;
 }

@@ -39,7 +39,9 @@ def compiled() -> Any:
     library = Path(tempfile.mkdtemp()) / "axis.so"
     source = Path(__file__).with_name("axis.c")
     subprocess.run(["cc", "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
-    return ctypes.CDLL(str(library)).motion
+    found = ctypes.CDLL(str(library))
+    found.built.restype = ctypes.c_long
+    return found
 
 
 @dataclass
@@ -70,7 +72,7 @@ class AxisMotion:
         """Time and state (m, 9) of the next stops."""
         out, phases = np.zeros((stops, STATES + 1)), ctypes.c_long(MOST_PHASES)
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (self.y, self.size, out)]
-        many = compiled()(
+        many = compiled().motion(
             self.numbers, pointers[0], ctypes.byref(self.sign), ctypes.byref(self.at), ctypes.byref(self.time),
             ctypes.c_double(until), ctypes.c_double(tol), pointers[1], ctypes.c_double(self.gone), stops,
             ctypes.byref(phases), pointers[2],
@@ -102,6 +104,25 @@ class AxisMotion:
                 return Fate("grows", turns, times)
             look *= 2
         return Fate("irregular", turns, times)
+
+
+def built(
+    numbers: Mapping[str, float], drive: Mapping[str, float], state: Array, samples: int, far: float, tol: float = TOL
+) -> Array:
+    """(m, 2) x1 and torque of the axis as a drive runs it, at its samples, as long as it is not farther than `far`.
+
+    drive: sample_time, delay, count and set_point.
+    """
+    T, late = drive["sample_time"], int(drive["delay"] / drive["sample_time"] + 1e-9)
+    part = max(drive["delay"] - late * T, 0.0)
+    y, out = np.array(state, float), np.zeros((samples, 2))
+    known = (ctypes.c_double * len(NAMES))(*(numbers[name] for name in NAMES))
+    many = compiled().built(
+        known, *map(ctypes.c_double, (T, drive["count"], drive["set_point"])), ctypes.c_long(late),
+        ctypes.c_double(part), y.ctypes.data_as(ctypes.c_void_p), ctypes.c_long(samples), ctypes.c_double(tol),
+        ctypes.c_double(far), out.ctypes.data_as(ctypes.c_void_p),
+    )  # fmt: skip
+    return out[: max(many, 0)]
 
 
 def pattern(turns: Array) -> int:

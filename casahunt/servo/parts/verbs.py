@@ -24,6 +24,7 @@ from ..outcome import SETTLES
 from .ahead import LAST_TURNS, measured, ranges
 from .fate import Fate, Swing, fate
 from .loop import Loop
+from .turns import PATTERN
 
 FIRST_OFF, STARTS_HALVED = 1.0, 12
 """Off the set point by so much a motion starts first [rad], and by so many times half as much: to 0.2 mrad."""
@@ -163,8 +164,8 @@ def _irregular(loop: Loop, seen: Fate) -> HuntsIrregularly:
     """What is said of a motion that goes on for ever and repeats in no pattern."""
     said, amplitude, times = ranges(seen)
     sentence = (
-        f"{loop.name} hunts irregularly, {said}, and no pattern of it repeats within {seen.turns.size} turns; no cycle "
-        "was computed that could be followed"
+        f"{loop.name} hunts irregularly, {said}, and no pattern of up to {PATTERN} turns repeats within "
+        f"{seen.turns.size}; no cycle was computed that could be followed"
     )
     return HuntsIrregularly(sentence, Status.NOT_FOUND, amplitude=amplitude, between=times, swing=seen.swing)
 
