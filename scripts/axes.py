@@ -1,6 +1,6 @@
 """Random axes of parts against a simulator of its own: does it hunt, how far, how long?
 
-    python scripts/axes.py [--axes N] [--first I] [--seed S] [--as-built]
+    python scripts/axes.py [--axes N] [--first I] [--seed S] [--as-built | --remedies]
 
 An axis is drawn as one would be built and tuned: one or two masses, its controller (PID by gains or cascade P-PI) for a
 bandwidth, on the motor or on the load, friction that may differ by direction, a filter, a torque limit (RANGES).  Its
@@ -21,6 +21,12 @@ As built: a drive runs it, with a sample time, delay, and encoder; axis.c as wel
     right      the motions are one, to SAME of Fs/kp, from the first sample to the last, or part by rounding, and the
                swings at the end are as large to ALIKE; and where it is said to rest for ever, or to die out, it does
 
+Remedies: leak, gain, derivative and integral action, of axes that hunt; axis.c with less and more of each (SIZES).
+
+    right      where the table says that hunting has ended, no motion hunts from any of 12 starts
+    WRONG      some motion does
+    earlier    none does with a little less either: the last cycles attract from nowhere
+
 Exit code 1 if anything is wrong.
 """
 
@@ -40,7 +46,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from casahunt import Drive, simulate_sampled  # noqa: E402
+from casahunt import Drive, remedies, simulate_sampled  # noqa: E402
 from casahunt.errors import ComesToRest, HuntsIrregularly, NoOrbit  # noqa: E402
 from casahunt.servo.parts import (  # noqa: E402
     BACK_CALCULATION,
@@ -73,6 +79,14 @@ SAME, ALIKE, FAR, LONGER = 1e-6, 0.1, 1e4, 4
 """Of motions as built; farther away, in Fs/kp, none is followed; so many times as long, one that is said to rest is."""
 BUILT_FOR, MOST_SAMPLES, STARTED = 1e3, 200_000, 0.3
 """1/bandwidth, and samples, of a motion as built; its start, in Fs/kp."""
+SIZES, MANY_STARTS, FOLLOWED = (0.97, 1.03, 2.0), tuple(np.geomspace(3e-3, 3.0, 12).tolist()), 5e3
+"""So much of a remedy as at its border; starts, in Fs/kp, and how long they are followed, in 1/bandwidth."""
+REMEDIES = {
+    "leak": lambda n, size: {"leak": size},
+    "gain": lambda n, size: {name: size * n[name] for name in ("kp", "kd", "ki")},
+    "derivative": lambda n, size: {"kd": size},
+    "integral": lambda n, size: {"ki": size},
+}
 UNITS = {"rad": 1.0, "m": 1.0, "mm": 1e3}
 
 
@@ -266,19 +280,49 @@ def as_built(axis: Axis) -> tuple[str, str, float]:
     return ("right" if right else "WRONG"), seen, cpu
 
 
+def mended(axis: Axis) -> tuple[str, str, float]:
+    """(outcome, what was seen, CPU [s]) of the remedies of an axis that hunts."""
+    began = time.process_time()
+    try:
+        rows = remedies(axis.loop, only=list(REMEDIES)).remedies
+    except NoOrbit as refusal:
+        return "no hunting", str(refusal), time.process_time() - began
+    cpu, seen, outcomes = time.process_time() - began, list[str](), set[str]()
+    for row in rows:
+        if not row.ends_hunting:
+            seen.append(f"{row.name}: {row.kind}")
+            continue
+        for factor in SIZES:
+            size = row.size / factor if row.name == "integral" else row.size * factor
+            n = axis.n | REMEDIES[row.name](axis.n, size)
+            n["longest_step"] /= max(size, 1.0) if row.name in ("gain", "derivative") else 1.0
+            said = Counter(
+                AxisMotion(n, axis.state(axis.loop.at_rest(-off * axis.scale)), axis.scale)
+                .fate(FOLLOWED / axis.bandwidth).verdict for off in MANY_STARTS
+            )  # fmt: skip
+            hunts = said["hunts"] + said["irregular"] > 0
+            if hunts == (factor > 1):
+                outcome = "WRONG" if hunts else "earlier"
+                outcomes.add(outcome)
+                seen.append(f"{row.name}: {outcome} {row.kind} {row.size:.6g} x {factor}: {dict(said)}")
+    return next((each for each in ("WRONG", "earlier") if each in outcomes), "right"), "; ".join(seen), cpu
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, value in (("--axes", 40), ("--first", 0), ("--seed", 1)):
         parser.add_argument(name, type=int, default=value)
     parser.add_argument("--as-built", action="store_true")
+    parser.add_argument("--remedies", action="store_true")
     asked = parser.parse_args(arguments)
     sums, took = Counter[str](), list[float]()
     for number in range(asked.first, asked.first + asked.axes):
         axis = Axis(asked.seed, number)
         parts = ", ".join(part.name for part in axis.loop.parts)
-        if asked.as_built:
-            limited_otherwise = axis.n["M"] < 1e300 and axis.n["way"]  # axis.c has no drive for these
-            outcome, seen, cpu = ("left out", "", 0.0) if limited_otherwise else as_built(axis)
+        if asked.as_built or asked.remedies:
+            left_out = asked.as_built and axis.n["M"] < 1e300 and axis.n["way"]  # axis.c has no drive for these
+            ask = as_built if asked.as_built else mended
+            outcome, seen, cpu = ("left out", "", 0.0) if left_out else ask(axis)
             sums[outcome] += 1
             took.append(cpu)
             print(f"{number} ({parts}; {axis.unit}): {outcome}: {seen}; {cpu:.1f} s", flush=True)

@@ -36,7 +36,8 @@ LOOKED_AT_MOST, LOOK_LONGER = 5, 4
 """Looks, each this much longer than the one before, until there is something to see."""
 ENOUGH_EVENTS, ENOUGH_STEPS = 4, 150
 """A motion is watched until there are so many: with ten times as many events the search of a stick-slip cycle does
-eight times the work, with ten times as many steps that of the van der Pol oscillator's seven times."""
+eight times the work, with ten times as many steps that of the van der Pol oscillator's seven times.  Of a mode with
+ways out a look more: a motor that sticks while its load rings takes more steps to its breakaway."""
 GREW, LARGER = 1e12, 1e2
 """A state this much larger than all states were at the start, and than 1, grows without bound; it may be growing."""
 AS_MUCH = 0.9
@@ -133,7 +134,8 @@ def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, leas
             raise NotFound(f"the motion grows without bound: {system.names.entries[k]} to {scale[k]:.2g}", time)
         scale = np.where(counted, np.minimum(scale, turns(system)), scale)
         events = sum(bool(s.event) for s in seen)
-        if events >= ENOUGH_EVENTS or events == 0 and sum(s.count for s in seen) >= ENOUGH_STEPS:
+        enough = ENOUGH_STEPS * (LOOK_LONGER if form.exits[seen[-1].mode] else 1)
+        if events >= ENOUGH_EVENTS or events == 0 and sum(s.count for s in seen) >= enough:
             break
         (mode, x), most, least = going_on(form, seen[-1], p), most * LOOK_LONGER, scale
     late = states[:, times > times[-1] / 2]

@@ -3,7 +3,7 @@
    J x1'' = m - F - k (x1 - phi) - d (x1' - phi'),   JL phi'' = k (x1 - phi) + d (x1' - phi')
    e = x1 or phi;   u = -(kp e + kd r + ki x3),   r = e' or (e - f)/Tf with Tf f' = e - f
    c = u,   or c' = w (u - c) (low-pass),   or c = u - 2 z w (1 - depth) q with p' = q, q' = u - w^2 p - 2 z w q (notch)
-   m = c, or at its limit +-M;   x3' = e; at the limit e, 0, or e + (c - m)/(ki Tu)
+   m = c, or at its limit +-M;   x3' = e - leak x3; at the limit that, 0, or e + (c - m)/(ki Tu)
    F = s Fc + s (Fs - Fc) exp(-(x1'/vs)^2) + b x1' of the direction s; stuck while -Fs_back <= pull <= Fs
 
    built() runs it by a drive, from sample to sample.
@@ -13,7 +13,7 @@
 #include <string.h>
 enum { X, V, I, PHI, W, LAG, P, Q, N };
 typedef struct {
-    double J, JL, k, d, seen, kp, kd, ki, Tf, kind, w, z, depth, M, way, Tu, Fs[2], Fc[2], b[2], vs, longest_step;
+    double J, JL, k, d, seen, kp, kd, ki, Tf, kind, w, z, depth, M, way, Tu, Fs[2], Fc[2], b[2], vs, longest_step, leak;
 } Axis;
 typedef struct { int sign, at; } Mode;
 
@@ -38,7 +38,7 @@ static void rates(const Axis *a, Mode now, const double *y, double *f) {
         f[X] = v;
         f[V] = (pull(a, y, now.at) - now.sign * g - a->b[o] * v) / a->J;
     }
-    f[I] = e;
+    f[I] = e - a->leak * y[I];
     if (now.at && a->way == 1) f[I] = 0;
     if (now.at && a->way == 2) f[I] = e + (c - now.at * a->M) / (a->ki * a->Tu);
     if (a->JL > 0) { f[PHI] = y[W]; f[W] = shaft(a, y) / a->JL; }

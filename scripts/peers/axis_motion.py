@@ -20,7 +20,7 @@ import numpy as np
 
 Array = np.ndarray
 NAMES = ("J", "JL", "k", "d", "seen", "kp", "kd", "ki", "Tf", "kind", "w", "z", "depth", "M", "way", "Tu",
-         "Fs", "Fs_back", "Fc", "Fc_back", "b", "b_back", "vs", "longest_step")  # fmt: skip
+         "Fs", "Fs_back", "Fc", "Fc_back", "b", "b_back", "vs", "longest_step", "leak")  # fmt: skip
 STATES = 8
 TOL, REPEATS, GONE, GROWN = 1e-11, 1e-7, 1e-3, 1e3
 """Error of a step, difference of turns that repeat, in sizes; what is gone, in Fs/kp, and has grown, in starts."""

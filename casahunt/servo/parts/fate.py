@@ -65,6 +65,8 @@ after which an integrator is frozen."""
 GROWN_BY, FARTHER_BY = 50.0, 2.0
 """So many times as large as the hunting before, and as at its start, a motion grows, if its last swing leads so many
 times as far as its first: what was thrown far away comes back."""
+LAST_TURNS_MEASURE, LEAST_SIZE = 5, 1e-6
+"""Turns that tell how far a motion has come down from where it began, and the least part of that which counts."""
 NO_TURN = 1e-10
 """What turns back by less, in sizes of the state, does so by rounding."""
 SPRINGS_BY, MOST_SPRINGS = 3.0, 400
@@ -156,7 +158,7 @@ class _Watched:
     """Turns of the pattern, and whether its mirror image follows."""
 
     def __post_init__(self) -> None:
-        self.system = self.loop.system
+        self.system, self.sizes = self.loop.system, self.scale
         self.place = self.system.states.index("x1")
         self.farthest = 0.0, self.start
         self.kind: Points = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
@@ -168,6 +170,15 @@ class _Watched:
     def motion(self, phases: list[Segment]) -> Motion:
         """Phases as a motion."""
         return Motion(self.system, self.system.values(None), tuple(phases), math.nan, self.scale, self.kind)
+
+    def measure(self, since: int) -> None:
+        """Let sizes of the states, by which it is followed, be those of the last look: it may come from far away."""
+        swings, last = np.abs(np.diff(self.turns[-LAST_TURNS_MEASURE:])), self.phases[since:]
+        if swings.size < LAST_TURNS_MEASURE - 1 or not last:
+            return
+        part = min(max(float(swings.max() / self.scale[self.place]), LEAST_SIZE), 1.0)
+        late = np.max([np.abs(segment.nodes).max(axis=0) for segment in last[len(last) // 2 :]], axis=0)
+        self.sizes = np.clip(late[: self.scale.size], part * self.scale, self.scale)
 
     def seen(self, segment: Segment) -> bool:
         """A phase more; whether it decides."""
@@ -207,7 +218,7 @@ class _Watched:
     def _again(self, segment: Segment) -> list[Segment]:
         """A phase with a mesh."""
         return march(
-            self.system.vector_form, segment.mode, segment.start, self.system.values(None), scale=self.scale,
+            self.system.vector_form, segment.mode, segment.start, self.system.values(None), scale=self.sizes,
             until=lambda _: True, tol=self.tol, kind=self.kind, max_time=segment.duration,
         )  # fmt: skip
 
@@ -329,12 +340,13 @@ def _look(watched: _Watched, x: Array, mode: str, length: float) -> tuple[Array,
     """A look at a motion: where the next one begins, and how long it is.  Raises MarchFailure, effort.PartGivenUp."""
     since = len(watched.phases)
     phases = march(
-        watched.system.vector_form, mode, x, watched.system.values(None), scale=watched.scale, until=watched.seen,
+        watched.system.vector_form, mode, x, watched.system.values(None), scale=watched.sizes, until=watched.seen,
         tol=watched.tol, kind=watched.kind, max_time=length, strict=True, meshed=watched.meshed,
         max_intervals=sys.maxsize,  # its work is bounded
     )  # fmt: skip
     if watched.outcome is not None:
         return x, mode, length
+    watched.measure(since)
     last, came_to_rest = phases[-1], len(phases) <= len(watched.phases) - since
     if not last.event and not came_to_rest:
         watched.seen(last)

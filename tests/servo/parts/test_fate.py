@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from casahunt.errors import ComesToRest, HuntsIrregularly
 from casahunt.servo.parts import (
     BY_DIRECTION,
+    DERIVATIVE_FILTER,
     INERTIA,
     INTEGRATOR,
     PID_BY_GAINS,
@@ -18,6 +19,7 @@ from casahunt.servo.parts import (
     Loop,
     verbs,
 )
+from casahunt.servo.parts.ahead import measured
 from casahunt.servo.parts.fate import LEFT_OF_A_SWING, Swing, fate
 from casahunt.servo.parts.verbs import loop_cycle
 
@@ -135,6 +137,32 @@ def test_swings_that_grow_by_as_much_in_every_turn_are_no_irregular_hunting():
     cycle = loop_cycle(screw)
     assert cycle.period == pytest.approx(0.6751295081248, rel=1e-8)
     assert cycle.amplitude == pytest.approx(2.395274686e-05, rel=1e-8)
+
+
+FAR = {"motor_gain": 1.0, "gain": 1.0, "load_inertia": 218.33662265224083, "shaft_stiffness": 14767090.821684731,
+       "shaft_damping": 2110.6957446432375, "inertia": 123.51658065308678, "stribeck_velocity": 0.00034954563895922254,
+       "static": 540.3558468686196, "coulomb": 469.51841720205863, "viscous": 416.83655612431045,
+       "kp": 421783.8441122657, "kd": 16380.805359017908, "ki": 2549762.164614706,
+       "derivative_filter": 0.007581984694510403}  # fmt: skip
+RINGS = {"motor_gain": 1.0, "gain": 1.0, "load_inertia": 0.00019805054362281914, "shaft_stiffness": 42.11081613566268,
+         "shaft_damping": 0.001621873095904368, "inertia": 0.0006389973944973399, "static": 0.020258915840599037,
+         "stribeck_velocity": 0.01654235211799808, "coulomb": 0.01770547470148201, "viscous": 0.0031600034068209573,
+         "kp": 0.4290227965553392, "kd": 0.03370614031091657, "ki": 1.9577066068137932}  # fmt: skip
+
+
+def test_from_far_away_a_small_cycle_is_seen_as_well_as_from_beside_it():
+    """A screw axis (m, kg) that hunts with 86 um, from 1 m; scripts/peers/axis.c: 8.61750159e-05 m, 9.3744312475 s."""
+    screw = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR, DERIVATIVE_FILTER), FAR)
+    seen = fate(screw, screw.at_rest(-1.0), measured(screw, screw.at_rest(-1.0), 1.0))
+    assert seen.pattern == 2 and seen.turns.size < 100
+    assert seen.swing.amplitude == pytest.approx(8.61750159e-05, rel=1e-5)
+    assert seen.swing.period == pytest.approx(9.3744312475, rel=1e-5)
+
+
+def test_a_cycle_is_found_whose_load_rings_hundreds_of_times_while_the_motor_sticks():
+    """Sticks of 7 s with a load of 73 Hz; scripts/peers/axis.c: 14.33675935 s."""
+    cycle = loop_cycle(Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR), RINGS))
+    assert cycle.period == pytest.approx(14.33675935, rel=1e-9) and len(cycle.arcs) <= 4
 
 
 def test_beyond_the_fold_every_start_comes_to_rest_and_the_fold_is_named():
