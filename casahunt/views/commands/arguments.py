@@ -25,19 +25,13 @@ from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
 from .progress import progress, say
-from .taken import taken_from_table_1
+from .taken import of_the_continuous_loop, servo_of_parts, taken_from_table_1
 
 if TYPE_CHECKING:
     from ...servo.parts import Loop
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = "orbit diagram fold fold-curve loop equilibria basin record remedies simulate explore".split()
-"""Commands that take a loop of parts."""
-WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
-"""Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
-CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing here; casahunt simulate takes it in"
-"""Said where a drive is described and not computed."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
 _ARGPARSE_WORDS = {
@@ -190,7 +184,12 @@ def add_solver(command: argparse.ArgumentParser) -> None:
 
 
 def model_of(options: argparse.Namespace) -> Model:
-    """The one friction model of the command line."""
+    """The one friction model of the command line, or of a loop of parts that has a bristle."""
+    loop = loop_of(options)
+    if loop is not None:
+        from ...servo.parts import LUGRE
+
+        return "lugre" if LUGRE in loop.present else "switch"
     return choice_of("model", options.model or MODELS[0], MODELS)  # type: ignore[return-value]
 
 
@@ -217,16 +216,14 @@ def servo_of(options: argparse.Namespace) -> Servo:
     if options.servo is None:
         return with_overrides(Servo(), of_servo)
     tables, what = _tables(options), f"servo file {options.servo!r}"
-    if LOOP_TABLE in tables:
-        commands = " and ".join((", ".join(LOOP_COMMANDS[:-1]), LOOP_COMMANDS[-1]))
-        raise InputError(f"{what}: is a loop of parts; of the commands {commands} take one")
+    if loop := loop_of(options):
+        return servo_of_parts(options.command, what, loop)
     servo = with_overrides(servo_of_tables(tables, what), of_servo)
     if not hasattr(options, "told"):
         options.told = True
-        for sentence in taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought")):
+        taken = taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought"))
+        for sentence in (*taken, *of_the_continuous_loop(options.command, tables)):
             say(progress(options), sentence)
-        if DRIVE_TABLE in tables and options.command in WITHOUT_DRIVE:
-            say(progress(options), f"the answer is {CONTINUOUS}")
     return servo
 
 
@@ -312,13 +309,21 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
     gain = gain_of(options) if gain is None and getattr(options, "gain", None) is not None else gain
     loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
     check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
+    if not hasattr(options, "told"):
+        options.told = True
+        for sentence in of_the_continuous_loop(options.command, tables):
+            say(progress(options), sentence)
     return loop
 
 
-def asked_of(options: argparse.Namespace) -> Any:
-    """What a command with a gain is asked about, as the verbs take it: a servo, its model and gain, or a loop alone."""
+def asked_of(options: argparse.Namespace, *, gain: bool = False) -> Any:
+    """What a command is asked about, as the verbs take it: a servo and its model, or a loop and None.
+
+    gain: that of the servo too, of a loop None.
+    """
     model, loop = model_of(options), loop_of(options)
-    return (loop, None, None) if loop is not None else (servo_of(options), model, gain_of(options))
+    asked = (servo_of(options), model) if loop is None else (loop, None)
+    return (*asked, gain_of(options) if loop is None else None) if gain else asked
 
 
 def left_out(options: argparse.Namespace, why: str, *names: str) -> None:

@@ -12,12 +12,13 @@ import numpy as np
 from ... import effort
 from ...axis_units import shown
 from ...design.fold_map import SIDES, fold_map
+from ...design.nearby import check_asked
 from ...errors import InputError, NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.units import kinds_of
 from ..answers.fold_map import fold_map_answer
-from .arguments import add_command, count_of, finite, how_of, model_of, servo_of
+from .arguments import add_command, asked_of, count_of, finite, how_of
 from .console import orbit_line
 from .output import give
 from .progress import Progress, progress, tell, teller
@@ -44,8 +45,8 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong; NoOrbit: no fold was found.
     """
-    model, how = model_of(options), how_of(options)
-    servo = servo_of(options)
+    how, (servo, model) = how_of(options), asked_of(options)
+    check_asked(servo, model)
     points = count_of("points", options.points, *SIDES)
     names, axes = _axes(options, points)
     out = progress(options)
