@@ -280,7 +280,6 @@ def test_the_linear_loop_as_built_of_two_masses(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(("words", "says"), [
-    (("tune",), "casahunt tune has no answer for 'leak': the search is one over the numbers of a PID"),
     (("map", "--gain", 1), "casahunt map has no answer for 'leak': the event map has one coordinate, where"),
     (("map", "--set", "leak=0"), "\n"),
 ])  # fmt: skip
