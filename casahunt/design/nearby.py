@@ -64,8 +64,8 @@ def fold_near(servo: Servo | Loop, model: Model | None, expected: float, options
     if isinstance(servo, Loop):
         if np.isfinite(expected):
             with suppress(NoOrbit):
-                return find_fold(servo.replace(gain=BELOW * expected), options=options)
-        return find_fold(servo, options=options)
+                return upper(find_fold(servo.replace(gain=BELOW * expected), options=options))
+        return upper(find_fold(servo, options=options))
     assert model is not None
     start = None
     if np.isfinite(expected):
@@ -84,6 +84,13 @@ def fold_near(servo: Servo | Loop, model: Model | None, expected: float, options
             sentence = f"{error}, but the event map has one near gain {expected:.4g}"
             raise NoOrbit(sentence, Status.NOT_CONVERGED) from None
         return None
+
+
+def upper(fold: AnyFold) -> AnyFold:
+    """A fold up to which there is hunting.  Raises NoOrbit: it hunts above it."""
+    if fold.sense < 0:
+        raise NoOrbit(f"hunting does not end above gain {fold.value:.6g}, it begins there", Status.NOT_FOUND)
+    return fold
 
 
 def values_of(owner: Any, names: Iterable[str]) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from casahunt import (
     sample_fold_gains,
     worst_corner,
 )
-from casahunt.design.nearby import are_servos
+from casahunt.design.nearby import are_servos, upper
 from casahunt.design.uncertainty.set import check_box, part_without_servos
 from casahunt.errors import ComesToRest
 from casahunt.servo.parts import (
@@ -138,6 +139,13 @@ def test_an_axis_without_a_fold_says_so_for_each_sample(belt):
     assert all("comes to rest" in sentence or "no cycle" in sentence for _, sentence in found.failures)
     with pytest.raises(NoOrbit, match="no fold in the box was computed"):
         worst_corner(belt.replace(ki=0.0), None, Uncertainty({"viscous": (0.01, 0.02)}))
+
+
+def test_a_gain_from_which_on_it_hunts_is_none_up_to_which(belt):
+    fold = find_fold(belt)
+    assert upper(fold) is fold
+    with pytest.raises(NoOrbit, match="it begins there"):
+        upper(replace(fold, sense=-1.0))
 
 
 def test_each_static_friction_is_above_its_own_coulomb_friction():

@@ -356,7 +356,7 @@ def scanned(servo: Any, model: Model | None, gain: float, tell: Callable[[str], 
         except ComesToRest as rests:
             return str(rests).partition(": ")[2], "clear"
         except NoOrbit as other:
-            return str(other), "open"
+            return str(other), "open" if other.status is not None else "clear"
         return f"a cycle of {orbit.amplitude:.4g} rad and {orbit.period:.4g} s was found", "cycle"
     if model == "switch":
         found = fixed_points(servo, gain, report=lambda n, a: tell(f"verifying: {n} motions of the event map"))

@@ -12,7 +12,7 @@ import numpy as np
 from ... import effort
 from ...axis_units import shown
 from ...design.fold_map import SIDES, fold_map
-from ...design.nearby import check_asked
+from ...design.nearby import check_asked, upper
 from ...errors import InputError, NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     names, axes = _axes(options, points)
     out = progress(options)
     tell(out, "computing the fold of the servo itself")
-    fold = find_fold(servo, model, options=how)
+    fold = upper(find_fold(servo, model, options=how))
     tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
     give(options, found, fold_map_answer(found), table=tables_of([found]), picture=("fold_map.fold_map", found))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ... import effort
-from ...design.nearby import AnyFold, check_asked
+from ...design.nearby import AnyFold, check_asked, upper
 from ...design.uncertainty.samples import Samples, draw, sample
 from ...design.uncertainty.summary import Summary, summary
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     out = progress(options)
 
     tell(out, "computing the fold of the servo itself")
-    fold = find_fold(servo, model, options=how)
+    fold = upper(find_fold(servo, model, options=how))
     tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     tell(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
     told, since = teller(out), time.monotonic()
