@@ -215,7 +215,7 @@ def servo_of(options: argparse.Namespace) -> Servo:
     of_servo = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
     if options.servo is None:
         return with_overrides(Servo(), of_servo)
-    tables, what = _tables(options), f"servo file {options.servo!r}"
+    tables, what = tables_in(options), f"servo file {options.servo!r}"
     if loop := loop_of(options):
         return servo_of_parts(options.command, what, loop)
     servo = with_overrides(servo_of_tables(tables, what), of_servo)
@@ -232,7 +232,7 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
 
     by_options: also by the options of the command that are called like its keys. Raises InputError: one is wrong.
     """
-    table = {} if options.servo is None else _tables(options).get(DRIVE_TABLE, {})
+    table = {} if options.servo is None else tables_in(options).get(DRIVE_TABLE, {})
     given: dict[str, Any] = {}
     for text in options.set:
         key, _, value = text.strip().partition("=")
@@ -259,13 +259,13 @@ def shown_as_the_file_says(options: argparse.Namespace) -> None:
     """
     if getattr(options, "servo", None) is not None:
         with suppress(InputError):
-            _tables(options)
+            tables_in(options)
     for key in ("vary", "fold_in"):
         if isinstance(named := getattr(options, key, None), str):
             setattr(options, key, shown().own_name(named))
 
 
-def _tables(options: argparse.Namespace) -> dict[str, Any]:
+def tables_in(options: argparse.Namespace) -> dict[str, Any]:
     """The tables of the servo file, which is read once: it may be a pipe.  Numbers are shown in its units from then on.
 
     Raises InputError: it cannot be read, or its units are wrong.
@@ -297,7 +297,7 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
 
     Raises InputError: the file or an override is wrong, or a friction model is asked for, which is one of its parts.
     """
-    if options.servo is None or LOOP_TABLE not in (tables := _tables(options)):
+    if options.servo is None or LOOP_TABLE not in (tables := tables_in(options)):
         return None
     from ...servo.parts.file import loop_of_tables
 

@@ -30,9 +30,6 @@ CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing 
 NO_ANSWER = {
     "map": "the event map has one coordinate, where one inertia with rigid friction sticks under a PID controller, and "
     "a motion from there must depend on nothing else; casahunt orbit, basin and simulate take such a loop",
-    "identify": "the fit is one of the motion of one inertia under a PID controller",
-    "cure": "it identifies the friction first, by the motion of one inertia under a PID controller; with its values in "
-    "the file casahunt remedies goes on from there",
 }
 """Commands that take no other servo than one inertia, and why."""
 
