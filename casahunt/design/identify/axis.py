@@ -15,16 +15,33 @@ from ...errors import InputError
 from ...orbits import Options
 from ...servo.controller import Pid
 from ...servo.drive import Drive
-from ...servo.friction import Friction
+from ...servo.friction import Friction, Model
 from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo
 from ..record.file import Record
 from .best import best_of_starts
 from .fit import ALL_BUT_NOTHING, Data, Question
 from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
+from .suitable import drive_taken, free_of, gains_of
 
 FRICTION = {name.rpartition(".")[2]: name for name in (STATIC, COULOMB, VISCOUS, STRIBECK)}
 """What can be sought of a loop, and what it is called of a servo."""
+
+
+def sought(
+    servo: Servo | Loop, model: Model | None, gains: float | Sequence[float] | None, free: Sequence[str],
+    drive: Drive | None, records: Sequence[Record],
+) -> tuple[tuple[str, ...], list[float], Drive | None, float]:  # fmt: skip
+    """The free parameters, the gain of each record, the drive that is taken into account, and what it leaves out.
+
+    Raises InputError: one of these cannot be.
+    """
+    if isinstance(servo, Loop):
+        names = check_axis(loop_asked(servo, model, None), free, drive, records)
+        return names, gains_of(servo.value("gain") if gains is None else gains, len(records)), None, 0.0
+    names, each = free_of(free, servo, model), gains_of(() if gains is None else gains, len(records))
+    return names, each, *drive_taken(records, servo, each, names, drive)
 
 
 def check_axis(loop: Loop, free: Sequence[str], drive: Drive | None, records: Sequence[Record]) -> tuple[str, ...]:
@@ -64,13 +81,19 @@ def rigid(loop: Loop) -> Servo:
     return Servo(inertia=inertia, motor_gain=1.0, controller=Pid(kp=kp, ki=ki, kd=kd), friction=Friction(**own))
 
 
-def question_of(loop: Loop, records: tuple[Data, ...], free: tuple[str, ...], options: Options) -> Question:
-    """What is fitted of a loop, with the loops that have the friction of one inertia to begin with."""
-    servo, names = rigid(loop), tuple(FRICTION[name] for name in free)
-    scales = scales_of(records[0], servo, names)
-    of_one = Question(records, servo, "switch", names, options, scales, lowest_of(servo, names))
-    found = best_of_starts(of_one)
-    own = () if found is None else (of_one.numbers(found[0].z),)
-    tried = tuple(loop.replace(**dict(zip(free, map(float, values), strict=True))) for values in own)
-    lowest = np.full(len(free), ALL_BUT_NOTHING)
-    return Question(records, loop, None, free, options, scales, lowest, tried=tried)
+def question_of(
+    servo: Servo | Loop, model: Model | None, records: tuple[Data, ...], free: tuple[str, ...], options: Options
+) -> Question:
+    """What is fitted: a servo, or a loop with those that have the friction of one inertia to begin with."""
+    one, names = (rigid(servo), tuple(map(FRICTION.__getitem__, free))) if isinstance(servo, Loop) else (servo, free)
+    scales, lowest = scales_of(records[0], one, names), lowest_of(one, names)
+    question = Question(records, one, model or "switch", names, options, scales, lowest)
+    if not isinstance(servo, Loop):
+        return question
+    found = best_of_starts(question)
+    tried: tuple[Loop, ...] = ()
+    if found is not None:
+        values = question.numbers(found[0].z).tolist()
+        tried = (servo.replace(**dict(zip(free, values, strict=True))),)
+    least = np.full(len(free), ALL_BUT_NOTHING)
+    return Question(records, servo, None, free, options, scales, least, tried=tried)

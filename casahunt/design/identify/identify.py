@@ -24,14 +24,13 @@ from ...results import Result
 from ...servo.drive import Drive
 from ...servo.friction import MODELS, Model
 from ...servo.parts.loop import Loop
-from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo, a_servo
 from ...servo.trajectory import Trajectory
 from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import as_record
 from ..uncertainty.set import Uncertainty
-from .axis import check_axis, question_of
+from .axis import question_of, sought
 from .best import best_of_starts, cut_off, explained_from, gain_that_fits
 from .built import as_built
 from .climb import climb, expected
@@ -42,8 +41,8 @@ from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
 from .likelihood import Noise
 from .noise import with_noise
 from .readings import unread, widened
-from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
-from .suitable import data_of, drive_taken, free_of, gains_of, in_a_pattern, of_few_steps, suitable
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS
+from .suitable import data_of, in_a_pattern, of_few_steps, suitable
 from .torque import residual
 from .transient import behind_a_transient
 
@@ -232,14 +231,10 @@ def identify(
     True
     """
     samples = [as_record(record) for record in records]
-    if isinstance(servo, Loop):
-        free, left_out = check_axis(loop_asked(servo, model, None), free, drive, samples), 0.0
-        each = gains_of(servo.value("gain") if gains is None else gains, len(records))
-    else:
+    if not isinstance(servo, Loop):
         a_servo(servo)
         model = choice_of("model", model or MODELS[0], MODELS)  # type: ignore[assignment]
-        free, each = free_of(free, servo, model), gains_of(() if gains is None else gains, len(records))
-        drive, left_out = drive_taken(samples, servo, each, free, drive)
+    free, each, drive, left_out = sought(servo, model, gains, free, drive, samples)
     how = of_kind("options", options or Options(), Options).finer(CYCLE_SHARE)
 
     def fit(records: Sequence[Record]) -> Identification:
@@ -247,10 +242,7 @@ def identify(
             data_of(record, suitable(record), gain, drive, left_out)
             for record, gain in zip(records, each, strict=True)
         )
-        if isinstance(servo, Loop):
-            return fitted(question_of(servo, data, tuple(free), how), advise=False)
-        scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
-        return fitted(Question(data, servo, model, tuple(free), how, scales, lowest), advise=advise)
+        return fitted(question_of(servo, model, data, tuple(free), how), advise=advise and model is not None)
 
     found: Identification = behind_a_transient(samples, fit)
     return found
