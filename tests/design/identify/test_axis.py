@@ -119,5 +119,5 @@ def test_the_commands(capsys, tmp_path, record):
     assert load_uncertainty(out / "friction.toml", again).intervals["static"][0] == found["static"]["low"]
     code, said, err = run(capsys, "cure", *words, "--only", "leak", "--jobs", 1)
     said = " ".join(said.split())
-    assert "belt.csv: the model explains what was recorded" in said and "cheapest remedy: leak" in said
+    assert "the model explains what was recorded" in said and "cheapest remedy: leak" in said
     assert "of the values as found" in said
