@@ -18,7 +18,7 @@ import html
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from enum import Enum
 from pathlib import Path
@@ -28,6 +28,7 @@ import numpy as np
 
 from .axis_units import Units, units_of
 from .checks import choice_of, error_text, shortened, to_absolute_error
+from .errors import InputError
 from .export import Columns, dataframe, new_axes, plain, write_csv
 from .files import whole_text
 
@@ -308,3 +309,27 @@ class Rows(Result):
 
 def _singular(word: str) -> str:
     return f"{word[:-3]}y" if word.endswith("ies") else word.removesuffix("s")
+
+
+def table_of(names: Sequence[str], rows: Any, known: Sequence[str], at: Callable[[Any], Any]) -> np.ndarray:
+    """Rows (n, k) of parameters as numbers, each of which whoever has the parameters can have.
+
+    names, rows: k names, and (n, k) values of them; known: the names that there are; at: takes (k,) values, and refuses
+    those that cannot be. Raises InputError: an unknown name, a table of another shape, or values that are refused.
+    """
+    for name in names:
+        choice_of("parameter", name, known)
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"names = {list(names)!r}: must be at least one parameter, each once")
+    try:
+        table = np.array(rows, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"rows: must be a table of numbers with {len(names)} columns") from None
+    if table.ndim != 2 or table.shape[1] != len(names):
+        raise InputError(f"rows: must be a table with {len(names)} columns, not of shape {table.shape}")
+    for i, row in enumerate(table):
+        try:
+            at(row)
+        except InputError as error:
+            raise InputError(f"row {i + 1} of {len(table)}: {error}") from None
+    return table

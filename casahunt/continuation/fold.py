@@ -54,6 +54,7 @@ class Fold(Result, Generic[AnyOrbit]):
         alone.
     multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
     status, wall_s : as everywhere.
+    sense : +1 where the parameter is largest there, -1 where it is smallest.
 
     Examples
     --------
@@ -82,6 +83,7 @@ class Fold(Result, Generic[AnyOrbit]):
     multipliers: Array
     status: Status
     wall_s: float
+    sense: float = 1.0
 
     @property
     def error_estimate(self) -> float:

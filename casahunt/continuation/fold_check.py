@@ -138,7 +138,8 @@ def _on_its_mesh(special: SpecialPoint[AnyOrbit], vary: str, options: Options, b
             Status.TOLERANCE_NOT_REACHED,
         )
     kind = orbit.problem.fold_type or Fold
-    return kind(orbit, vary, here, error, value, sense * best.multipliers, orbit.status, time.perf_counter() - began)
+    wall_s = time.perf_counter() - began
+    return kind(orbit, vary, here, error, value, sense * best.multipliers, orbit.status, wall_s, sense)
 
 
 def _optimum(t: Transcription, u: Array, setting: Setting, row: Array, options: Options) -> Maximum:

@@ -23,18 +23,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks import choice_of
 from ..continuation import Expansion, folds_near
 from ..effort import ROWS_OF_A_TASK
 from ..errors import NoOrbit, Status
-from ..orbits import Options, OrbitEnsemble
+from ..orbits import Options, Orbit, OrbitEnsemble
 from ..orbits import orbit_ensemble as orbits_near
-from ..results import Rows
+from ..results import Rows, table_of
 from ..servo.find_orbit import BranchName, find_orbit
-from ..servo.friction import MODELS, Model
-from ..servo.problem import Hunting, HuntingFold, HuntingOrbit
-from ..servo.servo import Servo, a_servo
-from .nearby import expected_gains, fold_near, known_fold, nominal_fold, servo_at, vectors
+from ..servo.friction import Model
+from ..servo.parts.loop import Loop
+from ..servo.parts.plain_loop import loop_asked
+from ..servo.servo import Servo
+from .nearby import AnyFold, check_asked, expected_gains, fold_near, known_fold, nominal_fold, servo_at, vectors
 from .sensitivity import fold_sensitivities
 
 Array = np.ndarray
@@ -49,7 +49,7 @@ class FoldEnsemble(Rows):
 
     Attributes
     ----------
-    model : the friction model.
+    model : the friction model; None of a loop of parts.
     names : the k parameters in which they differ.
     parameters : (n, k) their values.
     gains, gain_errors : (n,) fold gains, 0 where a proof shows that no gain hunts, nan where the fold was not computed;
@@ -69,7 +69,7 @@ class FoldEnsemble(Rows):
     (['0.6473', '0.7212'], ('batch', 'batch'), ())
     """
 
-    model: Model
+    model: Model | None
     names: tuple[str, ...]
     parameters: Array
     gains: Array
@@ -90,21 +90,21 @@ class FoldEnsemble(Rows):
         n, alone = len(self), self.how.count("alone")
         found = self.gains[self.gains > 0]
         between = f", gains {found.min():.6g} to {found.max():.6g}" if found.size else ""
-        none = int((self.gains == 0).sum())
+        none, whose = int((self.gains == 0).sum()), f"{self.model} servos" if self.model else "loops"
         return (
-            f"<folds of {n} {self.model} servos{between}: {alone} alone, {none} that cannot hunt, "
+            f"<folds of {n} {whose}{between}: {alone} alone, {none} that cannot hunt, "
             f"{len(self.failures)} not computed>"
         )
 
 
 def fold_ensemble(
-    servo: Servo,
-    model: Model,
+    servo: Servo | Loop,
+    model: Model | None,
     names: Sequence[str],
     rows: Array,
     *,
     options: Options | None = None,
-    fold: HuntingFold | None = None,
+    fold: AnyFold | None = None,
     elasticities: bool = False,
     executor: Executor | None = None,
     report: Callable[[int], None] | None = None,
@@ -114,7 +114,7 @@ def fold_ensemble(
     Parameters
     ----------
     servo, model
-        the servo, and "switch" or "lugre".
+        the servo, and "switch" or "lugre"; or a loop of parts, and None.
     names, rows
         k of its parameters, and (n, k) values of them.
     options
@@ -145,10 +145,9 @@ def fold_ensemble(
     >>> bool((np.diff(found.gains) > 0).all()), found.elasticities.shape
     (True, (5, 1))
     """
-    a_servo(servo)
-    choice_of("model", model, MODELS)
+    check_asked(servo, model)
     names = tuple(names)
-    table = Hunting(model, servo, 1.0).rows(names, rows)
+    table = table_of(names, rows, [name for name in servo.names if name != "gain"], partial(servo_at, servo, names))
     options = options or Options()
     return folds_of(
         servo, model, names, table, options=options, fold=nominal_fold(servo, model, options, fold), executor=executor,
@@ -157,7 +156,8 @@ def fold_ensemble(
 
 
 def folds_of(
-    servo: Servo, model: Model, names: Sequence[str], rows: Array, *, options: Options, fold: HuntingFold | None,
+    servo: Servo | Loop, model: Model | None, names: Sequence[str], rows: Array, *, options: Options,
+    fold: AnyFold | None,
     executor: Executor | None = None, report: Callable[[int], None] | None = None,
     elasticities_by: tuple[str, ...] = (),
 ) -> FoldEnsemble:  # fmt: skip
@@ -189,8 +189,8 @@ def folds_of(
 class _Task:
     """Everything a worker needs for a batch; small, and pickled once per task."""
 
-    servo: Servo
-    model: Model
+    servo: Servo | Loop
+    model: Model | None
     options: Options
     names: tuple[str, ...]
     rows: Array
@@ -234,19 +234,19 @@ def _alone(task: _Task, i: int) -> _Member:
         nothing[0] = 0.0
         return _Member(nothing, Status.CONVERGED, ON_ITS_OWN)
     of, moves = fold.orbit, fold_sensitivities(fold).elasticities if by else {}
-    numbers = fold.gain, fold.gain_error, of.period, of.period_error, of.amplitude, of.amplitude_error
+    numbers = fold.value, fold.value_error, of.period, of.period_error, of.amplitude, of.amplitude_error
     return _Member(np.array([*numbers, *(moves[name] for name in by)]), Status.CONVERGED, ON_ITS_OWN)
 
 
 def orbit_ensemble(
-    servo: Servo,
-    model: Model,
-    gain: float,
+    servo: Servo | Loop,
+    model: Model | None,
+    gain: float | None,
     names: Sequence[str],
     rows: Array,
     *,
     options: Options | None = None,
-    orbit: HuntingOrbit | None = None,
+    orbit: Orbit | None = None,
     multipliers: bool = False,
     executor: Executor | None = None,
     report: Callable[[int], None] | None = None,
@@ -256,7 +256,7 @@ def orbit_ensemble(
     Parameters
     ----------
     servo, model, gain
-        the servo, "switch" or "lugre", and the gain [V/rad].
+        the servo, "switch" or "lugre", and the gain [V/rad]; or a loop of parts, None, and its gain or None.
     names, rows
         k of the servo's parameters, "gain" among them where it differs too, and (n, k) values of them.
     options
@@ -285,16 +285,18 @@ def orbit_ensemble(
     >>> [f"{amplitude:.5f}" for amplitude in found.amplitudes]  # rad
     ['0.01771', '0.01724']
     """
-    a_servo(servo)
-    choice_of("model", model, MODELS)
-    known_orbit = orbit if orbit is not None else find_orbit(servo, model, gain, options=options)
+    at: Any = loop_asked(servo, model, gain), None, None
+    at = at if isinstance(servo, Loop) else (servo, model, gain)
+    known_orbit: Any = orbit if orbit is not None else find_orbit(*at, options=options)
     branch: BranchName = "unstable" if known_orbit.multipliers.leading.real > 1 else "stable"
     return orbits_near(
         known_orbit, names, rows, options=options, multipliers=multipliers, executor=executor, report=report,
-        alone=partial(_cycle_alone, branch),
+        alone=partial(_cycle_alone, at[0], branch),
     )  # fmt: skip
 
 
-def _cycle_alone(branch: BranchName, problem: Any, options: Options) -> HuntingOrbit:
+def _cycle_alone(servo: Servo | Loop, branch: BranchName, problem: Any, options: Options) -> Orbit:
     """The cycle of one servo, from nothing."""
+    if isinstance(servo, Loop):
+        return find_orbit(servo_at(servo, problem.names, problem.vector()), branch=branch, options=options)
     return find_orbit(problem.servo, problem.model, problem.gain, branch=branch, options=options)

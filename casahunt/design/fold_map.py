@@ -24,19 +24,16 @@ from typing import Any
 import numpy as np
 
 from ..axis_units import in_its_units
-from ..checks import choice_of
 from ..continuation import Expansion, expansion_beside, folds_near
 from ..effort import MEMBERS_OF_A_PASS
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..orbits import Options
 from ..results import Result
-from ..servo.find_fold import find_fold
-from ..servo.friction import MODELS, Model
-from ..servo.problem import HuntingFold
-from ..servo.servo import Servo, a_servo
-from .nearby import fold_near, known_fold, values_of, vectors
-from .sensitivity import NAMES
+from ..servo.friction import Model
+from ..servo.parts.loop import Loop
+from ..servo.servo import Servo
+from .nearby import AnyFold, are_servos, check_asked, fold_near, known_fold, servo_at, values_of, vectors
 
 Array = np.ndarray
 
@@ -51,7 +48,7 @@ class FoldMap(Result):
 
     Attributes
     ----------
-    servo, model : whose folds they are, but for the two parameters.
+    servo, model : whose folds they are, but for the two parameters; a loop of parts has no model.
     names : the two parameters.
     values : (m,) and (n,) values of them.
     gains : (m, n) fold gains [V/rad]; 0 where a proof shows that no gain hunts, nan where none was computed.
@@ -71,8 +68,8 @@ class FoldMap(Result):
     _quantities = ("model", "parameters = names", "size = gains.shape", "tolerance", "status")
     _details = ("servo", "values", "gains", "wall_s [s]")
 
-    servo: Servo
-    model: Model
+    servo: Servo | Loop
+    model: Model | None
     names: tuple[str, str]
     values: tuple[Array, Array]
     gains: Array
@@ -90,7 +87,8 @@ class FoldMap(Result):
         computed = self.gains[self.gains > 0]
         span = f"{computed.min():.5g} to {computed.max():.5g}" if computed.size else "none"
         m, n = self.gains.shape
-        return f"{self.model} servo: fold gain {span} over {m} x {n} values of {self.names[0]} and {self.names[1]}"
+        whose = f"{self.model} servo" if self.model else "loop"
+        return f"{whose}: fold gain {span} over {m} x {n} values of {self.names[0]} and {self.names[1]}"
 
     def _more(self) -> dict[str, Any]:
         return {"failures": [{"place": place, "sentence": said} for place, said in self.failures.items()]}
@@ -98,7 +96,7 @@ class FoldMap(Result):
     def _columns(self) -> Columns:
         i, j = (place.ravel() for place in np.indices(self.gains.shape))
         return {
-            "model": [self.model] * i.size,
+            "model": [self.model or "loop"] * i.size,
             "first": [self.names[0]] * i.size,
             "first_value": self.values[0][i],
             "second": [self.names[1]] * i.size,
@@ -114,14 +112,14 @@ class FoldMap(Result):
 
 @in_its_units
 def fold_map(
-    servo: Servo,
-    model: Model,
+    servo: Servo | Loop,
+    model: Model | None,
     names: tuple[str, str],
     first: Array,
     second: Array,
     *,
     options: Options | None = None,
-    fold: HuntingFold | None = None,
+    fold: AnyFold | None = None,
     report: Callable[[int], None] | None = None,
 ) -> FoldMap:
     """The fold gain at every pair of values of two parameters.
@@ -129,9 +127,9 @@ def fold_map(
     Parameters
     ----------
     servo, model
-        all other values, and the friction model.
+        all other values, and the friction model; or a loop of parts, and None.
     names
-        two different parameters (sensitivity.NAMES).
+        two different parameters.
     first, second
         (m,) and (n,) values of them, increasing.
     options
@@ -158,12 +156,13 @@ def fold_map(
     >>> f"{gains[0, 0]:.4f}", bool(gains[1, 0] > gains[1, 1])
     ('0.6473', True)
     """
-    a_servo(servo)
     began = time.perf_counter()
-    choice_of("model", model, MODELS)
+    check_asked(servo, model)
     values = _checked(servo, names, (first, second))
     options = options or Options()
-    start = fold or find_fold(servo, model, options=options)
+    start = fold or fold_near(servo, model, np.nan, options)
+    if start is None:
+        raise NoOrbit("the servo hunts at no gain: no fold was found to start from")
     gains = np.full((values[0].size, values[1].size), np.nan)
     places = [place for place in np.ndindex(gains.shape) if _is_servo(servo, names, _pair(values, place))]
     failures = dict.fromkeys(sorted(set(np.ndindex(gains.shape)) - set(places)), NO_SERVO)
@@ -189,8 +188,8 @@ class _Spreading:
     q, span : (k, 2) values of the two parameters, and (2,) how far they go.
     """
 
-    servo: Servo
-    model: Model
+    servo: Servo | Loop
+    model: Model | None
     names: tuple[str, str]
     options: Options
     q: Array
@@ -204,7 +203,7 @@ class _Spreading:
         self.bases: dict[int, Expansion] = {}  # those that others were predicted from, by place
         self.found: dict[int, Expansion] = {}  # from which each was predicted that is found; or that fold itself
 
-    def over(self, start: HuntingFold) -> Generator[int]:
+    def over(self, start: AnyFold) -> Generator[int]:
         """Compute all folds, from the servo's own outwards; how many are left, again and again.
 
         Gains are 0 where a proof shows that no gain hunts, nan with a sentence where the fold was not computed.
@@ -254,21 +253,19 @@ class _Spreading:
         expected = np.nan
         if near is not None:
             expected = float(near.there(near.expected(self.p[i : i + 1]))[1][0])
-        servo = self.servo.replace(**dict(zip(self.names, map(float, self.q[i]), strict=True)))
+        servo = servo_at(self.servo, self.names, self.q[i])
         try:
             fold = fold_near(servo, self.model, expected, self.options)
         except NoOrbit as error:
             self.sentences[i] = str(error)
             return None
-        self.gains[i] = 0.0 if fold is None else fold.gain
+        self.gains[i] = 0.0 if fold is None else fold.value
         return known_fold(servo, self.names, fold, self.options.tol)
 
 
-def _checked(servo: Servo, names: tuple[str, str], values: tuple[Array, Array]) -> tuple[Array, Array]:
+def _checked(servo: Servo | Loop, names: tuple[str, str], values: tuple[Array, Array]) -> tuple[Array, Array]:
     """The two axes as arrays.  Raises InputError where one is none."""
-    allowed = [name for name in NAMES if name in servo.names]
-    for name in names:
-        choice_of("parameter", name, allowed)
+    values_of(servo, names)
     if names[0] == names[1]:
         raise InputError(f"{names[0]} and {names[1]}: must be two different parameters")
     axes = []
@@ -279,7 +276,7 @@ def _checked(servo: Servo, names: tuple[str, str], values: tuple[Array, Array]) 
         axes.append(axis)
     for q in (0, -1):
         if not any(_is_servo(servo, names, _pair((axes[0], axes[1]), (q, r))) for r in (0, -1)):
-            servo.replace(**{names[0]: float(axes[0][q])})  # says what is wrong with it, where that is the value alone
+            servo_at(servo, names[:1], axes[0][[q]])  # says what is wrong with it, where that is the value alone
     return axes[0], axes[1]
 
 
@@ -288,9 +285,9 @@ def _pair(values: tuple[Array, Array], place: tuple[int, ...]) -> tuple[float, f
     return float(values[0][place[0]]), float(values[1][place[1]])
 
 
-def _is_servo(servo: Servo, names: tuple[str, str], pair: tuple[float, float]) -> bool:
+def _is_servo(servo: Servo | Loop, names: tuple[str, str], pair: tuple[float, float]) -> bool:
     try:
-        servo.replace(**dict(zip(names, pair, strict=True)))
+        servo_at(servo, names, np.array(pair))
     except InputError:
         return False
-    return True
+    return bool(are_servos(servo, names, np.array([pair]))[0])

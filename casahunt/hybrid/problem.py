@@ -23,13 +23,11 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from ..checks import choice_of
-from ..errors import InputError
 from .system import Cycle, Signature
 from .vector_form import Names
 
@@ -156,39 +154,6 @@ class Problem(ABC):
     def vocabulary(self, states: tuple[str, ...]) -> Names:
         """What the entries of x and p are called, where the cycle calls its states so."""
         return Names(states, self.names)
-
-    def rows(self, names: Sequence[str], rows: Any) -> Array:
-        """Rows of parameters as numbers, each of which the problem can have.
-
-        Parameters
-        ----------
-        names, rows
-            k of `names`, and (n, k) values of them.
-
-        Returns
-        -------
-        (n, k).
-
-        Raises
-        ------
-        InputError : an unknown parameter, a table of another shape, or values that the problem cannot have.
-        """
-        for name in names:
-            choice_of("parameter", name, self.names)
-        if not names or len(set(names)) < len(names):
-            raise InputError(f"names = {list(names)!r}: must be at least one parameter, each once")
-        try:
-            table = np.array(rows, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError(f"rows: must be a table of numbers with {len(names)} columns") from None
-        if table.ndim != 2 or table.shape[1] != len(names):
-            raise InputError(f"rows: must be a table with {len(names)} columns, not of shape {table.shape}")
-        for i, row in enumerate(table):
-            try:
-                self.with_values(tuple(names), row)
-            except InputError as error:
-                raise InputError(f"row {i + 1} of {len(table)}: {error}") from None
-        return table
 
     def value(self, name: str) -> float:
         """One parameter."""

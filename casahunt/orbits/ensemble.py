@@ -27,6 +27,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from ..collocation.transcription import Setting, Transcription, settings_of
 from ..effort import MEMBERS_OF_A_PASS, ROWS_OF_A_TASK
 from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem
-from ..results import Rows
+from ..results import Rows, table_of
 from . import floquet
 from .adapt import LEFT_OUT, Options, finished, refined, solve_adaptively
 from .amplitude import goals_of_many
@@ -199,7 +200,8 @@ def orbit_ensemble(
     ['r', 'period', 'period_error']
     """
     names, options = tuple(names), options or Options()
-    table = orbit.problem.rows(names, rows)
+    problem = orbit.problem
+    table = table_of(names, rows, problem.names, partial(problem.with_values, names))
     fine = options.finer(ROOM_FOR_KNOWN)
     sharp = orbit if orbit.error_estimate <= fine.tol else refined(orbit, fine)
     side = side_of(*unknowns_of(sharp))

@@ -26,7 +26,7 @@ from ..axis_units import in_its_units
 from ..checks import choice_of, of_kind, to_error, to_error_beside
 from ..continuation import Fold, fold_between, largest, smallest
 from ..continuation.walk import walk
-from ..errors import InputError, NoOrbit, Status
+from ..errors import ComesToRest, InputError, NoOrbit, Status
 from ..motion import MarchFailure
 from ..orbits import Options, SystemOrbit
 from .cold_start import quickly_at, stable_at
@@ -40,7 +40,7 @@ from .gains import typical_gain
 from .linear.open_loop import open_loop
 from .parts.loop import Loop
 from .parts.plain_loop import loop_asked
-from .parts.verbs import fold_in, loop_cycle
+from .parts.verbs import cycle_at_a_smaller_gain, fold_in, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
 from .servo import Servo, a_servo
@@ -268,7 +268,8 @@ def find_fold(
     servo, model
         the servo, and "switch" or "lugre"; or a loop of parts, which hunts at its own numbers.
     vary
-        of a loop: the parameter; the fold is sought above its own value, and where there is none below it.
+        of a loop: the parameter; the fold is sought above its own value, and where there is none below it; the fold
+        gain also where the loop comes to rest.
     options
         `tol` bounds the relative errors of gain, amplitude and period.
     start
@@ -311,20 +312,26 @@ def find_fold(
 
 
 def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrbit]:
-    """The fold of a loop above the parameter's own value, or else below.
+    """The fold of a loop above the parameter's own value, or else below; of the gain also from a smaller one.
 
     Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
     """
-    cycle = loop_cycle(loop, vary, options=options)
     try:
-        return fold_in(cycle, vary, options=options)
-    except NoOrbit as above:
-        if above.status is not Status.NOT_FOUND:
+        cycle = loop_cycle(loop, vary, options=options)
+    except ComesToRest:
+        lower = cycle_at_a_smaller_gain(loop, options or Options(tol=1e-9)) if vary == "gain" else None
+        if lower is None:
             raise
+        return fold_in(lower, vary, options=options)
+    why = ""
+    for sense in (1, -1):
         try:
-            return fold_in(cycle, vary, sense=-1, options=options)
-        except NoOrbit as below:
-            raise NoOrbit(f"{above}; {below}", below.status) from None
+            return fold_in(cycle, vary, sense=sense, options=options)
+        except NoOrbit as refusal:
+            why += f"; {refusal}" if why else str(refusal)
+            if refusal.status is not Status.NOT_FOUND:
+                raise NoOrbit(why, refusal.status) from None
+    raise NoOrbit(why, Status.NOT_FOUND)
 
 
 def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
@@ -332,7 +339,7 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
     before = first
     steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way, max_points=MOST_WALKED)
     while True:
-        effort.at(partial(_on_the_way, before))
+        effort.at(partial("on the way to the fold, at gain {0:.6g}".format, before.gain))
         try:
             after = next(steps)
         except StopIteration as end:
@@ -365,10 +372,6 @@ def confirmed_between(
     raise AssertionError("no part of the tolerance")
 
 
-def _on_the_way(orbit: HuntingOrbit) -> str:
-    return f"on the way to the fold, at gain {orbit.gain:.6g}"
-
-
 def deny_below(
     around: list[HuntingOrbit], fold: HuntingFold, gain: float, branch: str, options: Options
 ) -> None:
@@ -386,9 +389,8 @@ def deny_below(
     else:
         return
     if gain < lower.gain * (1 - 2 * lower.gain_error):
-        servo = fold.orbit.servo
-        stable = open_loop(servo, gain).stable
-        grows = "" if stable else f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
+        unstable = f"; at {gain:.4g} V/rad the loop is unstable: large motions grow"
+        grows = "" if open_loop(fold.orbit.servo, gain).stable else unstable
         raise NoOrbit(
             f"no {branch} hunting cycle of the {fold.orbit.model} servo at gain {gain:.10g}: it has such cycles from "
             f"gain {to_error_beside(lower.gain, lower.gain_error, gain, FOLD_DIGITS)} to "

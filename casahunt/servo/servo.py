@@ -123,6 +123,10 @@ class Servo:
         values = flatten(self) | {"gain": np.nan}
         return np.array([values[name] for name in self.names])
 
+    def value(self, name: str) -> float:
+        """One parameter."""
+        return float(self._parameters[self.names.index(choice_of("parameter", name, self.names[:-1]))])
+
     def torque_gains(self, gain: float) -> tuple[float, float, float]:
         """(kp, kd, ki) in N m/rad, N m s/rad and N m/(rad s) at controller gain `gain`."""
         return self.controller.torque_gains(gain * self.motor_gain)

@@ -125,13 +125,10 @@ def check_motor_gain(given: Mapping[str, Any], motor_gain: float) -> None:
 
 
 def unit_of(name: str) -> str:
-    """The unit of a parameter, by its key or the last part of it; "" where it has none.
-
-    Raises KeyError: no such parameter.
-    """
+    """The unit of a parameter of a servo or of a part, by its key or the last part of it; "" where it has none."""
     if name in PARAMETER_UNITS:
         return PARAMETER_UNITS[name]
-    return next(unit for key, unit in PARAMETER_UNITS.items() if key.rpartition(".")[2] == name)
+    return "" if name == "kp" else kinds_of(name)[0]
 
 
 def column(name: str, unit: str | None = None) -> str:

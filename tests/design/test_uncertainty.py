@@ -355,8 +355,6 @@ def test_summary(servo, fold, eleven):
     [
         ({}, "either intervals"),
         ({"intervals": {"friction.static": (0.5, 0.6)}, "names": PAIR, "covariance": np.eye(2)}, "either intervals"),
-        ({"intervals": {"friction.statik": (0.5, 0.6)}}, "did you mean 'friction.static'"),
-        ({"intervals": {"gain": (0.5, 0.6)}}, "unknown parameter 'gain'"),
         ({"intervals": {"friction.static": (0.6, 0.5)}}, "low must not exceed high"),
         ({"intervals": {"friction.static": (0.6, float("nan"))}}, "finite number"),
         ({"intervals": {"friction.static": 0.6}}, r"\[low, high\]"),
@@ -372,6 +370,16 @@ def test_summary(servo, fold, eleven):
 def test_no_uncertainty(given, sentence):
     with pytest.raises(InputError, match=sentence):
         Uncertainty(**given)
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [("friction.statik", "did you mean 'friction.static'"), ("gain", "unknown parameter 'gain'")],
+)
+def test_what_no_servo_has_is_not_uncertain(servo, name, sentence):
+    for given in (Uncertainty({name: (0.5, 0.6)}), Uncertainty(names=(name,), covariance=[[1e-6]])):
+        with pytest.raises(InputError, match=sentence):
+            sample(servo, "switch", given, 1)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,29 @@ import math
 import numpy as np
 import pytest
 
-from casahunt import Drive, InputError, NoOrbit, basin, equilibria, find_orbit, linear_loop, margins, simulate
+from casahunt import (
+    Drive,
+    InputError,
+    NoOrbit,
+    Record,
+    Uncertainty,
+    basin,
+    cli,
+    equilibria,
+    find_fold,
+    find_orbit,
+    fold_ensemble,
+    fold_map,
+    linear_loop,
+    margins,
+    sample_fold_gains,
+    simulate,
+    tune,
+    worst_corner,
+)
 from casahunt import simulate_sampled as sampled
+from casahunt.design.identify.axis import FRICTION, check_axis, rigid
+from casahunt.design.uncertainty.set import check_box
 from casahunt.servo.parts import (
     BY_DIRECTION,
     CLAMPING,
@@ -54,6 +75,8 @@ SIZES = {
     "dead band": 0.02, "shifted dead band": 0.02, "hysteresis": 0.03, "error dead band": 0.01, "leak": 0.1,
     "freeze": 0.5, "reset": 0.5, "reset at a stop": 0.7, "error filter": 0.01, "feedforward": 0.5, "dither": 0.01,
 }  # fmt: skip
+VISCOUS = Uncertainty({"viscous": (0.09, 0.11)})
+RECORD = Record(np.arange(100.0), np.zeros(100))
 DRIVE = Drive(sample_time=1e-3, encoder=8192)
 
 
@@ -68,6 +91,8 @@ def loops() -> dict[str, Loop]:
 
 
 LOOPS = loops()
+MAKERS_OF_PARTS = ("transfer function", "notch")
+"""Of which a file has tables in the place of names."""
 VERBS = {
     "simulate": lambda loop: simulate(loop, time=2.0).status.ok and simulate(loop, time=2.0).peak_torque > 0,
     "simulate_sampled": lambda loop: sampled(loop, drive=DRIVE, time=0.5).peak_torque > 0,
@@ -75,11 +100,24 @@ VERBS = {
     "margins": lambda loop: math.isfinite(margins(loop).phase_margin),
     "margins as built": lambda loop: math.isfinite(margins(loop, drive=DRIVE).phase_margin),
     "equilibria": lambda loop: equilibria(loop).to_dict()["gain"] > 0,
+    "check_box": lambda loop: check_box(loop, VISCOUS) is None,
+    "check_axis": lambda loop: check_axis(loop, list(FRICTION), None, [RECORD]) == tuple(FRICTION) and rigid(loop),
 }
 SLOW = {
     "find_orbit": lambda loop: find_orbit(loop).error_estimate < 1e-6,
     "basin": lambda loop: basin(loop).border > 0,
+    "find_fold": lambda loop: find_fold(loop).value > 0,
+    "worst_corner": lambda loop: worst_corner(loop, None, VISCOUS).gain > 0,
+    "sample_fold_gains": lambda loop: told(sample_fold_gains(loop, None, VISCOUS, 1)),
+    "fold_ensemble": lambda loop: told(fold_ensemble(loop, None, ["viscous"], [[0.1]])),
+    "fold_map": lambda loop: fold_map(loop, None, ("viscous", "static"), [0.1, 0.11], [0.53, 0.54]).gains.size == 4,
+    "tune": lambda loop: tune(loop).gain > 0,
 }
+
+
+def told(found) -> bool:
+    """Of what was not computed there is a sentence."""
+    return bool(np.isfinite(found.gains).all()) or len(found.failures) > 0
 
 
 def asked(verb, loop: Loop) -> None:
@@ -111,3 +149,17 @@ def test_one_motion_has_one_length(name):
     times = motion.table()["time_s"]
     assert motion.duration == times[-1] == 2.0 and np.all(np.diff(times) > 0)
     assert motion.sample(np.array([0.0, 2.0])).T == pytest.approx(motion.dense()[1][:, [0, -1]].T, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", [name for name in LOOPS if name not in MAKERS_OF_PARTS])
+def test_the_event_map_names_the_part_or_answers(capsys, tmp_path, name):
+    """It has an answer for one inertia with rigid friction under a PID; of others it says which part, and why."""
+    loop, path = LOOPS[name], tmp_path / "loop.toml"
+    parts = ", ".join(f'"{part.name}"' for part in loop.present)
+    values = "\n".join(f"{key} = {value!r}" for key, value in loop.parameters.items())
+    path.write_text(f"[loop]\nparts = [{parts}]\n[values]\n{values}\n")
+    code, (out, err) = cli.main(["map", str(path), "--points", "5", "--quiet"]), capsys.readouterr()
+    if code:
+        said = err.partition("has no answer for ")[2]
+        assert out == "" and any(repr(part.name) in said for part in loop.present) and "the event map has one" in said
+    assert (code == 0) == (name == "one inertia")

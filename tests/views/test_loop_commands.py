@@ -13,7 +13,6 @@ from command_line import is_picture, one_json, run
 
 from casahunt import Drive, Servo, find_fold, simulate_sampled
 from casahunt.servo.parts import load_loop
-from casahunt.views.commands.arguments import LOOP_COMMANDS
 from casahunt.views.commands.diagram import PICTURES
 
 PLAIN = ["one inertia", "Switch friction", "PID by times", "integrator"]
@@ -281,12 +280,20 @@ def test_the_linear_loop_as_built_of_two_masses(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(("words", "says"), [
-    (("tune",), "is a loop of parts; of the commands orbit, diagram,"),
-    (("map", "--gain", 1), "is a loop of parts; of the commands"),
+    (("map", "--gain", 1), "casahunt map has no answer for 'leak': the event map has one coordinate, where"),
+    (("map", "--set", "leak=0"), "\n"),
 ])  # fmt: skip
-def test_commands_that_take_none_say_which_do(capsys, loop_file, words, says):
-    code, out, err = run(capsys, words[0], loop_file(), *words[1:])
-    assert (code, out) == (2, "") and says in err and all(name in err for name in LOOP_COMMANDS)
+def test_commands_that_take_a_servo_alone_name_the_part(capsys, loop_file, words, says):
+    """A loop that is a servo is asked as one."""
+    code, out, err = run(capsys, words[0], loop_file("leak", leak=0.1), *words[1:])
+    assert (code, out == "") == ((2, True) if "no answer" in says else (0, False)) and says in out + err
+
+
+def test_the_event_map_is_that_of_rigid_friction(capsys, loop_file):
+    path = loop_file()
+    path.write_text(path.read_text().replace("Switch", "LuGre"))
+    code, out, err = run(capsys, "map", path)
+    assert (code, out) == (2, "") and "has no answer for 'LuGre friction'" in err
 
 
 def test_where_the_branch_of_a_servo_ends_is_not_asked(capsys, tmp_path):

@@ -18,6 +18,7 @@ clipped.py    positions that are cut off at an end
 best.py       the likeliest model of all starts, and whether another gain, or a cut, explains records
 suitable.py   records that can be fitted
 transient.py  a record that begins on its way to the cycle
+axis.py       a loop of parts, from where one inertia would have its friction
 identify.py   all of it: `identify`
 suspect.py    what to suspect where a record hunts at another frequency
 """

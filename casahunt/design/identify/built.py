@@ -15,14 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...servo.friction import Model
-from ...servo.problem import HuntingOrbit
 from ...servo.sampled.motion import simulate_sampled
-from ...servo.servo import Servo
 from ..record.verdict import deviation
 from ..record.waveform import SIDE
 from .climb import climb
@@ -101,7 +100,7 @@ def _aligned(first: Data, last: Data, row: Rows, phase: int) -> Data:
     return replace(first, times=first.times - (late - late.mean())[swing] * last.period)
 
 
-def _beside(first: Data, last: Data, orbit: HuntingOrbit, servo: Servo, model: Model) -> Data:
+def _beside(first: Data, last: Data, orbit: Any, servo: Any, model: Model | None) -> Data:
     """A record with what its drive does beside the cycle of a continuous loop.
 
     first, last: as it was measured, and with what was taken for that before.

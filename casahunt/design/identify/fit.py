@@ -24,19 +24,20 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import InputError, NoOrbit, Status
-from ...orbits import Options, StateSensitivity, refined, state_sensitivity
+from ...orbits import Options, Orbit, StateSensitivity, refined, state_sensitivity
 from ...servo.cold_start import quickly_at
 from ...servo.drive import Drive
 from ...servo.friction import Model
 from ...servo.linear.sampled_loop import as_continuous
-from ...servo.problem import HuntingOrbit
+from ...servo.parts import TWO_MASSES_LOAD_SEEN
+from ...servo.parts.loop import Loop
+from ...servo.parts.verbs import loop_cycle
 from ...servo.refused import check_hunts, check_problem, check_times
-from ...servo.servo import Servo
 from ..record.waveform import swings_of
 from .likelihood import Noise, Rows
 from .torque import term, torque_of
@@ -48,7 +49,7 @@ MOST_OF_A_STEP = 0.4
 ALL_BUT_NOTHING, NEXT_TO_NOTHING = 1e-3, 0.1
 """Unknown below which a parameter is not followed: it is next to none there; and one that must not be none, whose
 cycles are ever harder to find: it is a fiftieth of what was stated."""
-BENDING = ("friction.stribeck_velocity",)
+BENDING = ("friction.stribeck_velocity", "stribeck_velocity")
 """Parameters whose unknowns are logarithms where they are small: scales of a velocity, in which friction is not
 linear."""
 WALLS = 0.1
@@ -124,17 +125,18 @@ class Question:
     """What is fitted: records, the servo with its known parameters, the friction model, k free ones, their scales.
 
     And how small the unknown of each of these may be; exact: every cycle is computed to the tolerance.  On the way none
-    needs an error estimate, a quarter of the time.
+    needs an error estimate, a quarter of the time.  tried: loops of parts from which their fit may start.
     """
 
     records: tuple[Data, ...]
-    servo: Servo
-    model: Model
+    servo: Any
+    model: Model | None
     free: tuple[str, ...]
     options: Options
     scales: Array
     lowest: Array
     exact: bool = False
+    tried: tuple[Loop, ...] = ()
 
     @property
     def bends(self) -> Array:
@@ -166,7 +168,7 @@ class Question:
         """The free parameters by name."""
         return dict(zip(self.free, map(float, self.numbers(z)), strict=True))
 
-    def servo_at(self, z: Array) -> Servo:
+    def servo_at(self, z: Array) -> Any:
         """The servo of the unknowns.  Raises InputError: there is none."""
         return self.servo.replace(**self.values(z))
 
@@ -187,7 +189,7 @@ class Point:
     z: Array
     lowest: Array
     steps: Array
-    orbits: tuple[HuntingOrbit, ...]
+    orbits: tuple[Any, ...]
     positions: tuple[Array, ...]
     deviance: float
     gradient: Array
@@ -235,7 +237,7 @@ def at(
     )  # fmt: skip
 
 
-def _compared(data: Data, laid: _Laid, noise: Noise, orbit: HuntingOrbit, stretched: bool) -> Iterator[Rows]:
+def _compared(data: Data, laid: _Laid, noise: Noise, orbit: Orbit, stretched: bool) -> Iterator[Rows]:
     """What a record says of a cycle that is laid over it, with derivatives by its own unknowns."""
     found = noise.slopes(data.position, laid.position)
     yield Rows(-2 * float(np.sum(found.value)), laid.position, found.score, found.curvature, laid.J)
@@ -247,7 +249,7 @@ def _compared(data: Data, laid: _Laid, noise: Noise, orbit: HuntingOrbit, stretc
         yield term(data.torque, laid.torque, laid.torque_J)
 
 
-def _cycle(q: Question, servo: Servo, z: Array, i: int, near: Point | None) -> HuntingOrbit:
+def _cycle(q: Question, servo: Any, z: Array, i: int, near: Point | None) -> Orbit:
     k = len(q.free)
     if near is not None:
         if np.array_equal(z[:k], near.z[:k]):
@@ -257,7 +259,7 @@ def _cycle(q: Question, servo: Servo, z: Array, i: int, near: Point | None) -> H
     return cycle_at(servo, q.model, q.records[i], q.options)  # other phases, or too far: from nothing
 
 
-def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvings: int) -> HuntingOrbit:
+def _followed(q: Question, orbit: Any, start: Array, end: Array, halvings: int) -> Orbit:
     """What a cycle becomes, in one step, or in two where that fails.  Raises NoOrbit, InputError."""
     try:
         return refined(orbit, replace(q.options, solver="newton", provisional=not q.exact), at=q.values(end))
@@ -269,13 +271,17 @@ def _followed(q: Question, orbit: HuntingOrbit, start: Array, end: Array, halvin
     return _followed(q, half, middle, end, halvings - 1)
 
 
-def cycle_at(servo: Servo, model: Model, data: Data, options: Options) -> HuntingOrbit:
+def cycle_at(servo: Any, model: Model | None, data: Data, options: Options) -> Orbit:
     """The stable cycle at the gain of a record where motions lead to it; the first one begins where the record sticks.
 
     What no motion leads to is not worth a search for the fold: the fit goes elsewhere.
     Raises NoOrbit: they lead to none; InputError: the problem cannot be.
     """
     gain = data.gain
+    if isinstance(servo, Loop):
+        at_it = servo.replace(gain=gain)
+        return loop_cycle(at_it, start=at_it.at_rest(-data.amplitude), options=options)
+    assert model is not None
     if data.drive is not None:
         servo = as_continuous(servo, gain, data.drive)
     check_problem(servo, model, gain)
@@ -285,6 +291,12 @@ def cycle_at(servo: Servo, model: Model, data: Data, options: Options) -> Huntin
     if orbit is None:
         raise NoOrbit(f"no motion leads to a hunting cycle of the {model} servo at gain {gain:g}", Status.NOT_FOUND)
     return orbit
+
+
+def seen_by(servo: Any) -> int:
+    """Which state a record is of: the position that the controller sees."""
+    load = isinstance(servo, Loop) and TWO_MASSES_LOAD_SEEN in servo.present
+    return servo.system.states.index("load_angle") if load else 0
 
 
 class _Laid(NamedTuple):
@@ -299,7 +311,7 @@ class _Laid(NamedTuple):
 
 
 def state_at(
-    orbit: HuntingOrbit, data: Data, tau: float, names: tuple[str, ...], stretched: bool
+    orbit: Orbit, data: Data, tau: float, names: tuple[str, ...], stretched: bool
 ) -> tuple[StateSensitivity, Array, float]:
     """A cycle at the times of a record; (m,) by how much these go with ln T, and the factor of its times, T/measured T.
 
@@ -313,7 +325,7 @@ def state_at(
     return state_sensitivity(orbit, way, names), factor * (along - tau * data.period), factor
 
 
-def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: slice, stretched: bool) -> _Laid:
+def _laid(question: Question, orbit: Any, data: Data, z: Array, own: slice, stretched: bool) -> _Laid:
     """A cycle laid over a record."""
     tau, b = z[own]
     found, with_period, factor = state_at(orbit, data, tau, question.free, stretched)
@@ -326,12 +338,13 @@ def _laid(question: Question, orbit: HuntingOrbit, data: Data, z: Array, own: sl
         J[:, -2] = -rate * data.period * factor
         return J
 
-    J, torque, torque_J = by_unknowns(found.derivatives[:, 0], found.rates[0]), None, np.zeros((0, 0))
+    seen = seen_by(question.servo)
+    J, torque, torque_J = by_unknowns(found.derivatives[:, seen], found.rates[seen]), None, np.zeros((0, 0))
     J[:, -1] = data.amplitude
     if data.torque is not None:
         of_motor = torque_of(orbit, found, question.free)
         torque, torque_J = of_motor.value, by_unknowns(of_motor.derivatives, of_motor.rate)
-    return _Laid(found.states[0] + b * data.amplitude + data.beside, J, log_period, torque, torque_J)
+    return _Laid(found.states[seen] + b * data.amplitude + data.beside, J, log_period, torque, torque_J)
 
 
 def sharpened(question: Question, point: Point, noises: Sequence[Noise]) -> tuple[Question, Point]:

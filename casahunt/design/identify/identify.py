@@ -23,13 +23,14 @@ from ...orbits import Options
 from ...results import Result
 from ...servo.drive import Drive
 from ...servo.friction import MODELS, Model
-from ...servo.problem import HuntingOrbit
-from ...servo.servo import Servo, a_servo, flatten
+from ...servo.parts.loop import Loop
+from ...servo.servo import Servo, a_servo
 from ...servo.trajectory import Trajectory
 from ...servo.units import unit_of
 from ..record.file import Record
 from ..record.measure import as_record
 from ..uncertainty.set import Uncertainty
+from .axis import question_of, sought
 from .best import best_of_starts, cut_off, explained_from, gain_that_fits
 from .built import as_built
 from .climb import climb, expected
@@ -40,8 +41,8 @@ from .judgement import LEAST_TOLD, Judgement, further_gain, judged, untold
 from .likelihood import Noise
 from .noise import with_noise
 from .readings import unread, widened
-from .start import COULOMB, STATIC, STRIBECK, VISCOUS, lowest_of, scales_of
-from .suitable import data_of, drive_taken, gains_of, in_a_pattern, of_few_steps, suitable
+from .start import COULOMB, STATIC, STRIBECK, VISCOUS
+from .suitable import data_of, in_a_pattern, of_few_steps, suitable
 from .torque import residual
 from .transient import behind_a_transient
 
@@ -69,7 +70,7 @@ class Identification(Result):
     Attributes
     ----------
     status : CONVERGED; FIT_NOT_CONVERGED: the fit stopped short of an optimum, no interval is known.
-    model, servo : the friction model, and the servo with the values found.
+    model, servo : the friction model, None of a loop of parts, and the servo with the values found.
     intervals : (low, high) of each free parameter, 95 %; 0 and infinity where the records do not bound it, nan
         where the fit has not converged.
     covariance : (k, k) of the logarithms of the free parameters.
@@ -102,8 +103,8 @@ class Identification(Result):
                 "unsteady = judgement.unsteady", "servo")  # fmt: skip
 
     status: Status
-    model: Model
-    servo: Servo
+    model: Model | None
+    servo: Any
     intervals: Mapping[str, tuple[float, float]]
     covariance: Array
     judgement: Judgement
@@ -111,7 +112,7 @@ class Identification(Result):
     further: tuple[float, float] | None
     noises: tuple[Noise, ...]
     torque_noises: tuple[float | None, ...]
-    orbits: tuple[HuntingOrbit, ...]
+    orbits: tuple[Any, ...]
     records: tuple[Data, ...] = field(repr=False)
     residuals: tuple[Array, ...] = field(repr=False)
     phases: tuple[float, ...] = field(repr=False)
@@ -121,8 +122,7 @@ class Identification(Result):
     @property
     def values(self) -> dict[str, float]:
         """The free parameters by name."""
-        own = flatten(self.servo)
-        return {name: own[name] for name in self.intervals}
+        return {name: self.servo.value(name) for name in self.intervals}
 
     @property
     def uncertainty(self) -> Uncertainty:
@@ -181,9 +181,9 @@ class Identification(Result):
 @in_its_units
 def identify(
     records: Sequence[Record | Trajectory | str | Path],
-    servo: Servo,
-    gains: float | Sequence[float],
-    model: Model = "switch",
+    servo: Servo | Loop,
+    gains: float | Sequence[float] | None = None,
+    model: Model | None = None,
     *,
     free: Sequence[str] = FREE,
     drive: Drive | None = None,
@@ -197,11 +197,11 @@ def identify(
     records
         one or several, as of `measure`, each with three whole periods or more; positions about any mean.
     servo
-        its known parameters, and values of the others to start from.
+        its known parameters, and values of the others to start from; or a loop of parts, of which friction is sought.
     gains
-        the gain of all records, or of each [V/rad].
+        the gain of all records, or of each [V/rad]; of a loop its own by default.
     model
-        "switch" or "lugre".
+        "switch" (default) or "lugre"; of a loop None.
     free
         the parameters that are sought.
     drive
@@ -230,12 +230,11 @@ def identify(
     >>> identify([record], Servo(), 0.04, free=["friction.coulomb"]).judgement.explained
     True
     """
-    a_servo(servo)
-    choice_of("model", model, MODELS)
-    free = _free(free, servo, model)
-    each = gains_of(gains, len(records))
     samples = [as_record(record) for record in records]
-    drive, left_out = drive_taken(samples, servo, each, free, drive)
+    if not isinstance(servo, Loop):
+        a_servo(servo)
+        model = choice_of("model", model or MODELS[0], MODELS)  # type: ignore[assignment]
+    free, each, drive, left_out = sought(servo, model, gains, free, drive, samples)
     how = of_kind("options", options or Options(), Options).finer(CYCLE_SHARE)
 
     def fit(records: Sequence[Record]) -> Identification:
@@ -243,28 +242,10 @@ def identify(
             data_of(record, suitable(record), gain, drive, left_out)
             for record, gain in zip(records, each, strict=True)
         )
-        scales, lowest = scales_of(data[0], servo, free), lowest_of(servo, free)
-        return fitted(Question(data, servo, model, tuple(free), how, scales, lowest), advise=advise)
+        return fitted(question_of(servo, model, data, tuple(free), how), advise=advise and model is not None)
 
     found: Identification = behind_a_transient(samples, fit)
     return found
-
-
-def _free(free: Sequence[str], servo: Servo, model: Model) -> tuple[str, ...]:
-    """The free parameters.  Raises InputError: the model does not have one of them, or none is given."""
-    allowed = [n for n in servo.names if n != "gain" and (model == "lugre" or n not in _BRISTLE)]
-    of_kind("free", free, Sequence, "such as ['friction.static']")
-    names = (free,) if isinstance(free, str) else tuple(free)
-    for name in names:
-        if name in _BRISTLE and model != "lugre":
-            raise InputError(f"free = {name}: the {model} model has no such parameter; it is one of the lugre model")
-        choice_of("free", name, allowed)
-    if not names or len(set(names)) < len(names):
-        raise InputError("free: must be at least one parameter, each once")
-    return names
-
-
-_BRISTLE = ("friction.stiffness", "friction.damping")
 
 
 def fitted(question: Question, *, advise: bool = True) -> Identification:
@@ -347,7 +328,7 @@ def _elsewhere(question: Question) -> tuple[Point, list[Noise]] | None:
 
     Raises InputError: another gain explains them, and the one that is stated does not from there either.
     """
-    if any(data.swings > 2 for data in question.records):
+    if isinstance(question.servo, Loop) or any(data.swings > 2 for data in question.records):
         return None  # no gain makes a cycle of such a pattern
     other = gain_that_fits(question)
     if other is None:
@@ -364,9 +345,9 @@ def _elsewhere(question: Question) -> tuple[Point, list[Noise]] | None:
 
 def _does_not_fit(question: Question, how: str) -> Exception:
     """The refusal of records that no cycle comes near."""
-    data = question.records[0]
+    data, whose = question.records[0], f"the {question.model} servo" if question.model else question.servo.name
     return InputError(
-        f"{data.name}: does not fit the {question.model} servo at gain {data.gain:g}, of amplitude "
+        f"{data.name}: does not fit {whose} at gain {data.gain:g}, of amplitude "
         f"{data.amplitude:.4g} rad and period {data.period:.4g} s: {how}; {_what_else(data)}"
     )
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...servo.problem import HuntingOrbit
+from ...orbits import Orbit
 from ..record.verdict import chi_square
 from .fit import Array, Point, Question, at
 from .intervals import NORMAL_95, Interval, marginal_information
@@ -162,7 +162,7 @@ def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
     return total / freedom, 1 - chi_square(freedom, min(total, 1e4 * freedom))
 
 
-def _parts(phase: Array, orbit: HuntingOrbit) -> tuple[Array, Array]:
+def _parts(phase: Array, orbit: Orbit) -> tuple[Array, Array]:
     """(m,) which period each phase belongs to, from 0 on, and which part of it."""
     times, states = orbit.sample()
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states[0])))])

@@ -11,15 +11,16 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import InputError, NoOrbit
+from ...orbits import Orbit
 from ...servo.friction import Model
-from ...servo.problem import HuntingOrbit
+from ...servo.parts.loop import Loop
 from ...servo.servo import Servo, flatten
-from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_at
+from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_at, seen_by
 from .matched import COULOMB, STATIC, matched, static_of
 
 VISCOUS, STRIBECK = "friction.viscous", "friction.stribeck_velocity"
@@ -105,9 +106,12 @@ def starts(question: Question) -> list[Array]:
 
     Tried as Switch servos, whose cycles are found quickly; what is promising, as the model that is asked for.
     """
+    if isinstance(question.servo, Loop):
+        laid = (_laid_as_it_is(question, loop, None) for loop in (*question.tried, question.servo))
+        return [one.z for one in laid if one is not None]
     tried = [found for servo in trials(question) if (found := _laid(question, servo, "switch")) is not None]
     tried.sort(key=lambda one: one.off)
-    if question.model != "switch":
+    if question.model == "lugre":
         asked = (_laid(question, one.servo, question.model) for one in tried)
         tried = list(islice((one for one in asked if one is not None), STARTS))
     return [one.z for one in tried[:STARTS]]
@@ -132,7 +136,7 @@ class _Laid(NamedTuple):
     """How far the cycles of a servo are from the records, the servo, and the unknowns."""
 
     off: float
-    servo: Servo
+    servo: Any
     z: Array
 
 
@@ -142,26 +146,26 @@ def _laid(question: Question, servo: Servo, model: Model) -> _Laid | None:
     return min((one for one in laid if one is not None), key=lambda one: one.off, default=None)
 
 
-def _laid_as_it_is(question: Question, servo: Servo, model: Model) -> _Laid | None:
+def _laid_as_it_is(question: Question, servo: Any, model: Model | None) -> _Laid | None:
     try:
         orbits = [cycle_at(servo, model, data, question.options.rough()) for data in question.records]
     except (NoOrbit, InputError):
         return None
-    values = flatten(servo)
-    z, off = [*question.unknowns(np.array([values[name] for name in question.free]))], 0.0
+    values = [servo.value(name) for name in question.free]
+    z, off = [*question.unknowns(np.array(values))], 0.0
     for data, orbit in zip(question.records, orbits, strict=True):
-        tau, b, misfit = laid_over(orbit, data)
+        tau, b, misfit = laid_over(orbit, data, seen_by(servo))
         z += [tau, b]
         off += misfit + abs(math.log(orbit.period / data.period)) + abs(math.log(orbit.amplitude / data.amplitude))
     return _Laid(off, servo, np.array(z))
 
 
-def laid_over(orbit: HuntingOrbit, data: Data) -> tuple[float, float, float]:
+def laid_over(orbit: Orbit, data: Data, seen: int = 0) -> tuple[float, float, float]:
     """Phase (in periods, of the middle of the record) and offset (in amplitudes) that lay a cycle over a record, and
     the rest of the waveform, relative: the best of all shifts by a part of a period."""
     phase = (np.arange(COMPARED) + 0.5) / COMPARED
     times, states = orbit.sample()
-    x = np.interp(phase * orbit.period, times, states[0])
+    x = np.interp(phase * orbit.period, times, states[seen])
     bins = np.floor(data.times / data.period % 1 * COMPARED).astype(int) % COMPARED
     count = np.bincount(bins, minlength=COMPARED)
     means = np.bincount(bins, data.position, COMPARED) / np.maximum(count, 1)

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...checks import require
+from ...checks import choice_of, of_kind, require
 from ...errors import InputError
 from ...servo.drive import ENCODER_BORDER, Drive
+from ...servo.friction import Model
 from ...servo.linear.sampled_loop import as_continuous, lag_of
 from ...servo.servo import Servo
 from ..record.file import Record
@@ -28,6 +29,8 @@ MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
 MOVED_STEPS = 50.0
 """Range of a position that moves, in units of its usual step from sample to sample: noise reaches ten."""
+BRISTLE = ("friction.stiffness", "friction.damping")
+"""Parameters of the LuGre model alone."""
 FRICTION = "friction."
 """Of which parameters begin that lags leave as they are."""
 MOST_LEFT_OUT = 0.1
@@ -78,6 +81,20 @@ def of_few_steps(amplitude: float, quantum: float) -> str:
         f"the encoder, of whose steps of {quantum:.4g} rad the amplitude is {amplitude / quantum:.3g}: with fewer than "
         f"{ENCODER_BORDER:g} quantisation may decide how it hunts (casahunt simulate --encoder)"
     )
+
+
+def free_of(free: Sequence[str], servo: Servo, model: Model | None) -> tuple[str, ...]:
+    """The free parameters.  Raises InputError: the model does not have one of them, or none is given."""
+    allowed = [n for n in servo.names if n != "gain" and (model == "lugre" or n not in BRISTLE)]
+    of_kind("free", free, Sequence, "such as ['friction.static']")
+    names = (free,) if isinstance(free, str) else tuple(free)
+    for name in names:
+        if name in BRISTLE and model != "lugre":
+            raise InputError(f"free = {name}: the {model} model has no such parameter; it is one of the lugre model")
+        choice_of("free", name, allowed)
+    if not names or len(set(names)) < len(names):
+        raise InputError("free: must be at least one parameter, each once")
+    return names
 
 
 def gains_of(gains: float | Sequence[float], count: int) -> list[float]:

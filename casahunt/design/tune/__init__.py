@@ -6,6 +6,7 @@ c are the numbers of the controller that are free: tau_d, tau_i, or two of kp, k
 
 demands.py    what a tuning may be asked for: demands, bounds, costs
 loop_set.py   the linear loops of a box of servos: the worst one, the gains that keep the margins
+parts_set.py  the same of loops of parts, by their response
 tasks.py      regulator tasks, simulated until they are decided
 problem.py    one problem of a tuning for IPOPT
 best_gain.py  a tuning with a given controller: the best gain for every servo of the set

@@ -17,6 +17,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,13 +25,25 @@ from ...errors import NoOrbit
 from ...orbits import Options
 from ...servo.friction import Model
 from ...servo.gains import integral_gain
-from ...servo.problem import HuntingFold
+from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
-from ..nearby import fold_beside
+from ..nearby import AnyFold, fold_beside, servo_at, values_of, vectors
 from ..uncertainty.set import Uncertainty
 from ..uncertainty.worst_corner import WorstCase, worst_corner
-from .demands import DEMANDS, NUMBERS, Demands, cost_of, log_numbers, silent, with_numbers
-from .loop_set import LoopBox, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
+from .demands import (
+    DEMANDS,
+    NUMBERS,
+    Demands,
+    at_the_start,
+    cost_of,
+    log_numbers,
+    numbers_of_controller,
+    numbers_that_may_be_freed,
+    silent,
+    with_numbers,
+)
+from .loop_set import Box, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
+from .parts_set import parts_box
 from .problem import Cut
 from .tasks import TASK_STEPS
 
@@ -63,7 +76,7 @@ class Answer:
     binding : what keeps the cost from being less, in words.
     """
 
-    servo: Servo
+    servo: Any
     gain: float
     worst: WorstCase
     loops: dict[str, WorstLoop]
@@ -86,6 +99,7 @@ class Given:
     Attributes
     ----------
     limits : bounds of the gain, where given, and of the free times.
+    numbers : whose logarithms are q: all numbers of the controller of a servo, of a loop those that are free.
     members : servos that must not hunt, with the times of `servo` times their own factors.
     cuts : loops that must keep a demand.
     points : points of the set from which its worst servo is searched too.
@@ -94,20 +108,25 @@ class Given:
     """
 
     def __init__(
-        self, servo: Servo, model: Model, demands: Demands, uncertainty: Uncertainty | None, free: tuple[str, ...],
-        limits: dict[str, tuple[float, float]], cost: str, options: Options, tell: Callable[[str], None] = silent,
+        self, servo: Servo | Loop, model: Model | None, demands: Demands, uncertainty: Uncertainty | None,
+        free: tuple[str, ...], limits: dict[str, tuple[float, float]], cost: str, options: Options,
+        tell: Callable[[str], None] = silent,
     ) -> None:  # fmt: skip
-        self.servo, self.model, self.demands, self.uncertainty = servo, model, demands, uncertainty
+        self.servo: Any = servo
+        self.model, self.demands, self.uncertainty = model, demands, uncertainty
         self.free, self.limits, self.cost, self.options, self.tell = free, dict(limits), cost, options, tell
         self.evaluations = 0
-        self.folds: dict[Servo, HuntingFold | None] = {}
-        self.members: list[Servo] = [servo]
+        own = {name.removeprefix("controller."): name for name in numbers_that_may_be_freed(servo)}
+        self.numbers = tuple(own[name] for name in free) if isinstance(servo, Loop) else numbers_of_controller(servo)
+        self.own = own
+        self.folds: dict[bytes, tuple[Any, AnyFold | None]] = {}
+        self.members: list[Any] = [servo]
         self.cuts: list[Cut] = []
         self.points: list[Array] = []
 
     # One gain
 
-    def gains(self, needed: float, servo: Servo) -> tuple[float, float]:
+    def gains(self, needed: float, servo: Any) -> tuple[float, float]:
         """Bounds of the gain.
 
         needed: (1 + margin) times the worst fold gain [V/rad]; 0 where nothing hunts.
@@ -115,47 +134,53 @@ class Given:
         """
         if "gain" in self.limits:
             return self.limits["gain"]
-        base = needed or (1 + self.demands.margin) * integral_gain(servo)
+        typical = servo.value("gain") if isinstance(servo, Loop) else integral_gain(servo)
+        base = needed or (1 + self.demands.margin) * typical
         return GAINS[0] * base, GAINS[1] * base
 
-    def first_torque(self, servo: Servo) -> float:
+    def first_torque(self, servo: Any) -> float:
         """The largest torque with which a servo of the set begins the largest step, a unit of the gain [N m/(V/rad)].
 
         The integral is empty there and nothing moves yet: kp times the step, the peak unless a later one is larger.
         """
-        names = [name for name in (self.uncertainty.parameters if self.uncertainty else ()) if name in IN_THE_TORQUE]
+        known = (*IN_THE_TORQUE, "motor_gain", *numbers_of_controller(servo))
+        names = [name for name in (self.uncertainty.parameters if self.uncertainty else ()) if name in known]
         ends = []
         if self.uncertainty is not None:
             low, high = self.uncertainty.box(servo)
             ends = [(low[i], high[i]) for i, name in enumerate(self.uncertainty.parameters) if name in names]
-        corners = (servo.replace(**dict(zip(names, map(float, at), strict=True))) for at in itertools.product(*ends))
-        return max(corner.torque_gains(1.0)[0] for corner in corners) * max(TASK_STEPS)
+        corners = [servo_at(servo, names, np.array(at)) for at in itertools.product(*ends)]
+        if isinstance(servo, Loop):
+            return max(abs(at_the_start(corner, "demand", -max(TASK_STEPS))) for corner in corners)
+        return float(max(corner.torque_gains(1.0)[0] for corner in corners) * max(TASK_STEPS))
 
-    def largest_gain(self, servo: Servo) -> float:
+    def largest_gain(self, servo: Any) -> float:
         """The gain with which the largest step begins with the largest torque that is allowed; inf without a limit."""
         most = self.demands.max_torque
         return most / self.first_torque(servo) if math.isfinite(most) else most
 
-    def room(self, needed: float, servo: Servo) -> tuple[float, float]:
+    def room(self, needed: float, servo: Any) -> tuple[float, float]:
         """As `gains`, up to the largest that the torque allows; where it allows none, the first is above the second."""
         low, high = self.gains(needed, servo)
         return low, min(high, self.largest_gain(servo))
 
-    def boxes(self, q: Array) -> list[LoopBox]:
+    def boxes(self, q: Array) -> list[Box]:
         """The loops of the set, and the nominal one where the set does not contain it."""
         servo, lag = self.at(q), self.demands.lag
-        boxes = [loop_box(servo, {}, lag)]
+        box_of: Any = parts_box if isinstance(servo, Loop) else loop_box
+        boxes = [box_of(servo, {}, lag)]
         if self.uncertainty is not None:
             low, high = self.uncertainty.box(servo)
             pairs = zip(low.tolist(), high.tolist(), strict=True)
-            whole = loop_box(servo, dict(zip(self.uncertainty.parameters, pairs, strict=True)), lag)
-            inside = (whole.low <= boxes[0].low).all() and (boxes[0].low <= whole.high).all()
+            whole = box_of(servo, dict(zip(self.uncertainty.parameters, pairs, strict=True)), lag)
+            own = values_of(servo, self.uncertainty.parameters)
+            inside = bool(((low <= own) & (own <= high)).all())
             boxes = [whole] if inside else [whole, *boxes]
         return boxes
 
-    def at(self, q: Array) -> Servo:
+    def at(self, q: Array) -> Any:
         """The nominal servo with the times exp(q), where they are free."""
-        return with_numbers(self.servo, q) if self.free else self.servo
+        return with_numbers(self.servo, q, self.numbers) if self.free else self.servo
 
     def answer(self, q: Array) -> tuple[Answer | None, WorstCase]:
         """The best gain at these times, the whole set considered; None where there is none."""
@@ -168,7 +193,7 @@ class Given:
         loops = {name: shortfall(boxes, self.demands, gain, name)[1] for name in DEMANDS}
         return Answer(servo, gain, worst, loops, self._binding(servo, gain, worst, loops)), worst
 
-    def _best_gain(self, servo: Servo, boxes: list[LoopBox], needed: float) -> float | None:
+    def _best_gain(self, servo: Any, boxes: list[Box], needed: float) -> float | None:
         """The gain of least cost that keeps every demand at these times, to rounding."""
         demands = self.demands
         low, high = self.room(needed, servo)
@@ -187,7 +212,7 @@ class Given:
             else min((fastest(servo, *interval) for interval in sets), key=lambda k: cost_of(self.cost, servo, k))
         )
 
-    def _binding(self, servo: Servo, gain: float, worst: WorstCase, loops: dict[str, WorstLoop]) -> tuple[str, ...]:
+    def _binding(self, servo: Any, gain: float, worst: WorstCase, loops: dict[str, WorstLoop]) -> tuple[str, ...]:
         demands = self.demands
         bounded = ON_BOUND + (2 * GUARD * self.options.tol if self.free else 0.0)
         found = []
@@ -201,7 +226,7 @@ class Given:
         for name in ("gain", *self.free):
             if name not in self.limits:
                 continue
-            value = gain if name == "gain" else getattr(servo.controller, name)
+            value = gain if name == "gain" else servo.value(self.own[name])
             low, high = self.limits[name]
             if value <= low * (1 + ON_BOUND):
                 found.append(f"lower bound of {name}")
@@ -211,7 +236,7 @@ class Given:
 
     # The worst servos of the set
 
-    def worst(self, servo: Servo) -> WorstCase:
+    def worst(self, servo: Any) -> WorstCase:
         """The worst servo of the set, with the controller of `servo`."""
         nominal = self._fold(servo)
         if self.uncertainty is None:
@@ -222,7 +247,7 @@ class Given:
             report=lambda i: self.tell(f"searching the worst servo of the set: fold {i}"),
         )  # fmt: skip
         self.evaluations += worst.evaluations
-        if nominal is not None and nominal.gain > worst.gain:  # intervals may leave the servo itself out
+        if nominal is not None and nominal.value > worst.gain:  # intervals may leave the servo itself out
             return WorstCase(servo, nominal, {}, worst.evaluations, worst.failures)
         return worst
 
@@ -231,8 +256,8 @@ class Given:
 
         q: (2,) ln of the times there [s]. Returns whether it is a new one.
         """
-        self.folds.setdefault(worst.servo, worst.fold)
-        own = _moved(worst.servo, log_numbers(self.servo) - q) if self.free else worst.servo
+        self.folds.setdefault(_key(worst.servo), (worst.servo, worst.fold))
+        own = self._moved(worst.servo, self.start - q) if self.free else worst.servo
         if any(_same(own, member) for member in self.members):
             return False
         self.members.append(own)
@@ -248,7 +273,7 @@ class Given:
             for box in self.boxes(q):
                 _, loop = shortfall([box], self.demands, gain, name)
                 servo = self.servo.replace(**loop.values, **{"servo.motor_gain": loop.kappa / gain})
-                own = _moved(servo, log_numbers(self.servo) - q)
+                own = self._moved(servo, self.start - q)
                 cut = Cut(own, name, self.demands.least(name) + self.guard)
                 if not any(_same(cut.servo, c.servo, 1e-6) and c.demand == name for c in self.cuts):
                     self.cuts.append(cut)
@@ -260,20 +285,29 @@ class Given:
         """Relative room that the problems over the times keep."""
         return GUARD * self.options.tol
 
-    def _fold(self, servo: Servo) -> HuntingFold | None:
-        if servo not in self.folds:
-            self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
-            known = [fold for fold in self.folds.values() if fold is not None]
-            near = min(known, key=lambda fold: _distance(fold.orbit.servo, servo), default=None)
-            self.folds[servo] = fold_beside(servo, self.model, near, options=self.options)
-        return self.folds[servo]
+    @property
+    def start(self) -> Array:
+        """(numbers,) q as given."""
+        return log_numbers(self.servo, self.numbers)
 
-    def folds_at(self, q: Array) -> list[HuntingFold]:
+    def _moved(self, servo: Any, by: Array) -> Any:
+        """The servo with other controller numbers, by so much in their logarithms."""
+        return with_numbers(servo, log_numbers(servo, self.numbers) + by, self.numbers) if by.any() else servo
+
+    def _fold(self, servo: Any) -> AnyFold | None:
+        if (key := _key(servo)) not in self.folds:
+            self.tell(f"computing fold {len(self.folds) + 1} of the servos that must not hunt")
+            known = [(_distance(of, servo), fold) for of, fold in self.folds.values() if fold is not None]
+            _, near = min(known, key=lambda pair: pair[0], default=(0.0, None))
+            self.folds[key] = servo, fold_beside(servo, self.model, near, options=self.options)
+        return self.folds[key][1]
+
+    def folds_at(self, q: Array) -> list[AnyFold]:
         """The folds of the members that have one, at the times exp(q).
 
         Raises NoOrbit: one was not computed.
         """
-        members = [_moved(member, q - log_numbers(self.servo)) for member in self.members]
+        members = [self._moved(member, q - self.start) for member in self.members]
         return [fold for fold in map(self._fold, members) if fold is not None]
 
     # Times as they look
@@ -281,7 +315,7 @@ class Given:
     def outlook(self, q: Array) -> Outlook | None:
         """v, gain and cost at times, with the servos known so far; None where a fold was not computed."""
         try:
-            needed = (1 + self.demands.margin) * max((f.gain for f in self.folds_at(q)), default=0.0)
+            needed = (1 + self.demands.margin) * max((f.value for f in self.folds_at(q)), default=0.0)
         except NoOrbit:
             return None
         servo = self.at(q)
@@ -303,7 +337,7 @@ class Given:
         return Outlook(q, float(missed[i]), float(gains[i]), math.inf)
 
 
-def fastest(servo: Servo, low: float, high: float) -> float:
+def fastest(servo: Any, low: float, high: float) -> float:
     """The gain of fastest settling between two: the best of a row of gains, polished by golden section.
 
     low, high: gains [V/rad]. Returns K [V/rad].
@@ -319,18 +353,22 @@ def fastest(servo: Servo, low: float, high: float) -> float:
     return min([float(row[i]), low, high, between], key=settling)
 
 
-def _moved(servo: Servo, by: Array) -> Servo:
-    """The servo with other controller numbers, by so much in their logarithms."""
-    return with_numbers(servo, log_numbers(servo) + by) if by.any() else servo
+def _vector(servo: Any) -> Array:
+    return np.asarray(vectors(servo, (), np.empty((1, 0)))[0])
 
 
-def _same(a: Servo, b: Servo, rtol: float = 1e-9) -> bool:
-    return bool(np.allclose(a.parameters(1.0), b.parameters(1.0), rtol=rtol, atol=0.0))
+def _key(servo: Any) -> bytes:
+    """By which the folds of equal servos are known."""
+    return _vector(servo).tobytes()
 
 
-def _distance(a: Servo, b: Servo) -> float:
+def _same(a: Any, b: Any, rtol: float = 1e-9) -> bool:
+    return bool(np.allclose(_vector(a), _vector(b), rtol=rtol, atol=0.0))
+
+
+def _distance(a: Any, b: Any) -> float:
     """How far apart two servos are in the logarithms of their parameters (1 for one that is 0 in one of them)."""
-    x, y = a.parameters(1.0), b.parameters(1.0)
+    x, y = _vector(a), _vector(b)
     both = (x > 0) & (y > 0)
     far = np.where(both, np.log(np.where(both, x, 1.0) / np.where(both, y, 1.0)), x != y)
     return float(np.linalg.norm(far))

@@ -3,7 +3,8 @@
 * The folds of the nominal and of the worst servo once more from nothing; folds at corners and samples of the set,
   none of which may need a larger gain.
 * The event map at the worst friction: from every stick position scanned the servo sticks nearer to the set point.  Then
-  no cycle with sticking exists, lopsided ones included: along a cycle |x1| of the sticks cannot always fall.
+  no cycle with sticking exists, lopsided ones included: along a cycle |x1| of the sticks cannot always fall.  A loop of
+  parts has none: from 1 rad beside its set point, a half, a quarter, ... it comes to rest.
 * The margins of the linear loops of corners and samples of the set, by the search for crossings of
   servo/linear/margins.py, or with a drive those of the loop as built.
 * Simulated regulator tasks, each simulated until it is decided (tasks.py).
@@ -17,30 +18,28 @@ import itertools
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from ... import effort
-from ...errors import InputError, NoOrbit
+from ...errors import ComesToRest, NoOrbit
 from ...results import Result
 from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import Scan, scan
+from ...servo.find_orbit import find_orbit
 from ...servo.friction import Model
 from ...servo.linear.margins import Margins, margins
-from ...servo.problem import HuntingFold
-from ...servo.servo import Servo, flatten
+from ...servo.parts.loop import Loop
 from ...servo.simulate import simulate
 from ..ensemble import folds_of
-from ..nearby import fold_beside, said, servo_at
+from ..nearby import AnyFold, are_servos, fold_beside, pairs_of, said, servo_at
 from ..uncertainty.set import Uncertainty
 from .best_gain import Answer, Given
-from .demands import DEMANDS, Demands, silent
-from .loop_set import loop_box
-from .tasks import SimulatedTask, stated
+from .demands import DEMANDS, Demands, log_numbers, silent
+from .tasks import SimulatedTask, gives_way_at, stated
 
 Array = np.ndarray
 
@@ -48,9 +47,9 @@ PERIODS = 60.0
 """Length of the simulated tasks, to begin with, in periods of the cycle at the fold."""
 SLACK = 1e-4
 """Relative miss of a margin that counts as kept: the margins are solved for to 1e-9, the gain lies on their edge."""
-CORNERS = {"switch": 32, "lugre": 8}
+CORNERS = {"switch": 32, "lugre": 8, None: 32}
 """Corners of the set whose folds are computed, drawn where there are more: all of five parameters, or of three."""
-SAMPLES = {"switch": 16, "lugre": 4}
+SAMPLES = {"switch": 16, "lugre": 4, None: 16}
 """Servos inside of the set whose folds are computed as well: half as many."""
 LOOP_SAMPLES = 200
 """The same of those whose loops are looked at, which cost nothing beside a fold."""
@@ -58,7 +57,7 @@ MOST_NAMED = 5
 """Servos without a fold that are named one by one: a page's worth."""
 MOST_SCANS = 6
 """Servos without a computed fold that the event map is asked about."""
-IRRELEVANT = {"switch": ("friction.stiffness", "friction.damping"), "lugre": ()}
+IRRELEVANT = {"switch": ("friction.stiffness", "friction.damping"), "lugre": (), None: ()}
 
 Seen = Literal["clear", "cycle", "open"]
 
@@ -104,13 +103,13 @@ class Verification(Result):
 
     _quantities = ("ok", "result", "margin", "margin_kept", "loops_kept", "against", "unverified")
     _details = (
-        "fold_gain = fold.gain [V/rad]", "fold_error = fold.gain_error",
-        "nominal_fold_gain = nominal_fold.gain [V/rad]", "scan = scan_sentence", "scan_clear", "loops", "loops_checked",
-        "loop_corners", "tasks",
+        "fold_gain = fold.value [V/rad]", "fold_error = fold.value_error",
+        "nominal_fold_gain = nominal_fold.value [V/rad]", "scan = scan_sentence", "scan_clear", "loops",
+        "loops_checked", "loop_corners", "tasks",
     )  # fmt: skip
 
-    fold: HuntingFold | None
-    nominal_fold: HuntingFold | None
+    fold: AnyFold | None
+    nominal_fold: AnyFold | None
     margin: float
     margin_kept: bool
     scan_sentence: str
@@ -152,7 +151,7 @@ def verified(answer: Answer, given: Given) -> Verification:
     model, demands, tell = given.model, given.demands, given.tell
     unverified: list[str] = []
 
-    def again(of: Servo) -> HuntingFold | None:
+    def again(of: Any) -> AnyFold | None:
         tell("verifying: the fold once more, from nothing")
         try:
             return fold_beside(of, model, None, options=given.options)
@@ -163,14 +162,14 @@ def verified(answer: Answer, given: Given) -> Verification:
     nominal = again(servo)
     fold = nominal if worst == servo else again(worst)
     checked = None if given.uncertainty is None else _check_set(answer, given, given.uncertainty)
-    largest = max([f.gain if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
+    largest = max([f.value if f is not None else 0.0 for f in (nominal, fold)] + ([checked.largest] if checked else []))
     margin = gain / largest - 1 if largest else math.inf
     kept = margin >= demands.margin - 10 * given.options.tol
     tell("verifying: the event map")
     sentence, seen = scanned(worst, model, gain, tell)
-    loops, corners, number, missed = _loops(answer, demands, given.uncertainty)
+    loops, corners, number, missed = _loops(answer, given)
     span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
-    amplitude = 2 * fold.orbit.amplitude if fold is not None else servo.friction.static / servo.torque_gains(gain)[0]
+    amplitude = 2 * fold.orbit.amplitude if fold is not None else gives_way_at(servo, gain)
     tasks, missing = _simulated(answer, given, span, amplitude)
     unverified += missing
     against = [] if kept else [f"the gain is only {100 * margin:.4g} % above the largest fold gain, {largest:.8g}"]
@@ -239,7 +238,7 @@ def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetChe
     varied = np.array([name not in IRRELEVANT[model] for name in names]) & (high > low)
     servos, rows = [], []
     for q in _points_of((low, high), CORNERS[model], SAMPLES[model], varied):
-        with suppress(InputError):  # static below Coulomb friction: no servo
+        if are_servos(answer.servo, names, q[None])[0]:
             servos.append(servo_at(answer.servo, names, q))
             rows.append(q)
     began, tell = time.monotonic(), given.tell
@@ -249,7 +248,8 @@ def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetChe
     )  # fmt: skip
     gains, failures = found.gains, dict(found.failures)
     above = [q for q, k in zip(rows, gains, strict=True) if k > answer.worst.gain * (1 + 10 * options.tol)]
-    unknown = [i for i, k in enumerate(gains) if not k > 0 and servos[i].friction.static > servos[i].friction.coulomb]
+    falls = [_falls(servo) for servo in servos]
+    unknown = [i for i, k in enumerate(gains) if not k > 0 and falls[i]]
     left = []
     for n, i in enumerate(unknown):
         if n < MOST_SCANS and _no_cycle(servos[i], model, answer.gain / (1 + given.demands.margin)):
@@ -263,8 +263,15 @@ def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetChe
     return SetCheck(int(np.isfinite(gains).sum()), largest, tuple(above), tuple(left))
 
 
-def _no_cycle(servo: Servo, model: Model, gain: float) -> bool:
-    """The scan of the event map finds neither a cycle at this gain nor a motion that grows."""
+def _falls(servo: Any) -> bool:
+    """Whether some friction is less once it slides."""
+    return any(servo.value(static) > servo.value(coulomb) for static, coulomb in pairs_of(servo).items())
+
+
+def _no_cycle(servo: Any, model: Model | None, gain: float) -> bool:
+    """The scan of the event map, or motions of a loop, find neither a cycle at this gain nor a motion that grows."""
+    if model is None:
+        return scanned(servo, model, gain)[1] == "clear"
     return _shown(scan(StickMap(model, servo, gain))) == "clear"
 
 
@@ -272,24 +279,23 @@ def _shown(found: Scan) -> Seen:
     return "cycle" if found.upper is not None or found.best >= 1 else "open" if found.failures else "clear"
 
 
-def _loops(
-    answer: Answer, demands: Demands, uncertainty: Uncertainty | None
-) -> tuple[dict[str, Margins], dict[str, dict[str, float]], int, list[str]]:
+def _loops(answer: Answer, given: Given) -> tuple[dict[str, Margins], dict[str, dict[str, float]], int, list[str]]:
     """(margins by what has them, their corners, loops looked at, sentences about those that miss a demand)."""
-    servo, gain, lag = answer.servo, answer.gain, demands.lag
+    servo, gain, demands, uncertainty = answer.servo, answer.gain, given.demands, given.uncertainty
     named = {"nominal": servo, "worst": answer.worst.servo}
     corners: dict[str, dict[str, float]] = {}
-    others: list[Servo] = []
+    others: list[Any] = []
     if uncertainty is not None:
         names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
         for name in DEMANDS:
             least = answer.loops[name]
-            values = least.values | {"servo.motor_gain": least.kappa / gain}  # by a factor off the set's, perhaps
+            motor = "motor_gain" if isinstance(servo, Loop) else "servo.motor_gain"
+            values = least.values | {motor: least.kappa / gain}  # by a factor off the set's, perhaps
             corners[name] = {
                 key: float(np.clip(values[key], low[i], high[i])) for i, key in enumerate(names) if key in values
             }
             named[name] = servo.replace(**corners[name])
-        used = np.isin(names, loop_box(servo, {}, lag).names)
+        used = np.isin(names, given.boxes(log_numbers(servo, given.numbers))[0].names)
         points = _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, used & (high > low))
         others = [servo_at(servo, np.array(names)[used].tolist(), q) for q in points[:, used]]
     loops = {name: _margins_of(each, gain, demands) for name, each in named.items()}
@@ -302,14 +308,13 @@ def _loops(
     for other in others:
         found = _margins_of(other, gain, demands)
         if not _keeps(found, demands):
-            own = flatten(servo)
-            where = {key: value for key, value in flatten(other).items() if value != own[key]}
+            where = {key: other.value(key) for key in names if other.value(key) != servo.value(key)}
             missed.append(f"a linear loop of the set misses the margins: {_margins_said(found)} at {said(where)}")
             break
     return loops, corners, len(loops) + len(others), missed
 
 
-def _margins_of(servo: Servo, gain: float, demands: Demands) -> Margins:
+def _margins_of(servo: Any, gain: float, demands: Demands) -> Margins:
     """Those of the loop as built, where there is a drive."""
     drive = demands.built
     return margins(servo, gain, delay=demands.delay if drive is None else 0.0, drive=drive)
@@ -337,14 +342,22 @@ def _margins_said(loop: Margins) -> str:
 # The event map
 
 
-def scanned(servo: Servo, model: Model, gain: float, tell: Callable[[str], None] = silent) -> tuple[str, Seen]:
-    """What the event map says of a servo.
+def scanned(servo: Any, model: Model | None, gain: float, tell: Callable[[str], None] = silent) -> tuple[str, Seen]:
+    """What the event map says of a servo, or motions from rest of a loop of parts.
 
     servo, model, gain: the problem; gain K > 0 [V/rad]; tell: takes sentences that say where the scan is.
     Returns A sentence, and what it shows: "clear", every motion sticks nearer to the set point; "cycle", a fixed point,
     or a motion that goes farther out; "open", a motion that does not come to stick, or a part of the range that was not
     resolved.
     """
+    if model is None:
+        try:
+            orbit = find_orbit(servo, None, gain)
+        except ComesToRest as rests:
+            return str(rests).partition(": ")[2], "clear"
+        except NoOrbit as other:
+            return str(other), "open" if other.status is not None else "clear"
+        return f"a cycle of {orbit.amplitude:.4g} rad and {orbit.period:.4g} s was found", "cycle"
     if model == "switch":
         found = fixed_points(servo, gain, report=lambda n, a: tell(f"verifying: {n} motions of the event map"))
         grows = any(abs(point.position) >= point.start for point in found.points)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,9 @@ from ...servo.controller import BY_GAINS, BY_TIMES
 from ...servo.drive import Drive
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.sampled_loop import Lag
-from ...servo.servo import Servo, flatten
+from ...servo.parts.loop import Loop
+from ...servo.servo import Servo
+from ...servo.units import unit_of
 
 Array = np.ndarray
 
@@ -39,6 +42,10 @@ FREE_FACTOR = 2.0
 """Default bounds of a free number of the controller: this factor to both sides."""
 NUMBERS = BY_TIMES + BY_GAINS
 """What may be freed: the numbers of the servo's controller, of one of its two forms."""
+MOST_FREE = 2
+"""Numbers of a controller that are free at once, besides the gain."""
+NO_NUMBERS = ("gain", "motor_gain")
+"""Parameters of a controller in parts that are none of its own."""
 
 
 def silent(sentence: str) -> None:
@@ -111,7 +118,7 @@ class Demands:
 
 
 def check_bounds(
-    servo: Servo, free: Sequence[str], bounds: Mapping[str, tuple[float, float]]
+    servo: Servo | Loop, free: Sequence[str], bounds: Mapping[str, tuple[float, float]]
 ) -> dict[str, tuple[float, float]]:
     """The bounds of what is tuned, all checked.
 
@@ -120,11 +127,13 @@ def check_bounds(
     Returns (low, high) of every free number, by default `FREE_FACTOR` to both sides, and of the gain where given.
     Raises InputError: an unknown name, a bound that is no bound, or one that leaves the servo's own number out.
     """
-    own = tuple(name.removeprefix("controller.") for name in servo.controller_names)
+    own = {name.removeprefix("controller."): name for name in numbers_that_may_be_freed(servo)}
     for name in free:
         choice_of("free", name, own)
-    if len(free) == len(BY_GAINS):
+    if set(BY_GAINS) <= set(free):
         raise InputError(f"free {', '.join(free)}: must leave one out, because the gain multiplies all three")
+    if len(free) > MOST_FREE:
+        raise InputError(f"free {', '.join(free)}: must be {MOST_FREE} at most")
     found: dict[str, tuple[float, float]] = {}
     for name, (low, high) in bounds.items():
         choice_of("bounds", name, ("gain", *own))
@@ -137,9 +146,9 @@ def check_bounds(
             raise InputError(f"bounds {name} = {pair}: must be left out unless --free {name} is given")
         found[name] = (float(low), float(high))
     for name in free:
-        value = getattr(servo.controller, name)
+        value = servo.value(own[name])
         if value <= 0:
-            raise InputError(f"free {name}: controller.{name} = {shown(value)} must be greater than 0 to be tuned")
+            raise InputError(f"free {name}: {own[name]} = {shown(value)} must be greater than 0 to be tuned")
         low, high = found.setdefault(name, (value / FREE_FACTOR, value * FREE_FACTOR))
         if not low <= value <= high:
             raise InputError(
@@ -149,7 +158,24 @@ def check_bounds(
     return found
 
 
-def cost_of(cost: str, servo: Servo, gain: float) -> float:
+def numbers_of_controller(servo: Servo | Loop) -> tuple[str, ...]:
+    """The names of the controller's numbers; of a loop those of the parts that demand a torque of it."""
+    if not isinstance(servo, Loop):
+        return servo.controller_names
+    found = (name for part in servo.present if "demand" in part.gives for name in part.parameters)
+    return tuple(name for name in found if name not in NO_NUMBERS)
+
+
+def numbers_that_may_be_freed(servo: Servo | Loop) -> tuple[str, ...]:
+    """Those, and of a loop the parameters of its filters."""
+    if not isinstance(servo, Loop):
+        return servo.controller_names
+    filters = (name for part in servo.present if {"command", "derivative", "seen"} & set(part.gives)
+               for name in part.parameters)  # fmt: skip
+    return tuple(dict.fromkeys((*numbers_of_controller(servo), *(name for name in filters if name not in NO_NUMBERS))))
+
+
+def cost_of(cost: str, servo: Servo | Loop, gain: float) -> float:
     """The cost in the unit of `COSTS`; inf for the settling of an unstable loop.
 
     cost: one of `COSTS`; servo, gain: the loop; gain K > 0 [V/rad].
@@ -158,33 +184,47 @@ def cost_of(cost: str, servo: Servo, gain: float) -> float:
     if cost == "gain":
         return gain
     if cost == "high-frequency":
-        return gain * servo.controller.shape[1]
+        if not isinstance(servo, Loop):
+            return gain * servo.controller.shape[1]
+        return gain * at_the_start(servo, "kd", 0.0) / servo.value("motor_gain")
     rate = -float(np.max(linear_loop(servo, gain).poles.real))
     return math.log(50) / rate if rate > 0 else math.inf
 
 
-def controller_said(servo: Servo) -> str:
+def at_the_start(loop: Loop, signal: str, position: float) -> float:
+    """A signal of a loop of gain 1 V/rad that stands still beside its set point [rad].
+
+    Raises InputError: no part gives it.
+    """
+    if not any(signal in part.gives for part in loop.present):
+        parts = " and ".join(repr(part.name) for part in loop.present if "demand" in part.gives)
+        raise InputError(f"{signal}: {parts or 'no part'} gives none, so that nothing can be said of it")
+    one = loop.replace(gain=1.0)
+    start = one.at_rest(position)
+    return float(one.signal(signal, one.mode_at(**start), np.array(list(start.values()))[:, None])[0])
+
+
+def controller_said(servo: Servo | Loop) -> str:
     """The controller's numbers for a person.
 
     Returns names, values and units, such as "lead_time 0.15915 s, integral_time 0.15915 s".
     """
-    values, unit = flatten(servo), {"kp": "", "ki": " 1/s"}
-    names = [(name, name.removeprefix("controller.")) for name in servo.controller_names]
-    return ", ".join(f"{short} {values[name]:.5g}{unit.get(short, ' s')}" for name, short in names)
+    names = [(name, name.removeprefix("controller.")) for name in numbers_of_controller(servo)]
+    return ", ".join(f"{short} {servo.value(name):.5g} {unit_of(name)}".rstrip() for name, short in names)
 
 
-def log_numbers(servo: Servo) -> Array:
+def log_numbers(servo: Any, names: Sequence[str] | None = None) -> Array:
     """Logarithms of the controller's numbers.
 
-    Returns (2,) of tau_d, tau_i [s], or (3,) of kp, ki, kd.
+    names: which; default (2,) of tau_d, tau_i [s], or (3,) of kp, ki, kd.
     """
-    values = flatten(servo)
-    return np.log([values[name] for name in servo.controller_names])
+    return np.log([servo.value(name) for name in (servo.controller_names if names is None else names)])
 
 
-def with_numbers(servo: Servo, q: Array) -> Servo:
+def with_numbers(servo: Any, q: Array, names: Sequence[str] | None = None) -> Any:
     """The servo with other controller numbers.
 
-    q: their logarithms, as `log_numbers` gives them. Raises InputError: a number that a controller cannot have.
+    q, names: their logarithms, as `log_numbers` gives them. Raises InputError: a number that a controller cannot have.
     """
-    return servo.replace(**{name: float(value) for name, value in zip(servo.controller_names, np.exp(q), strict=True)})
+    names = servo.controller_names if names is None else names
+    return servo.replace(**{name: float(value) for name, value in zip(names, np.exp(q), strict=True)})

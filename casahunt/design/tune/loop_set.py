@@ -31,8 +31,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -81,6 +82,41 @@ class LoopBox:
     high: Array
     lag: Lag
 
+    def worst(self, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
+        """`worst`."""
+        return worst(self, gain, factors)
+
+    def along(self, x: Array) -> Iterator[tuple[Array, Array]]:
+        """(ln kappa, phi) along the frequency of loops of a grid, where ln kappa is in x (m,)."""
+        varied = np.flatnonzero(self.high[:-1] > self.low[:-1])
+        loops = _loops_of(_grid(self.low[:-1], self.high[:-1], varied, TABLE_POINTS), self.lag)
+        ends = [crossovers(loops, np.full(loops.shape[1], goal))[1] for goal in (x[0], x[-1])]
+        omega = np.exp(np.arange(ends[0].min() - LOG_STEP, ends[1].max() + LOG_STEP, LOG_STEP / 2))
+        for loop in loops.T:
+            yield -np.log(squared_size(loop, omega)) / 2, self.lag.phase(loop, omega)
+
+
+class Box(Protocol):
+    """Loops whose parameters lie in intervals, the motor gain last: `LoopBox` of one inertia, or those of parts."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters."""
+
+    @property
+    def low(self) -> Array:
+        """(names,) lowest values."""
+
+    @property
+    def high(self) -> Array:
+        """(names,) highest values."""
+
+    def worst(self, gain: float, factors: tuple[float, float] = ...) -> WorstLoop:
+        """The loop of least phase, with the gain multiplied by anything between two factors."""
+
+    def along(self, x: Array) -> Iterator[tuple[Array, Array]]:
+        """(ln kappa, phi) along the frequency of some of the loops."""
+
 
 @dataclass(frozen=True)
 class WorstLoop:
@@ -89,7 +125,7 @@ class WorstLoop:
     Attributes
     ----------
     phase : phi there [rad].
-    values : {parameter: value} of inertia, viscous friction and controller.
+    values : {parameter: value}, of one inertia those of inertia, viscous friction and controller.
     kappa : K cm g there [N m/rad].
     """
 
@@ -209,13 +245,13 @@ def _apart(points: Array, phases: Array, size: Array, varied: Array) -> Array:
     return np.array(chosen)
 
 
-def shortfall(boxes: Sequence[LoopBox], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:
+def shortfall(boxes: Sequence[Box], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:
     """By how much a demand is missed at a gain.
 
     gain: K > 0 [V/rad]; name: which of `DEMANDS`.
     Returns phase missed [rad], negative where the demand is kept, and the worst loop.
     """
-    found = min((worst(box, gain, demands.factors(name)) for box in boxes), key=lambda loop: loop.phase)
+    found = min((box.worst(gain, demands.factors(name)) for box in boxes), key=lambda loop: loop.phase)
     return demands.least(name) - found.phase, found
 
 
@@ -228,13 +264,13 @@ class Table:
     missed : (3, m) [rad], one row for each of `DEMANDS`; negative where it is kept.
     """
 
-    def __init__(self, boxes: Sequence[LoopBox], demands: Demands, low: float, high: float) -> None:
+    def __init__(self, boxes: Sequence[Box], demands: Demands, low: float, high: float) -> None:
         n = max(2, int(math.ceil(math.log(high / low) / LOG_STEP)) + 1)
         self.gains = np.geomspace(low, high, n)
         rows = [self._of_box(box, demands) for box in boxes]
         self.missed = np.max(rows, axis=0)
 
-    def _of_box(self, box: LoopBox, demands: Demands) -> Array:
+    def _of_box(self, box: Box, demands: Demands) -> Array:
         f, k = demands.gain_margin, np.log(self.gains)
         first, last = k[0] + math.log(box.low[-1] / f), k[-1] + math.log(box.high[-1] * f)
         x = np.arange(first, last + LOG_STEP, LOG_STEP)
@@ -247,18 +283,13 @@ class Table:
         return np.array(missed)
 
 
-def _least_phase(box: LoopBox, x: Array) -> Array:
-    """(m,) smallest phi at ln kappa = x over J, sigma2 and the controller of the box."""
-    varied = np.flatnonzero(box.high[:-1] > box.low[:-1])
-    loops = _loops_of(_grid(box.low[:-1], box.high[:-1], varied, TABLE_POINTS), box.lag)
-    ends = [crossovers(loops, np.full(loops.shape[1], goal))[1] for goal in (x[0], x[-1])]
-    y = np.arange(ends[0].min() - LOG_STEP, ends[1].max() + LOG_STEP, LOG_STEP / 2)
-    omega, found = np.exp(y), np.full(x.size, np.inf)
-    for loop in loops.T:
-        goal = -np.log(squared_size(loop, omega)) / 2
-        phi, rises = box.lag.phase(loop, omega), np.diff(goal) > 0
+def _least_phase(box: Box, x: Array) -> Array:
+    """(m,) smallest phi at ln kappa = x over the loops of the box."""
+    found = np.full(x.size, np.inf)
+    for goal, phi in box.along(x):
+        rises = np.diff(goal) > 0
         turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
-        for a, b in zip([0, *turns], [*turns, y.size - 1], strict=True):  # from turn to turn kappa rises, or falls
+        for a, b in zip([0, *turns], [*turns, goal.size - 1], strict=True):  # from turn to turn kappa rises, or falls
             way = slice(a, b + 1) if rises[a] else slice(b, a - 1 if a else None, -1)
             found = np.minimum(found, np.interp(x, goal[way], phi[way], left=np.inf, right=np.inf))
     return found
@@ -271,7 +302,7 @@ def _window_minimum(x: Array, values: Array, left: Array, right: Array) -> Array
     return np.minimum(at_ends, [values[i:j].min(initial=np.inf) for i, j in windows])
 
 
-def allowed(boxes: Sequence[LoopBox], demands: Demands, table: Table, name: str) -> Intervals:
+def allowed(boxes: Sequence[Box], demands: Demands, table: Table, name: str) -> Intervals:
     """The gains that keep a demand.
 
     The table says where to look; ends, and intervals that fit between its gains, come from `worst`.

@@ -28,10 +28,11 @@ import numpy as np
 
 from ...errors import NoOrbit, Status
 from ...servo.controller import Pid
+from ...servo.parts.loop import Loop
 from ..nearby import said
 from ..uncertainty.worst_corner import WorstCase
 from .best_gain import Answer, Given, Outlook
-from .demands import DEMANDS, Demands, controller_said, cost_of, log_numbers
+from .demands import DEMANDS, Demands, controller_said, cost_of
 from .loop_set import Intervals, Table, allowed, common
 from .problem import Round, solve_round
 from .tasks import TASK_STEPS
@@ -46,9 +47,9 @@ LAST_CHANGE_OF_TIMES = 1e-6
 """Change of ln tau at which the rounds end."""
 ROUNDS, SEARCHES = 40, 8
 """Most problems from one start, and most searches for worst servos."""
-COARSE = {"switch": (9, 5), "lugre": (5, 3)}
+COARSE = {"switch": (9, 5), "lugre": (5, 3), None: (5, 3)}
 """Points of the grid along the free times: of one free time, and of each of two."""
-MOST_TIMES = {"switch": 90, "lugre": 25}
+MOST_TIMES = {"switch": 90, "lugre": 25, None: 25}
 """Pairs of times looked at before nothing is said to be possible."""
 ATTEMPTS = 3
 """Times from which the problem is tried."""
@@ -95,7 +96,8 @@ def refusal(
     ways = "; ".join(asked[name][1] for name in _against_each_other({name: each[0] for name, each in asked.items()}))
     if not given.free:
         return f"the tuning cannot be met; in the way: {ways}"
-    what = "controllers" if isinstance(servo.controller, Pid) else "pairs of controller times"
+    by_times = not isinstance(servo, Loop) and not isinstance(servo.controller, Pid)
+    what = "controllers" if not by_times else "pairs of controller times"
     evidence = f"{times} {what} between the bounds were tried"
     if proven:
         head = f"the tuning cannot be met: {evidence}, and what is missing is everywhere more than it varies in between"
@@ -155,8 +157,8 @@ class TuningSearch:
         self.members = 0
         """Servos and loops known when these times were looked at."""
         self.excluded = False
-        self.names = [name.removeprefix("controller.") for name in given.servo.controller_names]
-        self.axes = self._axes(log_numbers(given.servo))
+        self.names = [name.removeprefix("controller.") for name in given.numbers]
+        self.axes = self._axes(given.start)
         self.low, self.high = (np.array([axis[end] for axis in self.axes]) for end in (0, -1))
 
     def run(self) -> Answer:
@@ -164,7 +166,7 @@ class TuningSearch:
 
         Raises NoOrbit: the task cannot be met, or nothing was found; or a fold was not computed.
         """
-        q = log_numbers(self.given.servo)
+        q = self.given.start
         answer, worst = self.given.answer(q)
         if not self.given.free:
             return answer or self._refuse(q, worst)
@@ -192,7 +194,8 @@ class TuningSearch:
     def _over_times(self) -> Answer | None:
         """The best answer over the times; None where none is found."""
         best: Answer | None = None
-        for start in self._starts()[:ATTEMPTS]:
+        in_parts = isinstance(self.given.servo, Loop)  # of which the problem of problem.py knows no linear loops
+        for start in self._starts()[: 0 if in_parts else ATTEMPTS]:
             with suppress(NoOrbit):
                 best = self._descend(start)
             if best is not None:
@@ -233,7 +236,7 @@ class TuningSearch:
             self.given.tell(f"optimising the controller times: round {self.rounds}")
             given, servo = self.given, self.given.at(q)
             needed = (1 + given.demands.margin) * (1 + given.guard)
-            gains = given.gains(needed * max((fold.gain for fold in folds), default=0.0), servo)
+            gains = given.gains(needed * max((fold.value for fold in folds), default=0.0), servo)
             point = solve_round(
                 Round(
                     given.servo, given.cost, q, math.log(min(max(gain, gains[0]), gains[1])),

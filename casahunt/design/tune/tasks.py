@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...results import Result
-from ...servo.servo import Servo
+from ...servo.parts.loop import Loop
 from ...servo.trajectory import Trajectory
+from .demands import at_the_start
 
 TASK_STEPS = (1.0, 0.1)
 """Sizes [rad] of the steps of the set point."""
@@ -45,13 +46,22 @@ class SimulatedTask(Result):
         return self.motion.verdict.kind != "undecided" and self.motion.status.ok
 
 
-def stated(servo: Servo, gain: float, amplitude: float) -> dict[str, dict[str, Any]]:
-    """How the tasks start, in words and as `simulate` takes it: two steps of the set point, the breakaway [rad]."""
+def gives_way_at(servo: Any, gain: float) -> float:
+    """How far beside the set point the torque of the controller alone is that of static friction [rad]."""
+    if isinstance(servo, Loop):
+        return float(servo.value("static") / abs(gain * at_the_start(servo, "demand", -1.0)))
+    return float(servo.friction.static / servo.torque_gains(gain)[0])
+
+
+def stated(servo: Any, gain: float, amplitude: float) -> dict[str, dict[str, Any]]:
+    """How the tasks start, in words and as `simulate` takes it: two steps of the set point, the breakaway [rad].
+
+    A loop of parts stands beside its set point with nothing wound up.
+    """
+    steps: dict[str, dict[str, Any]] = {f"a step of {size:g} rad from rest": {"set_point": size} for size in TASK_STEPS}
+    beside: dict[str, Any] = {"set_point": 0.0, "position": -amplitude}
+    if isinstance(servo, Loop):
+        return steps | {f"let go {amplitude:.4g} rad beside the set point": beside}
     kp, _, ki = servo.torque_gains(gain)
     brink = (kp * amplitude - servo.friction.static) / ki
-    return {
-        **{f"a step of {size:g} rad from rest": {"set_point": size} for size in TASK_STEPS},
-        f"breaking away {amplitude:.4g} rad beside the set point": {
-            "set_point": 0.0, "position": -amplitude, "integral": brink,
-        },
-    }  # fmt: skip
+    return steps | {f"breaking away {amplitude:.4g} rad beside the set point": beside | {"integral": brink}}

@@ -18,7 +18,6 @@ Source of the hunting condition: the fold ends hunting (report DCT 2001.021, sec
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,15 +28,17 @@ from ...checks import choice_of, of_kind
 from ...errors import InputError, Status
 from ...orbits import Options
 from ...results import Result
-from ...servo.friction import MODELS, Model
+from ...servo.friction import Model
 from ...servo.linear.sampled_loop import Lag
-from ...servo.servo import Servo, a_servo, flatten
+from ...servo.parts.loop import Loop
+from ...servo.servo import Servo, flatten
+from ..nearby import check_asked
 from ..sensitivity import fold_sensitivities
 from ..uncertainty.set import Uncertainty, check_box
 from ..uncertainty.summary import linear_range
 from .best_gain import Answer, Given
 from .check import Verification, verified
-from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
+from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, numbers_of_controller, silent
 from .search import TuningSearch
 
 REPAIRS = 3
@@ -48,6 +49,11 @@ PROVES_NOT = (
     "The scan and the simulated tasks are samples: they find what is there to be found, and prove no absence.",
     "Optimum and worst friction are local; a better tuning, or a worse friction inside the set, may exist.",
     "Friction outside the set, flexibility, noise, backlash and saturation are not in the model.",
+)
+PROVES_NOT_OF_PARTS = (
+    "The fold ends the hunting cycle that was found; motions from rest speak against others, and prove no absence.",
+    PROVES_NOT[2],
+    "Friction outside the set, and what is none of the parts, noise and backlash among it, are not in the model.",
 )
 INSIDE_SENTENCE = (
     "Inside of the uncertainty set the worst servo is searched for, from its corners and from samples; a worse one "
@@ -62,7 +68,7 @@ class Tuning(Result):
 
     Attributes
     ----------
-    model, before : the problem: friction model and the servo given.
+    model, before : the problem: friction model and the servo given; a loop of parts has no model.
     servo : the servo with the controller times of the answer.
     gain : K [V/rad].
     cost, cost_value : name of the cost, and its value in the unit of `COSTS`.
@@ -93,9 +99,9 @@ class Tuning(Result):
         "wall_s [s]",
     )  # fmt: skip
 
-    model: Model
-    before: Servo
-    servo: Servo
+    model: Model | None
+    before: Any
+    servo: Any
     gain: float
     cost: str
     cost_value: float
@@ -103,7 +109,7 @@ class Tuning(Result):
     demands: Demands
     free: tuple[str, ...]
     bounds: dict[str, tuple[float, float]]
-    worst: Servo
+    worst: Any
     corner: dict[str, float]
     uncertainty: Uncertainty | None
     fold_gain: float
@@ -117,16 +123,17 @@ class Tuning(Result):
         what, _, unit = COSTS[self.cost].rpartition(" [")
         fold, nominal = self.verification.fold, self.verification.nominal_fold
         linear = self.uncertainty is not None and nominal is not None
+        names = dict.fromkeys((*numbers_of_controller(self.servo), *(n for n in self.free if n in self.servo.names)))
         low, high = linear_range(nominal, self.uncertainty) if linear else (None, None)  # type: ignore[arg-type]
         return {
-            **dataclasses.asdict(self.servo.controller),
+            **{name.removeprefix("controller."): self.servo.value(name) for name in names},
             "cost_meaning": what,
             "cost_unit": unit.rstrip("]"),
             "margin": self.demands.margin,
             "worst": {"corner": self.corner, "fold_gain": self.fold_gain, "evaluations": self.evaluations},
             "fold": {
-                "nominal": nominal.gain if nominal is not None else None,
-                "error": nominal.gain_error if nominal is not None else None,
+                "nominal": nominal.value if nominal is not None else None,
+                "error": nominal.value_error if nominal is not None else None,
                 "amplitude": nominal.orbit.amplitude if nominal is not None else None,
                 "period": nominal.orbit.period if nominal is not None else None,
                 "linear_low": low,
@@ -134,9 +141,10 @@ class Tuning(Result):
             },
             "elasticities": fold_sensitivities(fold).elasticities if fold is not None else {},
             "proves_not": [
-                *PROVES_NOT, *[INSIDE_SENTENCE] * bool(self.corner), *[DELAY_SENTENCE] * (self.demands.lag != Lag()),
+                *(PROVES_NOT if self.model is not None else PROVES_NOT_OF_PARTS),
+                *[INSIDE_SENTENCE] * bool(self.corner), *[DELAY_SENTENCE] * (self.demands.lag != Lag()),
             ],
-            "servo": flatten(self.before),
+            "servo": flatten(self.before) if self.model is not None else self.before.parameters,
         }  # fmt: skip
 
     @property
@@ -147,8 +155,8 @@ class Tuning(Result):
 
 @in_its_units
 def tune(
-    servo: Servo,
-    model: Model,
+    servo: Servo | Loop,
+    model: Model | None = None,
     *,
     demands: Demands | None = None,
     uncertainty: Uncertainty | None = None,
@@ -163,14 +171,14 @@ def tune(
     Parameters
     ----------
     servo, model
-        the problem; the controller times are where the search starts.
+        the problem; the controller times are where the search starts.  A loop of parts has no model.
     demands
         margins, delay and sample time, largest torque.
     uncertainty
         a set of servos, each of which must not hunt; default: this servo alone.
     free
         numbers of the controller to be tuned besides the gain: "lead_time", "integral_time", or of a controller by
-        gains up to two of "kp", "ki", "kd".
+        gains up to two of "kp", "ki", "kd"; of a loop up to two of its controller's and its filters' parameters.
     bounds
         (low, high) of "gain" [V/rad] and of free times [s]; a free time may double or halve by default.
     cost, options
@@ -195,8 +203,7 @@ def tune(
     (0.712, ('hunting margin',))
     """
     began = time.perf_counter()
-    a_servo(servo)
-    choice_of("model", model, MODELS)
+    check_asked(servo, model)
     choice_of("cost", cost, COSTS)
     demands = of_kind("demands", demands or Demands(), Demands)
     options = of_kind("options", options or Options(), Options)
@@ -210,7 +217,7 @@ def tune(
     for _ in range(REPAIRS):
         if verification.set_check is None or not verification.set_check.above:
             break
-        answer = search.again(log_numbers(answer.servo), list(verification.set_check.above))
+        answer = search.again(log_numbers(answer.servo, given.numbers), list(verification.set_check.above))
         verification = verified(answer, given)
     return _tuning(search, answer, verification, began)
 
@@ -242,11 +249,11 @@ def _tuning(search: TuningSearch, answer: Answer, verification: Verification, be
     )
 
 
-def _check_set(servo: Servo, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
+def _check_set(servo: Servo | Loop, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
     if uncertainty is not None:
         of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
-    for name in servo.controller_names:
-        if flatten(servo)[name] == 0:
+    for name in () if isinstance(servo, Loop) else servo.controller_names:
+        if servo.value(name) == 0:
             raise InputError(f"{name} = 0: must be greater than 0 to tune (there is no phase margin)")
     for name in uncertainty.parameters if uncertainty is not None else ():
         if name.removeprefix("controller.") in free:
@@ -254,5 +261,5 @@ def _check_set(servo: Servo, uncertainty: Uncertainty | None, free: Sequence[str
     if uncertainty is not None:
         check_box(servo, uncertainty)
         for name, low in zip(uncertainty.parameters, uncertainty.box(servo)[0], strict=True):
-            if name in servo.controller_names and low <= 0:
+            if name in numbers_of_controller(servo) and low <= 0:
                 raise InputError(f"{name} = {low:g} in the uncertainty set: must be greater than 0 to tune")

@@ -15,18 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...checks import choice_of, of_kind, quoted
+from ...checks import of_kind, quoted
 from ...errors import InputError
 from ...export import Columns
 from ...orbits import Options
 from ...results import Result
-from ...servo.friction import MODELS, Model
-from ...servo.problem import HuntingFold
+from ...servo.friction import Model
+from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT, column
 from ..ensemble import folds_of
-from ..nearby import nominal_fold, servo_at, values_of
-from .set import COULOMB, STATIC, Array, Uncertainty, are_servos, check_box
+from ..nearby import AnyFold, are_servos, check_asked, nominal_fold, servo_at, values_of
+from .set import Array, Uncertainty, check_box
 
 MOST_SAMPLES = 1_000_000
 """Beyond so many the folds would take days."""
@@ -92,7 +92,7 @@ class Samples(Result):
         }
 
 
-def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:
+def draw(servo: Servo | Loop, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Array:
     """Parameter values: uniform in the intervals, where they are of a servo, or normal about the servo's values.
 
     servo, uncertainty: the servo, and k of its parameters as they may be; seed: >= 0, of the random numbers. Returns
@@ -124,7 +124,7 @@ def draw(servo: Servo, uncertainty: Uncertainty, n: int, *, seed: int = 0) -> Ar
     return rows
 
 
-def _uniform(servo: Servo, uncertainty: Uncertainty, n: int, random: np.random.Generator) -> Array:
+def _uniform(servo: Servo | Loop, uncertainty: Uncertainty, n: int, random: np.random.Generator) -> Array:
     """(n, k) the first n servos of a sequence of points of the box.  Raises InputError: hardly any is one."""
     names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
     rows = np.empty((0, len(names)))
@@ -134,19 +134,19 @@ def _uniform(servo: Servo, uncertainty: Uncertainty, n: int, random: np.random.G
         if len(rows) >= n:
             return rows[:n]
     few = f"of {n * DRAWN_FOR_A_SAMPLE} values drawn only {len(rows)} are of a servo"
-    raise InputError(f"{few}, the others have {STATIC} below {COULOMB}; narrow one of the intervals")
+    raise InputError(f"{few}, the others have static below Coulomb friction; narrow one of the intervals")
 
 
 def sample(
-    servo: Servo,
-    model: Model,
+    servo: Servo | Loop,
+    model: Model | None,
     uncertainty: Uncertainty,
     n: int,
     *,
     seed: int = 0,
     executor: Executor | None = None,
     options: Options | None = None,
-    fold: HuntingFold | None = None,
+    fold: AnyFold | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Samples:
     """Fold gains of n servos drawn from the uncertainty.
@@ -157,7 +157,7 @@ def sample(
     Parameters
     ----------
     servo, model, uncertainty, n
-        the problem.
+        the problem; a loop of parts has no model.
     seed
         of numpy's SeedSequence.
     executor
@@ -172,7 +172,7 @@ def sample(
 
     Returns
     -------
-    Samples; a servo that cannot hunt has the fold gain 0.
+    Samples; a servo that provably cannot hunt has the fold gain 0, one without a fold within reach a sentence.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def sample(
     >>> bool(((0.57 < gains) & (gains < 0.73)).all())
     True
     """
-    choice_of("model", model, MODELS)
+    check_asked(servo, model)
     check_box(servo, uncertainty)
     options = of_kind("options", options or Options(), Options)
     names = uncertainty.parameters

@@ -2,9 +2,9 @@
 
     l_i <= q_i <= h_i,    or    mean q0 and covariance C, whose box is    q0_i +- sigmas sqrt(C_ii)
 
-A TOML file has one of two tables:
+The parameters are those of the servo file, or of the parts of a loop.  A TOML file has one of two tables:
 
-    [interval]      "friction.static" = [0.52, 0.54], or "2%": l, h = q0 -+ 0.02 |q0|
+    [interval]      "friction.static" = [0.52, 0.54], ["0.52 N m", "0.54 N m"], or "2%": l, h = q0 -+ 0.02 |q0|
     [covariance]    names, matrix, sigmas
 
 Where intervals of static and Coulomb friction overlap, the part of the box with static < Coulomb friction is no servo,
@@ -28,9 +28,10 @@ import numpy as np
 
 from ...checks import LARGEST, SMALLEST, choice_of, number, of_kind, quoted, require, shown
 from ...errors import InputError
+from ...servo.parts.loop import Loop
 from ...servo.servo import Servo, a_servo, read_toml
-from ..nearby import values_of
-from ..sensitivity import NAMES
+from ...servo.units import value_of
+from ..nearby import are_servos, pairs_of, values_of
 
 Array = np.ndarray
 
@@ -40,7 +41,6 @@ LOOKS_LIKE = """[interval], below it lines like '"friction.static" = [0.52, 0.54
 """The three lines of an uncertainty file, for who gives another one."""
 TYPED_ROUNDING = 1e-10
 """Relative asymmetry, and negative eigenvalue of the correlations, that a typed covariance may have."""
-STATIC, COULOMB = "friction.static", "friction.coulomb"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,13 @@ class Uncertainty:
 
     Attributes
     ----------
-    intervals : (low, high) by parameter name (sensitivity.NAMES), in the parameter's unit.
+    intervals : (low, high) by parameter name, in SI: of a servo as in its file, of a loop as its parts call it.
     names, covariance : k parameter names and their (k, k) covariance, instead of intervals.
     sigmas : half width of a covariance's box, in standard deviations; > 0.
 
     Raises
     ------
-    InputError : nothing or both given, an unknown name, low > high, or a matrix that is no covariance.
+    InputError : nothing or both given, low > high, or a matrix that is no covariance.
 
     Examples
     --------
@@ -84,9 +84,8 @@ class Uncertainty:
                 raise InputError(f"names = {list(self.names)!r}: must be left out where intervals are given")
             object.__setattr__(self, "intervals", {name: _interval(name, i) for name, i in self.intervals.items()})
             return
-        names = tuple(choice_of("parameter", name, NAMES) for name in self.names)
-        object.__setattr__(self, "names", names)
-        object.__setattr__(self, "covariance", _covariance(names, self.covariance))
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "covariance", _covariance(self.names, self.covariance))
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -100,8 +99,8 @@ class Uncertainty:
             return np.sqrt(np.diag(self.covariance))
         return np.array([high - low for low, high in self.intervals.values()]) / np.sqrt(12)
 
-    def box(self, servo: Servo) -> tuple[Array, Array]:
-        """(low, high), (k,) each: the intervals, or q0 +- sigmas standard deviations."""
+    def box(self, servo: Any) -> tuple[Array, Array]:
+        """(low, high), (k,) each: the intervals, or q0 +- sigmas standard deviations of a servo, loop or problem."""
         if self.covariance is None:
             low, high = np.array(list(self.intervals.values())).T
             return low, high
@@ -110,7 +109,6 @@ class Uncertainty:
 
 
 def _interval(name: str, pair: Any) -> tuple[float, float]:
-    choice_of("parameter", name, NAMES)
     if isinstance(pair, str) or not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
         raise InputError(f"{name} = {quoted(pair)}: must be an interval [low, high]")
     low, high = number(name, pair[0]), number(name, pair[1])
@@ -143,65 +141,65 @@ def _covariance(names: tuple[str, ...], matrix: Any) -> Array:
     return (c + c.T) / 2
 
 
-def check_box(servo: Servo, uncertainty: Uncertainty) -> None:
+def check_box(servo: Servo | Loop, uncertainty: Uncertainty) -> None:
     """Refuse a box that is no servo's.
 
-    servo, uncertainty: the servo, and its parameters as they may be.
-    Raises InputError: a bound is out of its parameter's range, or static < Coulomb friction all over the box.
+    servo, uncertainty: the servo or the loop, and its parameters as they may be.
+    Raises InputError: it has no such parameter, a bound is out of its parameter's range, or static < Coulomb friction
+    all over the box.
     """
-    a_servo(servo)
+    if not isinstance(servo, Loop):
+        a_servo(servo)
     of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
     names = uncertainty.parameters
+    values_of(servo, names)
     low, high = uncertainty.box(servo)
     # Each bound on its own, with the friction that leaves it the most room: static high, Coulomb low.
-    roomy = {name: float(high[i] if name == STATIC else low[i]) for i, name in enumerate(names)}
+    pairs = pairs_of(servo)
+    room = {static: {coulomb: SMALLEST} for static, coulomb in pairs.items()}
+    room |= {coulomb: {static: LARGEST} for static, coulomb in pairs.items()}
+    roomy = np.where([name in pairs for name in names], high, low)
     for name, bounds in zip(names, np.column_stack([low, high]), strict=True):
         for bound in bounds:
             try:
-                room = {COULOMB: SMALLEST} if name == STATIC else {STATIC: LARGEST} if name == COULOMB else {}
-                servo.replace(**{name: float(bound)}, **room)
+                servo.replace(**{name: float(bound)}, **room.get(name, {}))
             except InputError as error:
                 where = "" if uncertainty.covariance is None else f" (at {uncertainty.sigmas:g} standard deviations)"
                 raise InputError(f"{error}{where}") from None
-    servo.replace(**roomy)
+    most = servo.replace(**dict(zip(names, roomy.tolist(), strict=True)))
+    if not are_servos(servo, names, roomy[None])[0]:
+        static, coulomb = next(pair for pair in pairs.items() if most.value(pair[0]) < most.value(pair[1]))
+        least = most.value(coulomb)
+        raise InputError(f"{static} = {shown(most.value(static))}: must be at least {shown(least)}, the {coulomb}")
 
 
-def are_servos(servo: Servo, names: Sequence[str], rows: Array) -> Array:
-    """Whether values in the box are of servos: static friction is at least Coulomb friction.
-
-    servo, names, rows: the servo, k names, and (n, k) values of them. Returns (n,) bool.
-    """
-    values = dict(zip(names, rows.T, strict=True))
-    static, coulomb = values.get(STATIC, servo.friction.static), values.get(COULOMB, servo.friction.coulomb)
-    return np.broadcast_to(np.asarray(static) >= coulomb, len(rows))
-
-
-def part_without_servos(servo: Servo, uncertainty: Uncertainty) -> str:
+def part_without_servos(servo: Servo | Loop, uncertainty: Uncertainty) -> str:
     """A sentence on the part of the intervals that is no servo, where there is one; "" else."""
     if uncertainty.covariance is not None:
         return ""
     ends = zip(uncertainty.parameters, *uncertainty.box(servo), strict=True)
-    least = np.array([[high if name == COULOMB else low for name, low, high in ends]])
+    coulomb = pairs_of(servo).values()
+    least = np.array([[high if name in coulomb else low for name, low, high in ends]])
     if are_servos(servo, uncertainty.parameters, least).all():
         return ""
     return (
-        f"of the uncertainty the part with {STATIC} below {COULOMB} is left out, which is no servo; narrow one of the "
-        "intervals where that is not meant"
+        f"of the uncertainty the part with {' below '.join(next(iter(pairs_of(servo).items())))} is left out, which is "
+        "no servo; narrow one of the intervals where that is not meant"
     )
 
 
-def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
+def load_uncertainty(path: str | Path, servo: Servo | Loop) -> Uncertainty:
     """Read an uncertainty from a TOML file.
 
-    Either a table [interval] with ``"friction.static" = [0.52, 0.54]``, or ``"2%"`` of the servo's value to both
-    sides; or a table [covariance] with names, matrix and perhaps sigmas.
+    Either a table [interval] with ``"friction.static" = [0.52, 0.54]`` in SI, ``["0.52 N m", "0.54 N m"]``, or ``"2%"``
+    of the servo's value to both sides; or a table [covariance] with names, matrix and perhaps sigmas, in SI.
 
     Parameters
     ----------
     path
         the file.
     servo
-        whose parameters they are; per cents are of its values.
+        the servo or the loop of parts whose parameters they are; per cents are of its values.
 
     Returns
     -------
@@ -234,7 +232,7 @@ def load_uncertainty(path: str | Path, servo: Servo) -> Uncertainty:
     return uncertainty
 
 
-def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
+def _from_tree(tree: dict[str, Any], servo: Servo | Loop) -> Uncertainty:
     for section, table in tree.items():
         try:
             choice_of("section", section, ("interval", "covariance"))
@@ -248,7 +246,8 @@ def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
         intervals: dict[str, Any] = {}
         for key, value in tree["interval"].items():  # friction.static without quotes is a table in a table
             inner = {f"{key}.{name}": v for name, v in value.items()} if isinstance(value, dict) else {key: value}
-            intervals |= {name: _absolute(name, v, servo) for name, v in inner.items()}
+            own = {servo.units.own_name(name): v for name, v in inner.items()}
+            intervals |= {name: _absolute(name, v, servo) for name, v in own.items()}
         return Uncertainty(intervals)
     table = tree["covariance"]
     for key in table:
@@ -258,14 +257,17 @@ def _from_tree(tree: dict[str, Any], servo: Servo) -> Uncertainty:
         raise InputError(f"names = {quoted(names)}: must be a list of parameters")
     if "matrix" not in table:
         raise InputError("[covariance]: must have a matrix")
+    names = [servo.units.own_name(name) if isinstance(name, str) else name for name in names]
     return Uncertainty(names=tuple(names), covariance=table["matrix"], sigmas=table.get("sigmas", SIGMAS))
 
 
-def _absolute(name: str, value: Any, servo: Servo) -> Any:
-    """An interval as it stands, or that of "2%"."""
+def _absolute(name: str, value: Any, servo: Servo | Loop) -> Any:
+    """An interval in SI, of numbers that may have their units, or that of "2%"."""
+    (q,) = values_of(servo, [name]).tolist()
+    if isinstance(value, list):
+        return [value_of(name, bound, servo.units) if isinstance(bound, str) else bound for bound in value]
     if not isinstance(value, str):
         return value
-    choice_of("parameter", name, NAMES)
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*%\s*", value)
     try:
         part = float(match.group(1)) / 100 if match else None
@@ -273,5 +275,4 @@ def _absolute(name: str, value: Any, servo: Servo) -> Any:
         part = None
     if part is None:
         raise InputError(f'{name} = {value!r}: must be [low, high] or a percentage such as "2%"')
-    q = float(values_of(servo, [name])[0])
     return q - part * abs(q), q + part * abs(q)

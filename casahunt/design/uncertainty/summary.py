@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...results import Result
-from ...servo.problem import HuntingFold
-from ..nearby import values_of
+from ..nearby import AnyFold, values_of
 from .samples import Samples
 from .set import Array, Uncertainty
 from .worst_corner import WorstCase, gradient
@@ -70,7 +69,7 @@ class Summary(Result):
         return {"linear": {"low": low, "high": high, "std": self.std}}
 
 
-def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:
+def summary(fold: AnyFold, uncertainty: Uncertainty, samples: Samples, worst: WorstCase) -> Summary:
     """Compare the linear answer with samples and worst corner, each at the same parameter values.
 
     Parameters
@@ -141,7 +140,7 @@ def summary(fold: HuntingFold, uncertainty: Uncertainty, samples: Samples, worst
     )
 
 
-def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
+def linear_range(fold: AnyFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """Range of the linearised fold gain.
 
     fold: where it is linearised.
@@ -150,27 +149,27 @@ def linear_range(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, fl
     if uncertainty.covariance is not None:
         mean, std = linear_moments(fold, uncertainty)
         return mean - uncertainty.sigmas * std, mean + uncertainty.sigmas * std
-    g, q = gradient(fold, uncertainty.parameters), values_of(fold.orbit.servo, uncertainty.parameters)
-    ends = np.array([g * (bound - q) for bound in uncertainty.box(fold.orbit.servo)])
-    return fold.gain + float(ends.min(axis=0).sum()), fold.gain + float(ends.max(axis=0).sum())
+    g, q = gradient(fold, uncertainty.parameters), values_of(fold.orbit.problem, uncertainty.parameters)
+    ends = np.array([g * (bound - q) for bound in uncertainty.box(fold.orbit.problem)])
+    return fold.value + float(ends.min(axis=0).sum()), fold.value + float(ends.max(axis=0).sum())
 
 
-def linear_moments(fold: HuntingFold, uncertainty: Uncertainty) -> tuple[float, float]:
+def linear_moments(fold: AnyFold, uncertainty: Uncertainty) -> tuple[float, float]:
     """Moments of the linearised fold gain, with uniform distributions on intervals.
 
     fold: where it is linearised. Returns (mean, standard deviation) [V/rad].
     """
-    g, servo = gradient(fold, uncertainty.parameters), fold.orbit.servo
+    g, problem = gradient(fold, uncertainty.parameters), fold.orbit.problem
     if uncertainty.covariance is not None:
-        return fold.gain, float(np.sqrt(max(g @ uncertainty.covariance @ g, 0.0)))
-    low, high = uncertainty.box(servo)
-    shift = float(g @ ((low + high) / 2 - values_of(servo, uncertainty.parameters)))
-    return fold.gain + shift, float(np.linalg.norm(g * uncertainty.std))
+        return fold.value, float(np.sqrt(max(g @ uncertainty.covariance @ g, 0.0)))
+    low, high = uncertainty.box(problem)
+    shift = float(g @ ((low + high) / 2 - values_of(problem, uncertainty.parameters)))
+    return fold.value + shift, float(np.linalg.norm(g * uncertainty.std))
 
 
-def linear_gains(fold: HuntingFold, names: Sequence[str], rows: Array) -> Array:
+def linear_gains(fold: AnyFold, names: Sequence[str], rows: Array) -> Array:
     """Linearised fold gains.
 
     fold: where it is linearised; rows: (n, k) their values. Returns (n,) [V/rad].
     """
-    return fold.gain + (rows - values_of(fold.orbit.servo, names)) @ gradient(fold, names)
+    return fold.value + (rows - values_of(fold.orbit.problem, names)) @ gradient(fold, names)

@@ -17,29 +17,42 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ... import effort
 from ...axis_units import in_its_units
-from ...checks import choice_of
 from ...continuation import folds_near
-from ...errors import InputError, NoOrbit, Status
+from ...errors import NoOrbit, Status
 from ...orbits import Options
 from ...results import Result
 from ...roots import Bracket
-from ...servo.friction import MODELS, Model
-from ...servo.problem import HuntingFold
+from ...servo.friction import Model
+from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
-from ..nearby import expected_gains, fold_near, known_fold, nominal_fold, said, servo_at, values_of, vectors
+from ..nearby import (
+    AnyFold,
+    are_servos,
+    check_asked,
+    expected_gains,
+    fold_near,
+    known_fold,
+    nominal_fold,
+    pairs_of,
+    said,
+    servo_at,
+    values_of,
+    vectors,
+)
 from ..sensitivity import fold_sensitivities
-from .set import COULOMB, STATIC, Array, Uncertainty, check_box
+from .set import Array, Uncertainty, check_box
 
 RANDOM_CORNERS = 2
 """Corners that are searched from besides: K is monotone in most parameters, where one start is enough."""
-MOST_WORK_OF_A_FOLD = {"switch": 3e5, "lugre": 9e5}
+MOST_WORK_OF_A_FOLD = {"switch": 3e5, "lugre": 9e5, None: 9e5}
 """Work (effort.py), 8 s and 20 s of a processor, after which a fold is given up: twice what the slowest of the random
-servos takes.  Where slips become ever shorter a branch goes on for minutes."""
+servos takes, None for a loop of parts.  Where slips become ever shorter a branch goes on for minutes."""
 LEAST_END = 1e-6
 """Of the upper end of an interval, for which a lower end of zero counts where intervals are compared."""
 MOST_EVALUATIONS, MOST_FOLDS_ALONG = 100, 25
@@ -66,11 +79,11 @@ class WorstCase(Result):
     ({'friction.static': 0.54}, 0.721)
     """
 
-    _quantities = ("gain [V/rad] ~ fold.gain_error", "corner", "evaluations")
+    _quantities = ("gain [V/rad] ~ gain_error", "corner", "evaluations")
     _details = ("servo", "failures", "fold")
 
-    servo: Servo
-    fold: HuntingFold | None
+    servo: Any
+    fold: AnyFold | None
     corner: dict[str, float]
     evaluations: int
     failures: tuple[str, ...] = ()
@@ -78,7 +91,12 @@ class WorstCase(Result):
     @property
     def gain(self) -> float:
         """The fold gain; 0 without a fold."""
-        return self.fold.gain if self.fold is not None else 0.0
+        return self.fold.value if self.fold is not None else 0.0
+
+    @property
+    def gain_error(self) -> float | None:
+        """Its estimated relative error; None without a fold."""
+        return self.fold.value_error if self.fold is not None else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +106,7 @@ class _SearchPoint:
     q: Array
     gain: float
     gradient: Array | None = None
-    fold: HuntingFold | None = None
+    fold: AnyFold | None = None
 
 
 Ascent = Generator[list[Array], list[_SearchPoint], None]
@@ -98,11 +116,11 @@ Ascent = Generator[list[Array], list[_SearchPoint], None]
 class _CornerSearch:
     """The folds computed so far in one box; every point is computed once, those of all searches together."""
 
-    def __init__(self, servo: Servo, model: Model, uncertainty: Uncertainty, options: Options, fold: HuntingFold | None,
-                 report: Callable[[int], None] | None):  # fmt: skip
+    def __init__(self, servo: Servo | Loop, model: Model | None, uncertainty: Uncertainty, options: Options,
+                 fold: AnyFold | None, report: Callable[[int], None] | None):  # fmt: skip
         self.report = report
         self.servo, self.model, self.options = servo, model, options
-        self.names = uncertainty.parameters
+        self.names, self.pairs = uncertainty.parameters, pairs_of(servo)
         self.low, self.high = uncertainty.box(servo)
         self.fold = fold
         self.known = known_fold(servo, self.names, fold, options.tol)
@@ -111,7 +129,7 @@ class _CornerSearch:
         self.failures: list[str] = []
         self.given_up = ""
         if fold is not None:
-            self._keep(_SearchPoint(values_of(servo, self.names), fold.gain, gradient(fold, self.names), fold))
+            self._keep(_SearchPoint(values_of(servo, self.names), fold.value, gradient(fold, self.names), fold))
 
     def _keep(self, place: _SearchPoint) -> _SearchPoint:
         self.places[place.q.tobytes()] = place
@@ -123,9 +141,7 @@ class _CornerSearch:
         for q in asked:
             if q.tobytes() in self.places or q.tobytes() in rows:
                 continue
-            try:
-                servo_at(self.servo, self.names, q)
-            except InputError:  # static below Coulomb friction; the other bounds have been checked
+            if not are_servos(self.servo, self.names, q[None])[0]:  # the other bounds have been checked
                 self._keep(_SearchPoint(q, -np.inf))
             else:
                 self.evaluations += 1
@@ -157,7 +173,7 @@ class _CornerSearch:
         return (
             _SearchPoint(place.q, 0.0)
             if fold is None
-            else _SearchPoint(place.q, fold.gain, gradient(fold, self.names), fold)
+            else _SearchPoint(place.q, fold.value, gradient(fold, self.names), fold)
         )
 
     def run(self, ascents: Iterable[Ascent]) -> None:
@@ -229,19 +245,20 @@ class _CornerSearch:
 
     def possible(self, q: Array) -> Array:
         """q, with the friction that hunts most where static would not exceed Coulomb friction."""
-        friction = dict(zip(self.names, q, strict=True))
-        own = self.servo.friction
-        if friction.get(STATIC, own.static) > friction.get(COULOMB, own.coulomb):
-            return q
-        q = np.where([name == STATIC for name in self.names], self.high, q)
-        return np.where([name == COULOMB for name in self.names], self.low, q)
+        for static, coulomb in self.pairs.items():
+            own = {name: self.servo.value(name) for name in (static, coulomb)}
+            known = own | dict(zip(self.names, q, strict=True))
+            if known[static] <= known[coulomb]:
+                q = np.where([name == static for name in self.names], self.high, q)
+                q = np.where([name == coulomb for name in self.names], self.low, q)
+        return q
 
     def best(self) -> _SearchPoint:
         """The best point of the box, the corner that favours hunting most where none was found to hunt.
 
         Its fold is computed alone too: what a batch has found there decides nothing by itself.
         """
-        favourable = np.where([name == STATIC for name in self.names], self.high, self.low)
+        favourable = np.where([name in self.pairs for name in self.names], self.high, self.low)
         if max(place.gain for place in self.places.values()) <= 0:
             self.run([self.climb(favourable)])
         while True:
@@ -252,7 +269,7 @@ class _CornerSearch:
             self._keep(self._alone(best))
 
 
-def gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
+def gradient(fold: AnyFold, names: Sequence[str]) -> Array:
     """The gradient dK/dq of the fold gain.
 
     fold: where it is taken. Returns (k,) [V/rad] per unit of each parameter.
@@ -263,12 +280,12 @@ def gradient(fold: HuntingFold, names: Sequence[str]) -> Array:
 
 @in_its_units
 def worst_corner(
-    servo: Servo,
-    model: Model,
+    servo: Servo | Loop,
+    model: Model | None,
     uncertainty: Uncertainty,
     *,
     options: Options | None = None,
-    fold: HuntingFold | None = None,
+    fold: AnyFold | None = None,
     starts: Iterable[Array] = (),
     seed: int = 0,
     report: Callable[[int], None] | None = None,
@@ -278,7 +295,7 @@ def worst_corner(
     Parameters
     ----------
     servo, model, uncertainty
-        the problem.
+        the problem; a loop of parts has no model.
     options
         tolerance of every fold, and of the search.
     fold
@@ -307,7 +324,7 @@ def worst_corner(
     >>> worst_corner(Servo(), "switch", uncertainty).corner
     {'friction.static': 0.54, 'friction.coulomb': 0.43}
     """
-    choice_of("model", model, MODELS)
+    check_asked(servo, model)
     check_box(servo, uncertainty)
     options = options or Options()
     search = _CornerSearch(servo, model, uncertainty, options, nominal_fold(servo, model, options, fold), report)
@@ -320,4 +337,5 @@ def worst_corner(
         said = f"the worst servo within the intervals was not found: {search.given_up}"
         raise NoOrbit(f"{said}; narrow the intervals, first that of {widest}", Status.NOT_CONVERGED)
     corner = {name: float(value) for name, value in zip(search.names, best.q, strict=True)}
-    return WorstCase(servo.replace(**corner), best.fold, corner, search.evaluations, tuple(search.failures))
+    where = servo_at(servo, search.names, best.q)
+    return WorstCase(where, best.fold, corner, search.evaluations, tuple(search.failures))

@@ -168,7 +168,7 @@ def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:
     poles = np.roots(loop.denominator)
     unit = crossed[-1] if crossed.size else float(np.abs(poles).max())
     roots = np.append(poles, np.roots(loop.numerator))
-    omega, last = _with(unit * np.geomspace(LOWEST_SEEN, HIGHEST_SEEN, FREQUENCIES), _beside(roots)), math.inf
+    omega, last = frequencies_of(loop, unit), math.inf
     if delay:  # behind all that L does by itself the phase only falls, and |L| with it
         last = max(unit, float(np.abs(roots).max())) + TURNS_BEYOND * 2 * math.pi / delay
         turns = min(last * delay / (2 * math.pi), MOST_TURNS_BY_DELAY)
@@ -189,6 +189,14 @@ def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:
             f"{MOST_TURNS_BY_DELAY} turns are looked at: shorten the delay, or leave out what is so fast in the loop"
         )
     return found
+
+
+def frequencies_of(loop: OpenLoop, unit: float = math.nan) -> Array:
+    """Frequencies [rad/s], far below to far above a unit, default that of the poles, close where L changes fast."""
+    poles = np.roots(loop.denominator)
+    roots = np.append(poles, np.roots(loop.numerator))
+    unit = float(np.abs(poles).max()) if math.isnan(unit) else unit
+    return _with(unit * np.geomspace(LOWEST_SEEN, HIGHEST_SEEN, FREQUENCIES), _beside(roots))
 
 
 def _beside(roots: Array) -> Array:

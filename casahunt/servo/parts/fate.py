@@ -65,7 +65,7 @@ after which an integrator is frozen."""
 GROWN_BY, FARTHER_BY = 50.0, 2.0
 """So many times as large as the hunting before, and as at its start, a motion grows, if its last swing leads so many
 times as far as its first: what was thrown far away comes back."""
-LAST_TURNS_MEASURE, LEAST_SIZE = 5, 1e-6
+LAST_TURNS_MEASURE, LEFT_OF_SIZES = 5, 1e-6
 """Turns that tell how far a motion has come down from where it began, and the least part of that which counts."""
 NO_TURN = 1e-10
 """What turns back by less, in sizes of the state, does so by rounding."""
@@ -176,7 +176,7 @@ class _Watched:
         swings, last = np.abs(np.diff(self.turns[-LAST_TURNS_MEASURE:])), self.phases[since:]
         if swings.size < LAST_TURNS_MEASURE - 1 or not last:
             return
-        part = min(max(float(swings.max() / self.scale[self.place]), LEAST_SIZE), 1.0)
+        part = min(max(float(swings.max() / self.scale[self.place]), LEFT_OF_SIZES), 1.0)
         late = np.max([np.abs(segment.nodes).max(axis=0) for segment in last[len(last) // 2 :]], axis=0)
         self.sizes = np.clip(late[: self.scale.size], part * self.scale, self.scale)
 

@@ -80,6 +80,20 @@ class Loop:
         """Those of the parts that are there."""
         return {name: self.value(name) for part in self.present for name in part.parameters}
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of these parameters, in the order of the parts."""
+        return tuple(self.parameters)
+
+    def to_dict(self, **_: Any) -> dict[str, Any]:
+        """Parts and parameters, for a file of results.
+
+        Returns
+        -------
+        Names of the parts that are there, and their parameters.
+        """
+        return {"parts": [part.name for part in self.present], "parameters": self.parameters}
+
     @cached_property
     def _numbers(self) -> dict[str, float]:
         """Those of all parts."""

@@ -125,6 +125,12 @@ def servo_of_loop(loop: Loop) -> tuple[Servo, Model, float] | None:
         return None
 
 
+def not_of_a_servo(loop: Loop) -> list[str]:
+    """The names of the parts that no servo has."""
+    own = {INERTIA, PID_BY_GAINS, PID_BY_TIMES, INTEGRATOR, *FRICTIONS.values()}
+    return [part.name for part in loop.present if part not in own]
+
+
 def by_gains(loop: Loop) -> Loop:
     """A loop whose PID is given by times, with that PID given by gains; any other loop as it is."""
     if PID_BY_TIMES not in loop.parts:

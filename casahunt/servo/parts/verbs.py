@@ -70,14 +70,12 @@ def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOr
     """
     smaller = ""
     if "gain" in loop.parameters and any(isinstance(each, ComesToRest) for each in found):
-        for part in SMALLER_GAINS:
-            lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options, unsettled=1)
-            if isinstance(lower, SystemOrbit):
-                try:
-                    return _followed_up(lower, loop.value("gain"), options)
-                except NoOrbit as ended:
-                    smaller = f"; {ended}"
-                break
+        lower = cycle_at_a_smaller_gain(loop, options, vary)
+        if lower is not None:
+            try:
+                return _followed_up(lower, loop.value("gain"), options)
+            except NoOrbit as ended:
+                smaller = f"; {ended}"
     resting = [each for each in found if isinstance(each, ComesToRest)]
     lively = next((each for each in found if each not in resting and not isinstance(each, _Grows)), None)
     if lively is not None:
@@ -89,6 +87,15 @@ def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOr
         raise NoOrbit(f"{grows}; from {len(resting)} of {starts}, it comes to rest{smaller}", Status.NOT_FOUND)
     rests = f"the motion comes to rest from each of {starts}{smaller}"
     raise ComesToRest(f"no cycle of {loop.name} was found: {rests}", Status.NOT_FOUND)
+
+
+def cycle_at_a_smaller_gain(loop: Loop, options: Options, vary: str = "gain") -> SystemOrbit | None:
+    """A cycle of a loop at the largest of some smaller gains at which motions lead to one; None where none does."""
+    for part in SMALLER_GAINS:
+        lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options, unsettled=1)
+        if isinstance(lower, SystemOrbit):
+            return lower
+    return None
 
 
 def check_present(loop: Loop, name: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...checks import to_error
 from ...design.fold_map import FoldMap
-from .answer import Answer, item, short
+from .answer import Answer, called, item, short
 
 
 def fold_map_answer(found: FoldMap) -> Answer:
@@ -21,7 +21,7 @@ def _plain(found: FoldMap) -> Iterator[str]:
     extremes = _extremes(found)
     ends = " and ".join(short(float(found.gains[place]), found.tolerance) for place, _ in extremes)
     head = f"hunting ends between gain {ends} V/rad" if extremes else "no gain was found at which hunting ends"
-    yield f"{found.model} servo: {head}, over {m} x {n} values of {found.names[0]} and {found.names[1]}"
+    yield f"{called(found.servo, found.model)}: {head}, over {m} x {n} values of {found.names[0]} and {found.names[1]}"
     for (i, j), text in extremes:
         yield item(text, f"at {found.names[0]} = {q[i]:.6g}, {found.names[1]} = {r[j]:.6g}")
     missing = list(found.failures.values())

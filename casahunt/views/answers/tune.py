@@ -26,8 +26,9 @@ DOES = {
 """What a motion does, by its verdict."""
 BINDS = {"hunting margin": "the distance that is kept from the gain where hunting ends"}
 """What keeps the cost from being less, where its name does not say it."""
+NO_PARTS = "flexibility, noise, backlash, saturation"
 PROVES_NOT = (
-    "that nothing else moves it: flexibility, noise, backlash, saturation and friction outside of what was given are "
+    f"that nothing else moves it: {NO_PARTS} and friction outside of what was given are "
     "not in the model; checks by simulation are samples"
 )
 
@@ -57,12 +58,13 @@ def loop_name(name: str, corners: Mapping[str, Mapping[str, float]]) -> str:
 
 def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Sequence[str]) -> Iterator[str]:
     check = record["verification"]
-    yield f"{record['model']} servo: recommended gain {short(record['gain'], tol)} V/rad{unless(record)}"
+    whose = f"{record['model']} servo" if record["model"] else "loop"
+    yield f"{whose}: recommended gain {short(record['gain'], tol)} V/rad{unless(record)}"
     if record["free"]:
-        said = ", ".join(f"{n} {short(record[n], tol)} {unit_of(n)}".rstrip() for n in NUMBERS if n in record)
-        yield item(f"controller {'gains' if 'kp' in record else 'times'}", said)
+        said = ", ".join(f"{n} {short(record[n], tol)} {unit_of(n)}".rstrip() for n in numbers_in(record))
+        yield item(f"controller {form_of(record)}" if record["model"] else "free numbers", said)
     if record["cost"] != "gain" or record["free"]:
-        only, form = record["cost_gain_only"], "gains" if "kp" in record else "times"
+        only, form = record["cost_gain_only"], form_of(record)
         beside = "" if only is None else f" ({short(only, tol)} with the {form} as given)"
         yield item("cost", f"{record['cost']}: {short(record['cost_value'], tol)} {record['cost_unit']}{beside}")
     yield item("hunting", _hunting(record))
@@ -75,10 +77,21 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
         yield item("against it", sentence)
     for sentence in check["unverified"]:
         yield item("not verified", sentence)
-    yield item("not proved", PROVES_NOT)
+    left_out = NO_PARTS if record["model"] else "what is none of its parts"
+    yield item("not proved", PROVES_NOT.replace(NO_PARTS, left_out))
     if out is not None:
         yield item("evidence", out)
     yield from as_built
+
+
+def numbers_in(record: Mapping[str, Any]) -> list[str]:
+    """The names of the controller's numbers; of a loop of parts of those that were free."""
+    return [name for name in (NUMBERS if record["model"] else record["free"]) if name in record]
+
+
+def form_of(record: Mapping[str, Any]) -> str:
+    """What the numbers of the controller are called."""
+    return "numbers" if not record["model"] else "gains" if "kp" in record else "times"
 
 
 def unless(record: Mapping[str, Any]) -> str:
@@ -142,8 +155,9 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
         part = 1 + 1 / check["margin"] if check["margin"] else 1.0
         above = to_error(100 * check["margin"], abs(part) * error, most=6)
         yield item("fold once more", f"{again} V/rad; the gain is {above} % above it")
-        yield item("a stable cycle", check["stable"]["sentence"])
-    yield item("event map", check["scan"])
+        if check["stable"]:
+            yield item("a stable cycle", check["stable"]["sentence"])
+    yield item("event map" if record["model"] else "motions", check["scan"])
     if check["set"]:
         number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]
         yield item("folds of the set", f"{number} corners and samples, the largest {to_error(largest, tol)} V/rad")

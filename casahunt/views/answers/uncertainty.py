@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from ...axis_units import quantity, word
 from ...checks import to_error
+from ...design.nearby import AnyFold
 from ...design.uncertainty.samples import Samples
 from ...design.uncertainty.summary import Summary
 from ...design.uncertainty.worst_corner import WorstCase
-from ...servo.problem import HuntingFold
 from ...servo.units import unit_of
 from .answer import HARD_SPACE, Answer, item, short
 
@@ -18,13 +18,13 @@ IN_HALF, IN_MOST, IN_WORST = "50%", "95%", "max"
 
 
 def uncertainty_answer(
-    fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
+    title: str, fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
 ) -> Answer:
-    """What is said of fold gains over an uncertainty."""
-    gain = short(fold.gain, fold.gain_error)
-    largest = short(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
+    """What is said of fold gains over an uncertainty; title: what the servo is called."""
+    gain = short(fold.value, fold.value_error)
+    largest = short(worst.gain, worst.fold.value_error if worst.fold is not None else 0.0)
     plain = [
-        f"{fold.orbit.model} servo: hunting is possible up to gain {largest} V/rad with the worst values that are "
+        f"{title}: hunting is possible up to gain {largest} V/rad with the worst values that are "
         f"allowed, up to {gain} V/rad with those given",
         item("what to do", f"choose the gain, with a margin, above {largest} V/rad (casahunt tune)"),
     ]
@@ -38,17 +38,17 @@ def uncertainty_answer(
 
 
 def _details(
-    fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
+    fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
 ) -> Iterator[str]:
-    error = fold.gain_error
-    yield item("as given", f"up to gain {to_error(fold.gain, error)} V/rad")
+    error = fold.value_error
+    yield item("as given", f"up to gain {to_error(fold.value, error)} V/rad")
     low, high = (to_error(value, error, most=6) for value in seen.linear)
     spread = to_error(seen.std, tol, most=3)
     yield item("linearised", f"{low} to {high} V/rad ({seen.range_name}; standard deviation {spread})")
     if seen.quantiles:
         shown = ", ".join(f"{key}{HARD_SPACE}{to_error(value, tol, most=6)}" for key, value in seen.quantiles.items())
         yield item(f"{len(samples.gains)} samples", shown)
-    largest = to_error(worst.gain, worst.fold.gain_error if worst.fold is not None else 0.0)
+    largest = to_error(worst.gain, worst.fold.value_error if worst.fold is not None else 0.0)
     yield item("worst corner", f"{largest} V/rad ({worst.evaluations} folds computed)")
     yield f"  {seen.misleading}"
     yield f"  {wall_s:.1f} s"

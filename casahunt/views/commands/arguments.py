@@ -25,19 +25,13 @@ from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
 from .progress import progress, say
-from .taken import taken_from_table_1
+from .taken import of_the_continuous_loop, servo_of_parts, taken_from_table_1
 
 if TYPE_CHECKING:
     from ...servo.parts import Loop
 
 LOOP_TABLE = "loop"
 """The table by which a file is one of a loop of parts."""
-LOOP_COMMANDS = "orbit diagram fold fold-curve loop equilibria basin record remedies simulate explore".split()
-"""Commands that take a loop of parts."""
-WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
-"""Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
-CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing here; casahunt simulate takes it in"
-"""Said where a drive is described and not computed."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
 _ARGPARSE_WORDS = {
@@ -190,7 +184,12 @@ def add_solver(command: argparse.ArgumentParser) -> None:
 
 
 def model_of(options: argparse.Namespace) -> Model:
-    """The one friction model of the command line."""
+    """The one friction model of the command line, or of a loop of parts that has a bristle."""
+    loop = loop_of(options)
+    if loop is not None:
+        from ...servo.parts import LUGRE
+
+        return "lugre" if LUGRE in loop.present else "switch"
     return choice_of("model", options.model or MODELS[0], MODELS)  # type: ignore[return-value]
 
 
@@ -216,17 +215,15 @@ def servo_of(options: argparse.Namespace) -> Servo:
     of_servo = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
     if options.servo is None:
         return with_overrides(Servo(), of_servo)
-    tables, what = _tables(options), f"servo file {options.servo!r}"
-    if LOOP_TABLE in tables:
-        commands = " and ".join((", ".join(LOOP_COMMANDS[:-1]), LOOP_COMMANDS[-1]))
-        raise InputError(f"{what}: is a loop of parts; of the commands {commands} take one")
+    tables, what = tables_in(options), f"servo file {options.servo!r}"
+    if loop := loop_of(options):
+        return servo_of_parts(options.command, what, loop)
     servo = with_overrides(servo_of_tables(tables, what), of_servo)
     if not hasattr(options, "told"):
         options.told = True
-        for sentence in taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought")):
+        taken = taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought"))
+        for sentence in (*taken, *of_the_continuous_loop(options.command, tables)):
             say(progress(options), sentence)
-        if DRIVE_TABLE in tables and options.command in WITHOUT_DRIVE:
-            say(progress(options), f"the answer is {CONTINUOUS}")
     return servo
 
 
@@ -235,7 +232,7 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
 
     by_options: also by the options of the command that are called like its keys. Raises InputError: one is wrong.
     """
-    table = {} if options.servo is None else _tables(options).get(DRIVE_TABLE, {})
+    table = {} if options.servo is None else tables_in(options).get(DRIVE_TABLE, {})
     given: dict[str, Any] = {}
     for text in options.set:
         key, _, value = text.strip().partition("=")
@@ -262,13 +259,13 @@ def shown_as_the_file_says(options: argparse.Namespace) -> None:
     """
     if getattr(options, "servo", None) is not None:
         with suppress(InputError):
-            _tables(options)
+            tables_in(options)
     for key in ("vary", "fold_in"):
         if isinstance(named := getattr(options, key, None), str):
             setattr(options, key, shown().own_name(named))
 
 
-def _tables(options: argparse.Namespace) -> dict[str, Any]:
+def tables_in(options: argparse.Namespace) -> dict[str, Any]:
     """The tables of the servo file, which is read once: it may be a pipe.  Numbers are shown in its units from then on.
 
     Raises InputError: it cannot be read, or its units are wrong.
@@ -300,7 +297,7 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
 
     Raises InputError: the file or an override is wrong, or a friction model is asked for, which is one of its parts.
     """
-    if options.servo is None or LOOP_TABLE not in (tables := _tables(options)):
+    if options.servo is None or LOOP_TABLE not in (tables := tables_in(options)):
         return None
     from ...servo.parts.file import loop_of_tables
 
@@ -312,13 +309,21 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
     gain = gain_of(options) if gain is None and getattr(options, "gain", None) is not None else gain
     loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
     check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
+    if not hasattr(options, "told"):
+        options.told = True
+        for sentence in of_the_continuous_loop(options.command, tables):
+            say(progress(options), sentence)
     return loop
 
 
-def asked_of(options: argparse.Namespace) -> Any:
-    """What a command with a gain is asked about, as the verbs take it: a servo, its model and gain, or a loop alone."""
+def asked_of(options: argparse.Namespace, *, gain: bool = False) -> Any:
+    """What a command is asked about, as the verbs take it: a servo and its model, or a loop and None.
+
+    gain: that of the servo too, of a loop None.
+    """
     model, loop = model_of(options), loop_of(options)
-    return (loop, None, None) if loop is not None else (servo_of(options), model, gain_of(options))
+    asked = (servo_of(options), model) if loop is None else (loop, None)
+    return (*asked, gain_of(options) if loop is None else None) if gain else asked
 
 
 def left_out(options: argparse.Namespace, why: str, *names: str) -> None:

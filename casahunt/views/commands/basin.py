@@ -28,7 +28,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    how, offset, asked = how_of(options), finite("offset", options.offset), asked_of(options)
+    how, offset, asked = how_of(options), finite("offset", options.offset), asked_of(options, gain=True)
     found = basin(*asked, options=how, offset=offset)
     drive = drive_of(options)
     answer = basin_answer(found, how.tol, drive.count if drive else 0.0)

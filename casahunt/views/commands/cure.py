@@ -20,6 +20,7 @@ from typing import Any
 from ... import effort
 from ...checks import to_error
 from ...design.identify.identify import BOUND_FACTOR, Identification
+from ...design.nearby import upper
 from ...design.remedies.cures import Cures
 from ...design.remedies.remedies import remedies
 from ...design.uncertainty.worst_corner import worst_corner
@@ -59,6 +60,7 @@ FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"ca
 MOST_WORK_BESIDE = 2e5
 """Work (effort.py) after which it is left to the commands made for it: it is not what is asked for here, and takes a
 quarter of that, or less, where it is found soon."""
+AS_FOUND = "of the values as found: of a loop of parts sizes for the worst ones are not known"
 FOLD_SHOWN = 1e-4
 """Relative error to which fold gains are shown: friction from a record is known far less."""
 
@@ -88,19 +90,24 @@ def run(options: argparse.Namespace) -> int:
         return 1
     gain = found.records[0].gain
     say_what_is_left_out(options, found.servo, found.uncertainty)
+    # Of a loop of parts sizes are those for the values as found.
+    in_parts = found.model is None
+    uncertain = None if in_parts else found.uncertainty
+    loop = found.servo.replace(gain=gain) if in_parts else loop_of(found.servo, "switch", gain)
+    servo, model, at = (loop, None, None) if in_parts else (found.servo, found.model, gain)
     tell(stream, "computing the fold")
     fold = _fold(found, how)
     with processes(jobs) as pool:
         cures = remedies(
-            found.servo, found.model, gain, options=how, uncertainty=found.uncertainty,
+            servo, model, at, options=how, uncertainty=uncertain,
             progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **asked, **limits,
         )  # fmt: skip
-    built = remedies_as_built(options, cures, loop_of(found.servo, "switch", gain))
-    cures = that_holds(cures, built, limits, of_a_set=True)
+    built = remedies_as_built(options, cures, loop)
+    cures = that_holds(cures, built, limits, of_a_set=not in_parts)
     suspect, doubt = identification.suspected(options, found), _doubt(found)
     record = {
         "suspect": suspect or None, "doubt": doubt or None,
-        "advice": advice_of(cures, limits, built, of_a_set=True), "gain": gain, "limits": limits,
+        "advice": advice_of(cures, limits, built, of_a_set=not in_parts), "gain": gain, "limits": limits,
         "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
         "remedies": cures.to_dict(),
         "as_built": built, "wall_s": time.perf_counter() - began,
@@ -112,12 +119,14 @@ def run(options: argparse.Namespace) -> int:
 
             whole = plain(record) | {"made": made(options.servo, options.set)}
             page = cure_page(whole, {"fit": png(fitted_records(found))})
+            files = identification.texts_of(found, drive_of(options), identification.parts_in(options))
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
-            options.outputs.write(write_results, out, FILES, identification.texts_of(found, drive_of(options)) | own)
-    lines = [advice_of(cures, limits, built, of_a_set=True), *([f"  {doubt}"] if doubt else []),
+            options.outputs.write(write_results, out, FILES, files | own)
+    lines = [advice_of(cures, limits, built, of_a_set=not in_parts), *([f"  {doubt}"] if doubt else []),
              *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
-             *remedy_lines(cures, limits, of_a_set=True, built=built), *built_lines(built, of_a_set=True)]  # fmt: skip
-    details = (*identification.identified_details(found), *remedy_details(cures, of_a_set=True),
+             *remedy_lines(cures, limits, of_a_set=not in_parts, built=built),
+             *built_lines(built, of_a_set=not in_parts)]  # fmt: skip
+    details = (*identification.identified_details(found), *remedy_details(cures, of_a_set=not in_parts),
                *built_lines(built, in_full=True))  # fmt: skip
     answer = Answer(lines, details)
     give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
@@ -139,7 +148,7 @@ def _judged(
 def _doubt(found: Identification) -> str:
     """What speaks against the servo for which remedies are sought; "" where nothing does."""
     if found.judgement.explained:
-        return ""
+        return "" if found.model else AS_FOUND
     return "of a servo that is in doubt, since the model does not explain all of the records: see below"
 
 
@@ -156,7 +165,7 @@ def _fold(found: Identification, how: Options) -> dict[str, Any]:
     """The fold gain of the servo as found, and of the worst one that the records allow."""
     try:
         with effort.at_most(MOST_WORK_BESIDE):
-            fold = find_fold(found.servo, found.model, options=how)
+            fold: Any = upper(find_fold(found.servo, found.model, options=how))
     except effort.PartGivenUp as refusal:
         return {"gain": None, "worst": None, "refused": f"{refusal}; casahunt fold looks longer"}
     except NoOrbit as refusal:
@@ -165,10 +174,10 @@ def _fold(found: Identification, how: Options) -> dict[str, Any]:
         with effort.at_most(MOST_WORK_BESIDE):
             worst = worst_corner(found.servo, found.model, found.uncertainty, options=how, fold=fold)
     except effort.PartGivenUp as refusal:
-        return {"gain": fold.gain, "worst": None, "refused": f"{refusal}; casahunt uncertainty looks longer"}
+        return {"gain": fold.value, "worst": None, "refused": f"{refusal}; casahunt uncertainty looks longer"}
     except NoOrbit as refusal:
-        return {"gain": fold.gain, "worst": None, "refused": str(refusal)}
-    return {"gain": fold.gain, "worst": worst.gain, "refused": worst.failures[0] if worst.failures else ""}
+        return {"gain": fold.value, "worst": None, "refused": str(refusal)}
+    return {"gain": fold.value, "worst": worst.gain, "refused": worst.failures[0] if worst.failures else ""}
 
 
 def _fold_lines(fold: Mapping[str, Any]) -> Iterator[str]:

@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
-    asked = asked_of(options)
+    asked = asked_of(options, gain=True)
     found = equilibria(*asked)
     record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, equilibria_answer(found), table=tables_of([found]), picture=("equilibria.equilibria", found))

@@ -18,7 +18,7 @@ from ...servo.parts.table import unit_of
 from ..answers.answer import called, parts_of, record_of, short
 from ..answers.fold import fold_answer
 from ..stability import stability_of
-from .arguments import add_command, add_solver, add_vary, how_of, loop_of, model_of, servo_of, vary_of
+from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
 from .console import orbit_line
 from .output import give
 from .progress import progress, tell
@@ -36,8 +36,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model, how, vary = model_of(options), how_of(options), vary_of(options)
-    loop = loop_of(options)
-    asked: Any = (servo_of(options), model) if loop is None else (loop, None)
+    asked, loop = asked_of(options), loop_of(options)
     fold: Any = find_fold(*asked, vary=vary, options=how)
     slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
@@ -46,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
         more |= {"stable": stable, **built}
     else:
-        name, way, stable, below = called(loop), "up" if fold.value > loop.value(vary) else "down", None, parts_of(loop)
+        name, way, stable, below = called(loop), "up" if fold.sense > 0 else "down", None, parts_of(loop)
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
         more |= {"way": way, **record_of(loop.replace(**{vary: fold.value}))}
     tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))

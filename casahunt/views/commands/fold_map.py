@@ -12,12 +12,13 @@ import numpy as np
 from ... import effort
 from ...axis_units import shown
 from ...design.fold_map import SIDES, fold_map
+from ...design.nearby import check_asked, upper
 from ...errors import InputError, NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.units import kinds_of
 from ..answers.fold_map import fold_map_answer
-from .arguments import add_command, count_of, finite, how_of, model_of, servo_of
+from .arguments import add_command, asked_of, count_of, finite, how_of
 from .console import orbit_line
 from .output import give
 from .progress import Progress, progress, tell, teller
@@ -44,13 +45,13 @@ def run(options: argparse.Namespace) -> int:
 
     Raises InputError: the command line is wrong; NoOrbit: no fold was found.
     """
-    model, how = model_of(options), how_of(options)
-    servo = servo_of(options)
+    how, (servo, model) = how_of(options), asked_of(options)
+    check_asked(servo, model)
     points = count_of("points", options.points, *SIDES)
     names, axes = _axes(options, points)
     out = progress(options)
     tell(out, "computing the fold of the servo itself")
-    fold = find_fold(servo, model, options=how)
+    fold = upper(find_fold(servo, model, options=how))
     tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
     give(options, found, fold_map_answer(found), table=tables_of([found]), picture=("fold_map.fold_map", found))

@@ -35,15 +35,18 @@ from ...servo.servo import flatten
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
+    LOOP_TABLE,
     add_command,
     add_gain,
     add_out,
+    asked_of,
     drive_of,
     how_of,
-    model_of,
+    loop_of,
     positive,
     servo_of,
     stated_gain,
+    tables_in,
 )
 from .console import complain, folder
 from .output import give
@@ -64,6 +67,7 @@ AS_CONTINUOUS = (
     "the loop is taken as a continuous one: of [drive] sampling and delay are taken into account where friction alone "
     "is sought, from positions alone"
 )
+OF_PARTS = "the loop is taken as a continuous one: of a loop of parts [drive] is not taken into account"
 NOT_OF_THE_DRIVE = (
     "Or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
     "continuous loop"
@@ -108,13 +112,14 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
     for path in options.records:
         if path.endswith(".toml"):
             raise InputError(f"record {path!r}: is a servo file by its name; it is given as --servo {path}")
-    model, how, servo, reading = model_of(options), how_of(options), servo_of(options), reading_of(options)
+    (servo, model), how, reading = asked_of(options), how_of(options), reading_of(options)
     drive = drive_of(options)
     gains = [positive("gain", gain, GAIN_UNIT) for gain in options.gain or ()] or [stated_gain(options)]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
 
-    built, _ = drive_taken(records, servo, gains, free, drive)
+    described, drive = drive, drive if model else None
+    built, _ = drive_taken(records, servo, gains, free, drive) if model else (None, 0.0)
 
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
@@ -127,6 +132,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
             raise InputError(f"{refusal} {NOT_OF_THE_DRIVE}") from None
 
     taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
+    taken += [f"  {OF_PARTS}"] if described is not None and drive is None else []
     taken += [f"  {record.reading.sentence}" for record in records if record.reading is not None]
     if drive is not None:
         taken.append(f"  {AS_CONTINUOUS if built is None else WITH_LAGS}")
@@ -147,7 +153,7 @@ def run(options: argparse.Namespace) -> int:
     found = fit()
     if options.out is not None and found.status.ok and found.judgement.explained:
         with folder(options.out, FILES) as out:
-            options.outputs.write(write_results, out, FILES, texts_of(found, drive_of(options)))
+            options.outputs.write(write_results, out, FILES, texts_of(found, drive_of(options), parts_in(options)))
     suspect = suspected(options, found)
     give(
         options,
@@ -165,6 +171,8 @@ def run(options: argparse.Namespace) -> int:
 def suspected(options: argparse.Namespace, found: Identification) -> str:
     """What to suspect where the first record hunts at another frequency than the servo that the command line gives."""
     data = found.records[0]
+    if found.model is None:
+        return ""
     try:
         given = find_orbit(servo_of(options), found.model, data.gain, options=how_of(options))
     except NoOrbit:
@@ -173,9 +181,17 @@ def suspected(options: argparse.Namespace, found: Identification) -> str:
     return suspicion(given, data.period, data.amplitude, data.quantum, step, data.swings, lambda: found)
 
 
-def texts_of(found: Identification, drive: Drive | None) -> dict[str, str]:
+def whose(found: Identification) -> str:
+    """What was fitted."""
+    return f"{found.model} model" if found.model else "loop of parts"
+
+
+def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = ()) -> dict[str, str]:
     """The intervals as an uncertainty file, and the servo with the values found and the drive that it had, by the names
-    of `FILES`."""
+    of `FILES`.
+
+    parts: of a loop, as its file has them.
+    """
     uncertainty = found.uncertainty.intervals
     widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
     intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
@@ -183,8 +199,11 @@ def texts_of(found: Identification, drive: Drive | None) -> dict[str, str]:
     units = found.servo.units
     if not units.plain:
         sections[UNITS_TABLE] = [f"{key} = {json.dumps(unit)}" for key, unit in units.table().items()]
-    for key, value in flatten(found.servo).items():
-        section, name = units.word(key).split(".")
+    if found.model is None:
+        sections["loop"] = [f"parts = {_toml(parts)}"]
+    own = flatten(found.servo) if found.model else {f"values.{k}": v for k, v in found.servo.parameters.items()}
+    for key, value in own.items():
+        section, name = units.word(key).split(".") if found.model else key.split(".")
         sections.setdefault(section, []).append(f"{name} = {value!r}")
     if drive is not None:
         given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
@@ -193,11 +212,25 @@ def texts_of(found: Identification, drive: Drive | None) -> dict[str, str]:
         sections[DRIVE_TABLE] = [f"{key} = {json.dumps(value)}" for key, value in given.items()]
     servo = "\n\n".join("\n".join([f"[{section}]", *lines]) for section, lines in sections.items())
     texts = (
-        f"{SIGN}: 95 % intervals, {found.model} model, for --uncertainty with the servo in servo.toml{widened}\n"
+        f"{SIGN}: 95 % intervals, {whose(found)}, for --uncertainty with the servo in servo.toml{widened}\n"
         f"\n[interval]\n{intervals}\n",
-        f"{SIGN}: the servo with the values found, {found.model} model\n\n{servo}\n",
+        f"{SIGN}: the servo with the values found, {whose(found)}\n\n{servo}\n",
     )
     return dict(zip(FILES, texts, strict=True))
+
+
+def _toml(value: Any) -> str:
+    """A text, a number, or a list or a table of such, as TOML has it."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
+
+
+def parts_in(options: argparse.Namespace) -> Sequence[Any]:
+    """The parts of the loop of the command line as its file has them; none of a servo."""
+    return () if loop_of(options) is None else tables_in(options)[LOOP_TABLE]["parts"]
 
 
 def not_explained(found: Identification) -> str:
@@ -218,7 +251,7 @@ def not_explained(found: Identification) -> str:
             "by itself then; or record more counts of amplitude, at a lower gain), a transient (--from), a disturbance"
         )
     return (
-        f"the {found.model} model does not explain the record{many}: {left}; the values are its nearest, and less "
+        f"the {whose(found)} does not explain the record{many}: {left}; the values are its nearest, and less "
         f"certain than they look; draw it with --plot, and {likely}"
         + _transient(found)
         + "".join(sorted({maybe_cut_off(data) for data in found.records}))
@@ -232,7 +265,7 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     does = "explains" if judgement.explained else "does NOT explain"
     said = f"the model {does} what was recorded"
     said = said if found.status.ok else "the search for its numbers stopped short"
-    yield f"{found.model} servo from {many}: {said}"
+    yield f"{f'{found.model} servo' if found.model else 'loop'} from {many}: {said}"
     yield from read
     if found.left_out:
         many = "each record" if len(data) > 1 else "the record"

@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     branch: Any = choice_of("branch", options.branch, BRANCHES)
     route = choice_of("multipliers", options.multipliers, ROUTES)
-    asked, gain = asked_of(options), gain_of(options)
+    asked, gain = asked_of(options, gain=True), gain_of(options)
     servo, model, how = asked[0], asked[1], replace(how_of(options), half=not options.full)
     if model is None:
         left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")

@@ -22,8 +22,9 @@ from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from ..answers.answer import item
 from ..answers.sampled import sampled_answer
-from .arguments import CONTINUOUS, Parser, drive_of, left_out
+from .arguments import Parser, drive_of, left_out
 from .output import give
+from .taken import CONTINUOUS
 
 if TYPE_CHECKING:
     from ...servo.sampled.check import AsBuilt

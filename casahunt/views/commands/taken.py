@@ -1,11 +1,20 @@
-"""What a servo file leaves to Table 1 of the report: said, since an answer is then one about another servo."""
+"""What of a servo file a command takes.
+
+What it leaves to Table 1 of the report is said, since an answer is then one about another servo; and parts of a loop
+for which a command has no answer are named, with the reason.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ...errors import InputError
+from ...servo.drive import DRIVE_TABLE
 from ...servo.servo import Servo
+
+if TYPE_CHECKING:
+    from ...servo.parts import Loop
 
 STRIBECK = "friction.stribeck_velocity"
 """Data sheets seldom have it, and much hangs on it."""
@@ -13,6 +22,16 @@ NEEDED = ("servo.inertia", "servo.motor_gain", "friction.static", "friction.coul
 """Of a servo of one's own."""
 CONTROLLER = "controller"
 """A table of which one number says nothing."""
+
+WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
+"""Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
+CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing here; casahunt simulate takes it in"
+"""Said where a drive is described and not computed."""
+NO_ANSWER = {
+    "map": "the event map has one coordinate, where one inertia with rigid friction sticks under a PID controller, and "
+    "a motion from there must depend on nothing else; casahunt orbit, basin and simulate take such a loop",
+}
+"""Commands that take no other servo than one inertia, and why."""
 
 
 def taken_from_table_1(
@@ -33,3 +52,21 @@ def taken_from_table_1(
         taken = f"{value:g} rad/s of Table 1 is taken, and where hunting ends hangs on it"
         how = f"try others with --set {STRIBECK}=VALUE, or find it from a record (casahunt identify)"
         yield f"{STRIBECK} is not in the servo file: {taken}; {how}"
+
+
+def of_the_continuous_loop(command: str, tables: Mapping[str, Any]) -> Iterator[str]:
+    """A sentence on the drive of a servo file, where the command leaves it out."""
+    if DRIVE_TABLE in tables and command in WITHOUT_DRIVE:
+        yield f"the answer is {CONTINUOUS}"
+
+
+def servo_of_parts(command: str, what: str, loop: Loop) -> Servo:
+    """The servo that a loop is.  Raises InputError: it has a part for which the command has no answer."""
+    from ...servo.parts.plain_loop import FRICTIONS, not_of_a_servo, servo_of_loop
+
+    asked, why = servo_of_loop(loop), NO_ANSWER[command]
+    if asked is not None and not (command == "map" and asked[1] == "lugre"):
+        return asked[0]
+    lacking = [FRICTIONS["lugre"]] if asked is not None else loop.present
+    parts = " and ".join(repr(name) for name in not_of_a_servo(loop) or [part.name for part in lacking])
+    raise InputError(f"{what}: casahunt {command} has no answer for {parts}: {why}")

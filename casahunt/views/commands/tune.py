@@ -40,10 +40,10 @@ from ...errors import InputError
 from ...export import columns_from
 from ...servo.sampled.check import AsBuilt
 from ...servo.units import GAIN_UNIT, unit_of
-from ..answers.tune import known_to, loop_name, tuning_answer
+from ..answers.tune import known_to, loop_name, numbers_in, tuning_answer
 from ..evidence.page import TITLE, evidence_page
 from ..evidence.record import evidence_record, made
-from .arguments import add_command, add_out, drive_of, finite, how_of, model_of, positive, servo_of
+from .arguments import add_command, add_out, asked_of, drive_of, finite, how_of, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
@@ -62,7 +62,8 @@ def add(commands: Any) -> None:
     command = add_command(commands, "tune", about, model="", csv="the answer and what was checked")
     command.add_argument("--margin", default=0.1, help="gain above the fold gain, relative (default 0.1)")
     command.add_argument("--uncertainty", metavar="FILE.toml", help="servos that must not hunt either")
-    command.add_argument("--free", action="append", default=[], metavar="NAME", help=", ".join(NUMBERS))
+    free = f"{', '.join(NUMBERS)}; of a loop of parts a parameter of its controller or of a filter"
+    command.add_argument("--free", action="append", default=[], metavar="NAME", help=free)
     command.add_argument(
         "--bounds", action="append", default=[], metavar="NAME=LOW,HIGH", help="of gain and what is free"
     )
@@ -77,19 +78,17 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tune, verify and print; returns the exit code."""
-    model = model_of(options)
     cost = choice_of("cost", options.cost, COSTS)
     how = how_of(options)
     demands = _demands(options)
-    servo = servo_of(options)
+    servo, model = asked_of(options)
     uncertainty = uncertainty_of(options, servo)
-    free = [choice_of("free", name, NUMBERS) for name in options.free]
     bounds = bounds_of(options.bounds)
 
     stream = progress(options)
     with nullcontext() if options.out is None else folder(options.out, FILES) as out:
         tuning = tune(
-            servo, model, demands=demands, uncertainty=uncertainty, free=free, bounds=bounds, cost=cost,
+            servo, model, demands=demands, uncertainty=uncertainty, free=options.free, bounds=bounds, cost=cost,
             options=how, report=teller(stream),
         )  # fmt: skip
         built = checked(options, tuning.servo, tuning.gain)
@@ -162,9 +161,8 @@ def _rows(record: dict[str, Any], tol: float) -> Iterator[list[Any]]:
     """The answer and what was checked, a quantity a row; errors in the unit of their number, NaN where unknown."""
     check, fold, error = record["verification"], record["fold"], known_to(record, tol)
     yield ["gain", GAIN_UNIT, record["gain"], tol * record["gain"]]
-    for name in NUMBERS:
-        if name in record:
-            yield [name, unit_of(name), record[name], tol * record[name] if name in record["free"] else 0.0]
+    for name in numbers_in(record):
+        yield [name, unit_of(name), record[name], tol * record[name] if name in record["free"] else 0.0]
     yield [f"cost: {record['cost_meaning']}", record["cost_unit"], _number(record["cost_value"]), math.nan]
     yield ["fold_gain", GAIN_UNIT, record["fold_gain"], error * record["fold_gain"]]
     if fold["nominal"] is not None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 
 from ...design.uncertainty.set import Uncertainty, load_uncertainty, part_without_servos
+from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from .progress import progress, say
 
 
-def uncertainty_of(options: argparse.Namespace, servo: Servo) -> Uncertainty | None:
+def uncertainty_of(options: argparse.Namespace, servo: Servo | Loop) -> Uncertainty | None:
     """What is uncertain by the file of the command line; None without one."""
     if options.uncertainty is None:
         return None
@@ -18,7 +19,7 @@ def uncertainty_of(options: argparse.Namespace, servo: Servo) -> Uncertainty | N
     return uncertainty
 
 
-def say_what_is_left_out(options: argparse.Namespace, servo: Servo, uncertainty: Uncertainty) -> None:
+def say_what_is_left_out(options: argparse.Namespace, servo: Servo | Loop, uncertainty: Uncertainty) -> None:
     """Say which part of an uncertainty is left out, where one is."""
     if said := part_without_servos(servo, uncertainty):
         say(progress(options), said)

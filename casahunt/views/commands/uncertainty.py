@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 
 from ... import effort
+from ...design.nearby import AnyFold, check_asked, upper
 from ...design.uncertainty.samples import Samples, draw, sample
 from ...design.uncertainty.summary import Summary, summary
 from ...design.uncertainty.worst_corner import WorstCase, worst_corner
 from ...errors import NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ...servo.problem import HuntingFold
+from ..answers.answer import called, record_of
 from ..answers.uncertainty import uncertainty_answer
-from .arguments import add_command, count_of, how_of, model_of, servo_of
+from .arguments import add_command, asked_of, count_of, how_of
 from .console import orbit_line
 from .output import give
 from .pool import jobs_of, processes
@@ -51,17 +52,18 @@ def run(options: argparse.Namespace) -> int:
     computed.
     """
     began = time.perf_counter()
-    model, how = model_of(options), how_of(options)
+    how = how_of(options)
     n, jobs = count_of("samples", options.samples, 1), jobs_of(options)
     seed = count_of("seed", options.seed, 0)
-    servo = servo_of(options)
+    servo, model = asked_of(options)
+    check_asked(servo, model)
     uncertainty = uncertainty_of(options, servo)
     assert uncertainty is not None  # the command requires it
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
     out = progress(options)
 
     tell(out, "computing the fold of the servo itself")
-    fold = find_fold(servo, model, options=how)
+    fold = upper(find_fold(servo, model, options=how))
     tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     tell(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
     told, since = teller(out), time.monotonic()
@@ -82,9 +84,9 @@ def run(options: argparse.Namespace) -> int:
     )
     seen = summary(fold, uncertainty, samples, worst)
     wall_s = time.perf_counter() - began
+    answer = uncertainty_answer(called(servo, model), fold, samples, worst, seen, how.tol, wall_s)
     give(
-        options, _record(fold, samples, worst, seen, wall_s),
-        uncertainty_answer(fold, samples, worst, seen, how.tol, wall_s), table=tables_of([samples]),
+        options, record_of(servo) | _record(fold, samples, worst, seen, wall_s), answer, table=tables_of([samples]),
         picture=("uncertainty.histogram", fold, samples, worst, seen),
     )  # fmt: skip
     for i, sentence in samples.failures:
@@ -104,14 +106,14 @@ def _worst_inside(samples: Samples, box: tuple[np.ndarray, np.ndarray]) -> list[
     return [q] if ((low <= q) & (q <= high)).all() else []
 
 
-def _record(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, wall_s: float) -> dict[str, Any]:
+def _record(fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, wall_s: float) -> dict[str, Any]:
     """The JSON object."""
     complete = not samples.failures and not worst.failures
     status = Status.CONVERGED if complete else Status.NOT_CONVERGED
     return {
         **seen.to_dict(table=False),
-        "model": fold.orbit.model,
-        "gain": fold.gain,
+        "model": getattr(fold.orbit, "model", None),
+        "gain": fold.value,
         "worst": worst,
         "samples": {**samples.to_dict(table=False), "failures": len(samples.failures)},
         "status": status.name.lower(),

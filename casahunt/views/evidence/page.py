@@ -16,7 +16,7 @@ from ...checks import known_decimals
 from ...servo.outcome import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS
-from ..answers.tune import BINDS, DOES, loop_name, unless
+from ..answers.tune import BINDS, DOES, form_of, loop_name, numbers_in, unless
 from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
@@ -108,13 +108,13 @@ def _answer(p: _Page) -> list[str]:
             f"the servo can hunt, {p.known('verification/fold_gain', GAIN_UNIT, p.fold_error)}"
             f"{' at the worst friction of the set' if record['worst']['corner'] else ''}."
         )
-    form = "gains" if "kp" in record else "times"
+    form, friction = form_of(record), f", {p.text('model')} friction" if record["model"] else ""
     unit = html.escape(record["cost_unit"])
     only = ""
     if record["cost_gain_only"] is not None:
         only = f" ({p.known('cost_gain_only', unit, p.tol)} with the {form} as given)"
     return [
-        f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune, {p.text('model')} friction</p>",
+        f"<h1>Which gain makes this servo stop hunting?</h1><p class=dim>casahunt tune{friction}</p>",
         made_line(p),
         f"<p class=answer>{p.known('gain', '', p.gain_error, most=PLAIN_DIGITS)} <small>V/rad, the recommended gain"
         f"{html.escape(unless(record))}</small></p>",
@@ -126,7 +126,7 @@ def _answer(p: _Page) -> list[str]:
         table([], [
             ["gain K", p.known("gain", GAIN_UNIT, p.gain_error)],
             *[[name, p.known(key, unit_of(key), p.tol if key in free else 0.0) + ("" if key in free else ", as given")]
-              for key, name in CONTROLLER.items() if key in record],
+              for key, name in ((key, CONTROLLER.get(key, words(key))) for key in numbers_in(record))],
             ["cost", f"{html.escape(record['cost_meaning'])}: {p.known('cost_value', unit, p.gain_error)}" + only],
             ["what keeps it from being less",
              ", ".join(words(BINDS.get(name, name)) for name in record["binding"]) or "nothing"],
@@ -183,7 +183,8 @@ def _verification(p: _Page) -> list[str]:
              f"relative error {p.n('verification/fold_error', '.1e')}"],
             *([["a stable cycle", p.known("verification/stable/gain", GAIN_UNIT, p.tol),
                 p.text("verification/stable/sentence")]] if check["stable"] else []),
-            ["event map", p.verdict("verification/scan_clear", "no cycle", "not clear"), p.text("verification/scan")],
+            ["event map" if p.record["model"] else "motions from rest",
+             p.verdict("verification/scan_clear", "no cycle", "not clear"), p.text("verification/scan")],
             *([["folds of the set", p.n("verification/set/folds", "g") + " servos",
                 "largest fold gain " + p.known("verification/set/largest_fold_gain", GAIN_UNIT, p.tol)]]
               if check["set"] else []),

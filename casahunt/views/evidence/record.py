@@ -40,5 +40,6 @@ def evidence_record(tuning: Tuning, options: Options | None = None) -> dict[str,
     is not finite.
     """
     record, fold = tuning.to_dict(), tuning.verification.fold
-    record["verification"]["stable"] = None if fold is None else plain(stability_of(fold, options or Options()))
+    known = fold if tuning.model is not None else None
+    record["verification"]["stable"] = None if known is None else plain(stability_of(known, options or Options()))
     return record

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...design.fold_map import FoldMap
 from ...errors import InputError
-from ...servo.servo import flatten
+from ..answers.answer import named
 from .fold_curve import LABELS, WIDE
 from .plotting import NAMES, SMALL, Axes, MaxNLocator, in_units_of_the_axis, panels
 
@@ -61,17 +61,17 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
         axes.plot([], [], "s", color=NEVER, label="hunts at no gain")
     axes.set_xlim(q[0], q[-1])
     axes.set_ylim(r[0], r[-1])
-    own = flatten(folds.servo)
-    here = [own[name] for name in folds.names]
+    here = [folds.servo.value(name) for name in folds.names]
     if q[0] <= here[0] <= q[-1] and r[0] <= here[1] <= r[-1]:
         axes.plot(*here, marker="o", color="white", markeredgecolor="black", linestyle="none", label="servo as given")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="best", fontsize=SMALL)
     bar = axes.figure.colorbar(filled, ax=axes)
     bar.set_label("fold gain K [V/rad]: above it the servo does not hunt")
-    axes.set_xlabel(LABELS[folds.names[0]])
-    axes.set_ylabel(LABELS[folds.names[1]])
-    axes.set_title(f"The largest gain at which the servo can hunt, {NAMES[folds.model]} friction")
+    axes.set_xlabel(LABELS.get(folds.names[0], named(folds.names[0])))
+    axes.set_ylabel(LABELS.get(folds.names[1], named(folds.names[1])))
+    friction = "" if folds.model is None else f", {NAMES[folds.model]} friction"
+    axes.set_title(f"The largest gain at which the servo can hunt{friction}")
     return axes
 
 

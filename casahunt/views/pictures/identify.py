@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...design.identify.fit import seen_by
 from ...design.identify.identify import Identification
 from .plotting import LOOKS, NAMES, Array, Line2D, align, in_units_of_the_axis, legend, panels
 from .simulation import MOST_DOTS
@@ -46,7 +47,7 @@ def fitted_records(found: Identification, *, ax: Any = None) -> Array:
     """
     figure, both = panels(ax, 2, height_ratios=(1.6, 1))
     above, below = both
-    look, handles = LOOKS[found.model], []
+    look, handles = LOOKS[found.model or "switch"], []
     for i, (data, rest, phase, orbit) in enumerate(
         zip(found.records, found.residuals, found.phases, found.orbits, strict=True)
     ):
@@ -57,13 +58,13 @@ def fitted_records(found: Identification, *, ax: Any = None) -> Array:
         above.plot(part, (data.position - level)[::every], zorder=2, **dots)
         below.plot(part, rest[::every], zorder=2, **dots)
         t, states = orbit.sample()
-        above.plot(t / orbit.period, states[0], color=look.colour, linewidth=look.width, zorder=4)
+        above.plot(t / orbit.period, states[seen_by(found.servo)], color=look.colour, linewidth=look.width, zorder=4)
         label = f"{data.name}, K = {data.gain:.4g}: amplitude {orbit.amplitude:.4g} rad, period {orbit.period:.4g} s"
         handles.append(Line2D([], [], label=label, **dots | {"markersize": 4}))
     judgement = found.judgement
     verdict = "explains" if judgement.explained else "does not explain"
     left = f"{judgement.systematic:.2g} of the amplitude is left beside noise"
-    label = f"{NAMES[found.model]}, which {verdict} it: {left}"
+    label = f"{NAMES[found.model] if found.model else 'the loop'}, which {verdict} it: {left}"
     handles.append(Line2D([], [], color=look.colour, linewidth=look.width, label=label))
     below.axhline(0, color=look.colour, linewidth=1.0, zorder=4)
     above.set(ylabel="position − mean [rad]")

@@ -120,7 +120,7 @@ def evidence_images(tuning: Tuning) -> dict[str, bytes]:
     """
     images: dict[str, bytes] = {}
     fold = tuning.verification.fold
-    if fold is not None:
+    if fold is not None and tuning.model is not None:
         try:
             branch = diagram(tuning.worst, tuning.model, start=START * fold.gain)
             images["diagram"] = png(operating_point(tuning, branch))

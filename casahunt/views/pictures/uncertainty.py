@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...design.nearby import AnyFold
 from ...design.uncertainty.samples import Samples
 from ...design.uncertainty.summary import Summary
 from ...design.uncertainty.worst_corner import WorstCase
 from ...errors import InputError
-from ...servo.problem import HuntingFold
 from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, Axes, in_units_of_the_axis, legend, panels
 
 MOST_BINS = 40
@@ -16,7 +16,7 @@ MOST_BINS = 40
 
 
 @in_units_of_the_axis
-def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summary, *, ax: Axes | None = None) -> Axes:
+def histogram(fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, *, ax: Axes | None = None) -> Axes:
     """Fold gains of the samples, with the servo's own, the linear interval and the worst corner.
 
     Parameters
@@ -53,14 +53,14 @@ def histogram(fold: HuntingFold, samples: Samples, worst: WorstCase, seen: Summa
         raise InputError("samples: at least one must be computed to draw")
     figure, (axes,) = panels(ax, 1)
     bins = int(np.clip(1.3 * np.sqrt(gains.size), 5, MOST_BINS))
-    look = LOOKS[fold.orbit.model]
+    look = LOOKS[getattr(fold.orbit, "model", "switch")]
     alive = int((gains > 0).sum())
     dead = "" if alive == gains.size else f", {gains.size - alive} cannot hunt (0)"
     heights, _, _ = axes.hist(
         gains, bins=bins, color="#c9d3e6", edgecolor="0.35", linewidth=0.5, label=f"{gains.size} samples{dead}"
     )
     top = float(np.max(heights))
-    axes.axvline(fold.gain, color=look.colour, linewidth=1.8, label=f"servo as given: {fold.gain:.4g}")
+    axes.axvline(fold.value, color=look.colour, linewidth=1.8, label=f"servo as given: {fold.value:.4g}")
     low, high = seen.linear
     axes.errorbar(
         [(low + high) / 2], [1.08 * top], xerr=[[(high - low) / 2]] * 2, color=NEUTRAL, linewidth=1.8, capsize=6,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from belt_support import stops
 
 from casahunt.errors import ComesToRest, HuntsIrregularly
 from casahunt.servo.parts import (
@@ -28,42 +28,6 @@ RESTS = {"inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 14.2, "shaf
          "viscous": 0.002}  # fmt: skip
 HUNTS = RESTS | {"shaft_stiffness": 60.0, "shaft_damping": 0.01, "kp": 2.0, "ki": 12.0, "kd": 0.06, "gain": 0.5,
                  "stribeck_velocity": 0.05}  # fmt: skip
-FOR_EVER = 50.0
-"""Stuck for so long [s] the integrator and the shaft have settled."""
-
-
-def stops(p: dict[str, float], start: float, most: int) -> list[tuple[float, float]]:
-    """(time, place) at which the motor stops, from rest beside the set point, until it is stuck for ever."""
-    kp, ki, kd = (p["gain"] * p["motor_gain"] * p[name] for name in ("kp", "ki", "kd"))
-
-    def rates(t, y, sign):
-        x, v, load, rate, sum_ = y
-        shaft = p["shaft_stiffness"] * (x - load) + p["shaft_damping"] * (v - rate)
-        drop = (p["static"] - p["coulomb"]) * np.exp(-((v / p["stribeck_velocity"]) ** 2))
-        net = -(kp * x + kd * v + ki * sum_) - shaft - sign * (p["coulomb"] + drop) - p["viscous"] * v
-        return [v, net / p["inertia"] if sign else 0.0, rate, shaft / p["load_inertia"], x]
-
-    def pull(y):
-        return p["inertia"] * rates(0.0, y, 1e-300)[1]  # without dry friction, at standstill
-
-    y, time, sign, found = np.array([start, 0.0, start, 0.0, 0.0]), 0.0, 0.0, []
-    while len(found) < most:
-        if sign:
-            events = [lambda t, y, sign: sign * y[1] if t > 0 else 1.0]
-        else:
-            events = [lambda t, y, sign, s=s: s * pull(y) - p["static"] for s in (1, -1)]
-        for event in events:
-            event.terminal, event.direction = True, -1.0 if sign else 1.0
-        run = solve_ivp(rates, (0, FOR_EVER), y, "DOP853", events=events, args=(sign,), rtol=1e-9, atol=1e-12)
-        y, time = run.y[:, -1], time + run.t[-1]
-        if run.status == 0:
-            break
-        if sign:
-            y[1] = 0.0
-            found.append((time, float(y[0])))
-        m = pull(y)
-        sign = float(np.sign(m)) if not sign or abs(m) > p["static"] else 0.0
-    return found
 
 
 def loop(numbers: dict[str, float]) -> Loop:
