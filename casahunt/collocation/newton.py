@@ -127,7 +127,14 @@ def newton(
         rounding = step.size <= ROUNDED and step.size > 0.3 * last
         # Secants shrink less quickly than Newton's steps do: where the extremum is, the next step is to show.
         if rounding or (turn is None and (step.size <= STEP_TOLERANCE or foreseen <= FORESEEN_STEP)):
-            return _arrived(t, start, u, lam, setting, row, iteration, largest_move)
+            # The solution after the last step, judged by the residual and, where that is not small, by the next step
+            try:
+                lin = t.linearise(u, setting.moved(lam))
+            except np.linalg.LinAlgError:
+                return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
+            residual = lin.residual_norm()
+            small = residual <= RESIDUAL_LIMIT or size_of_step(t, u, lin.step(row)[0]) <= ROUNDED
+            return Solution(u, lam, status_of(t, start, u, residual, small, largest_move), iteration, residual, lin)
         if step.size > (LOST if rough else DIVERGED) or (turn is None and iteration > 3 and step.size > 2 * last):
             break
         if (t.durations_of(u) <= 0).any():
@@ -174,41 +181,15 @@ def _step(t: Transcription, u: Array, setting: Setting, row: Array, turn: Turn |
         du, _, dlam = lin.step(row)
         size = size_of_step(t, u, du)
     else:
-        du, dlam, size = _towards_extremum(t, u, lin, row, turn)
+        # Newton's step at fixed a and the way along the curve, (du, dlambda) of both, and how large the larger one is
+        step, tangent = lin.step_and_tangent(row)
+        du, along, slope = lin.expand(step, 1.0), lin.expand(tangent, 0.0), tangent[-1:]
+        size, length, one = max(size_of_step(t, u, du), abs(float(step[-1]))), size_of_step(t, u, along), slice(None)
+        way = turn.way(one, np.array([size]), np.array([length]), slope)
+        further = float(way[0])
+        dlam = float(step[-1] + turn.rise(one, way, slope)[0])
+        du, dlam, size = (du + further * along, dlam, float(np.maximum(size, abs(further) * length)))
     return _Step(du, dlam, size, lin) if np.isfinite(size) else Status.SINGULAR
-
-
-def _towards_extremum(
-    t: Transcription, u: Array, lin: Linearisation, row: Array, turn: Turn
-) -> tuple[Array, float, float]:
-    """Newton's step at fixed a and the way along the curve, (du, dlambda) of both, and how large the larger one is."""
-    step, tangent = lin.step_and_tangent(row)
-    du, along, slope = lin.expand(step, 1.0), lin.expand(tangent, 0.0), tangent[-1:]
-    size, length, one = max(size_of_step(t, u, du), abs(float(step[-1]))), size_of_step(t, u, along), slice(None)
-    way = turn.way(one, np.array([size]), np.array([length]), slope)
-    further = float(way[0])
-    dlam = float(step[-1] + turn.rise(one, way, slope)[0])
-    return du + further * along, dlam, float(np.maximum(size, abs(further) * length))
-
-
-def _arrived(
-    t: Transcription,
-    start: Array,
-    u: Array,
-    lam: float,
-    setting: Setting,
-    row: Array,
-    iteration: int,
-    largest_move: float,
-) -> Solution:
-    """The solution after the last step, judged by the residual and, where that is not small, by the next step."""
-    try:
-        lin = t.linearise(u, setting.moved(lam))
-    except np.linalg.LinAlgError:
-        return Solution(u, lam, Status.SINGULAR, iteration, np.inf, None)
-    residual = lin.residual_norm()
-    small = residual <= RESIDUAL_LIMIT or size_of_step(t, u, lin.step(row)[0]) <= ROUNDED
-    return Solution(u, lam, status_of(t, start, u, residual, small, largest_move), iteration, residual, lin)
 
 
 def size_of_step(t: Transcription, u: Array, du: Array) -> float:

@@ -73,7 +73,13 @@ class OverArrays:
         `inputs` are the entries of every input: arrays, or numbers, that can be broadcast.
         """
         if not self.by_numpy:
-            return self._point_by_point(inputs)
+            # The same by CasADi
+            shape = np.broadcast_shapes(*(np.shape(entry) for entries in inputs for entry in entries))
+            columns = [np.array([np.broadcast_to(e, shape).ravel() for e in entries], float) for entries in inputs]
+            found = self._function.map(max(math.prod(shape), 1)).call([ca.DM(column) for column in columns])
+            values = [np.array(ca.densify(each).nonzeros()) for each in found]
+            return [list(each.reshape(-1, places).T.reshape(places, *shape)) for each, places in
+                    zip(values, self._places, strict=True)]  # fmt: skip
         w: list[Any] = [0.0] * self._width
         out: list[list[Any]] = [[0.0] * places for places in self._places]
         with np.errstate(all="ignore"):
@@ -87,12 +93,3 @@ class OverArrays:
                 else:
                     out[into[0]][into[1]] = w[of[0]]
         return out
-
-    def _point_by_point(self, inputs: Sequence[Sequence[Array]]) -> list[list[Any]]:
-        """The same by CasADi."""
-        shape = np.broadcast_shapes(*(np.shape(entry) for entries in inputs for entry in entries))
-        columns = [np.array([np.broadcast_to(e, shape).ravel() for e in entries], float) for entries in inputs]
-        found = self._function.map(max(math.prod(shape), 1)).call([ca.DM(column) for column in columns])
-        values = [np.array(ca.densify(each).nonzeros()) for each in found]
-        return [list(each.reshape(-1, places).T.reshape(places, *shape)) for each, places in
-                zip(values, self._places, strict=True)]  # fmt: skip

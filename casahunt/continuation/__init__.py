@@ -14,7 +14,6 @@ vanishing.py        where a phase shrinks to nothing, and where between two orbi
 bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
 stations.py         which steps of a branch must be looked at inside, and their orbits there
 crossings.py        what a branch passes from orbit to orbit
-reunion.py          where a branch meets its own image
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
 beyond_grazing.py   behind a grazing: the cycle that a branch goes on with
 equilibrium.py      the curve of equilibria of a mode, and the normal form of their Hopf bifurcations

@@ -29,7 +29,7 @@ from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
 from ..orbits.other_start import may_vanish
-from ..orbits.sequences import with_successor
+from ..orbits.sequences import nearest_touch, with_contact, with_successor, without
 from .curve import along, backwards, point_at, predict, solved_at
 from .grazing_contact import (
     NEAR_CONTACT,
@@ -95,9 +95,7 @@ def leads_elsewhere(orbit: Orbit) -> bool:
     return bool(undecided(*unknowns_of(orbit)))
 
 
-def behind_grazing(
-    orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, options: Options
-) -> Behind[AnyOrbit]:
+def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, options: Options) -> Behind[AnyOrbit]:
     """The grazing that a branch has come to, and the cycle that it goes on with.
 
     orbits, vary: of the branch, the last one that of a walk; and the name of the parameter.
@@ -105,11 +103,12 @@ def behind_grazing(
     last = orbits[-1]
     if leads_elsewhere(last):
         return _at_changed_successor(orbits, vary, options)
-    for _, fewer in last.problem.vanishing(*unknowns_of(last)):
-        without = solved_at(last.problem, fewer, options)
-        if without is not None and without.signature != last.signature and _alike(last, without):
-            return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, without))
-    distance, mode, event = last.problem.nearest_touch(*unknowns_of(last))
+    posed, start = last.problem.asked(), unknowns_of(last)
+    for _, fewer in without(posed, start):
+        other = solved_at(last.problem, fewer, options)
+        if other is not None and other.signature != last.signature and _alike(last, other):
+            return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, other))
+    distance, mode, event = nearest_touch(posed, start)
     if distance > NEAR_CONTACT:
         if (special := _phase_ends(last, vary)) is not None:
             return Behind(special, _clear_of_it(last, vary, options))
@@ -182,7 +181,7 @@ def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Opti
 def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle next to one that grazes an event which meets it, slowly; None where none was found."""
     family = cast(Cycles, orbit.problem)
-    start = family.with_contact(place.phase, place.event, *unknowns_of(orbit))
+    start = with_contact(family.asked(), unknowns_of(orbit), place.phase, place.event)
     if start is None:
         return None
     if start[0].phases > len(orbit.arcs) + 1:  # it leads to another mode, and from there back

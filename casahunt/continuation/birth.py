@@ -107,7 +107,13 @@ def born_at(
         sentence = f"mode {hopf.equilibrium.mode!r} has a closed form, and its cycles are not computed"
         raise InputError(f"{sentence}; state it by its field alone")
     options, measured = options or Options(tol=1e-9), measured_of(hopf.equilibrium.system, measure)
-    largest = _largest_radius(hopf, hopf.normal_form)
+    # The radius at which terms of the second or third order are as large as those of the first
+    form = hopf.normal_form
+    x = np.array(list(hopf.equilibrium.states.values()))
+    size = np.where(x != 0, np.abs(x), 1.0)
+    second = np.linalg.norm((np.abs(form.h_11) + np.abs(form.h_20)) / size) / np.linalg.norm(2 * form.q / size)
+    third = math.sqrt(abs(form.c) / form.omega)
+    largest = 1.0 / (max(float(second), third) or 1.0 / float(np.max(size)))
     for part in NEARER ** np.arange(BIRTHS):
         orbit = _solved(_foretold(hopf, hopf.normal_form, small * float(part) * largest), measured, options, began)
         if isinstance(orbit, SystemOrbit):
@@ -152,15 +158,6 @@ class _NormalFormCycle:
         z = self.rho * np.exp(1j * angle)[..., None]
         swings = (2 * z * form.q + z**2 * form.h_20).real + self.rho**2 * form.h_11
         return np.asarray(self.x + self.by * form.x_by_p[:, self.parameter] + swings)
-
-
-def _largest_radius(hopf: SpecialEquilibrium, form: NormalForm) -> float:
-    """The radius at which terms of the second or third order are as large as those of the first."""
-    x = np.array(list(hopf.equilibrium.states.values()))
-    size = np.where(x != 0, np.abs(x), 1.0)
-    second = np.linalg.norm((np.abs(form.h_11) + np.abs(form.h_20)) / size) / np.linalg.norm(2 * form.q / size)
-    third = math.sqrt(abs(form.c) / form.omega)
-    return 1.0 / (max(float(second), third) or 1.0 / float(np.max(size)))
 
 
 def _foretold(hopf: SpecialEquilibrium, form: NormalForm, rho: float) -> _NormalFormCycle:

@@ -108,7 +108,9 @@ def branch_off(
     if special.multiplicity > 1:
         raise NoOrbit(f"{special.meaning}: {SEVERAL}", Status.NOT_FOUND)
     options = options or Options(tol=max(TOLD_APART * orbit.error_estimate, 1e-8))
-    problem = family.closing(_twice(family.closure), _both_sections(family))
+    # How two pieces close: x(start) = S S x(end) - (c + S c)
+    S, c = np.array(family.closure.matrix), np.array(family.closure.shift)
+    problem = family.closing(Closure.of(S @ S, c + S @ c, 1), _both_sections(family))
     t, u, setting = unknowns_of(orbit)
     du = _turned_over(t, u, setting)
     direction = du[t.node_index[0]]
@@ -158,12 +160,6 @@ def _same_sides(orbit: Orbit, found: Orbit) -> bool:
     one, minus_one = int(np.argmin(np.abs(twice - 1))), int(np.argmin(np.abs(once + 1)))
     unstable = [int(np.sum(np.abs(np.delete(mu, k)) > 1)) for mu, k in ((twice, one), (once, minus_one))]
     return bool(abs(twice[one] - 1) <= NEAR_ONE and unstable[0] == unstable[1])
-
-
-def _twice(closure: Closure) -> Closure:
-    """How two pieces close: x(start) = S S x(end) - (c + S c)."""
-    S, c = np.array(closure.matrix), np.array(closure.shift)
-    return Closure.of(S @ S, c + S @ c, 1)
 
 
 def _both_sections(family: Cycles) -> tuple[Section, ...]:

@@ -93,23 +93,17 @@ def confirmed(
     except NoOrbit as refusal:
         if refusal.status is not Status.TOLERANCE_NOT_REACHED:
             raise
-        return _on_finer_meshes(special, vary, options, began, sense, refusal)
-
-
-def _on_finer_meshes(
-    special: SpecialPoint[Any], vary: str, options: Options, began: float, sense: float, refusal: NoOrbit
-) -> Any:
-    """The fold, located anew on meshes of halved intervals: its place along the branch is known less well than a cycle
-    at a given parameter is, and an estimate for the mesh does not see it.  Raises the refusal of the mesh itself."""
-    problem, (t, u, setting) = special.orbit.problem, unknowns_of(special.orbit)
-    for _ in range(MESH_HALVINGS):
-        t, u, fractions = on_halved_mesh(t, u, setting.fractions)
-        setting = replace(setting, fractions=fractions)
-        with suppress(NoOrbit):
-            found = turned_orbit(problem, (t, u, setting), vary, options, -sense * np.inf)
-            if found is not None:
-                return _on_its_mesh(special_point(FOLD, found, vary), vary, options, began, sense)
-    raise refusal
+        # The fold, located anew on meshes of halved intervals: its place along the branch is known less well than a
+        # cycle at a given parameter is, and an estimate for the mesh does not see it
+        problem, (t, u, setting) = special.orbit.problem, unknowns_of(special.orbit)
+        for _ in range(MESH_HALVINGS):
+            t, u, fractions = on_halved_mesh(t, u, setting.fractions)
+            setting = replace(setting, fractions=fractions)
+            with suppress(NoOrbit):
+                found = turned_orbit(problem, (t, u, setting), vary, options, -sense * np.inf)
+                if found is not None:
+                    return _on_its_mesh(special_point(FOLD, found, vary), vary, options, began, sense)
+        raise refusal
 
 
 def _on_its_mesh(special: SpecialPoint[AnyOrbit], vary: str, options: Options, began: float, sense: float) -> Any:

@@ -26,7 +26,7 @@ import numpy as np
 from ..collocation.admissibility import check_admissible
 from ..collocation.joints import event_rate
 from ..collocation.resolution import RESOLUTION
-from ..collocation.transcription import Setting, Transcription, transcribe
+from ..collocation.transcription import Transcription, transcribe
 from ..errors import InputError, NoOrbit, Status
 from ..hybrid.language import System
 from ..hybrid.system import Cycle, Exit, Signature, VectorEvent
@@ -36,7 +36,7 @@ from ..orbits.event_passage import passed, turning_values
 from ..orbits.family import Cycles
 from ..orbits.marched_mesh import cleared
 from ..orbits.orbit import AnyOrbit, Arc, Orbit, unknowns_of
-from ..orbits.restart import Start
+from ..orbits.sequences import Posed
 from ..roots import secant
 from .curve import CurvePoint, parameter_value, solved_at
 from .special_points import GRAZING, Monitor
@@ -93,12 +93,9 @@ class Loose(Cycles):
         strict: Cycles = self.kind(**{each.name: getattr(self, each.name) for each in fields(self.kind)})
         return strict
 
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
-        """None: the phases are those of the cycle that grazes.
-
-        t, u, setting, phase, soft: as in `Problem`.
-        """
-        return iter(())
+    def asked(self) -> Posed:
+        """With no other sequence: the phases are those of the cycle that grazes."""
+        return replace(super().asked(), alone=True)
 
 
 @lru_cache(maxsize=16)

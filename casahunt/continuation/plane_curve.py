@@ -127,7 +127,7 @@ def follow_curve(
     yield last
     share = ceiling = 1.0
     for _ in range(most):
-        step = share * _longest(last)
+        step = share * float(min(r / max(abs(t), 1e-9) for r, t in zip(last.chart.reach, last.tangent, strict=True)))
         found = _stepped(last, step, low, high)
         if isinstance(found, str):
             ceiling = CAUTION * share
@@ -148,22 +148,13 @@ def follow_curve(
         yield place
         if reached:
             return ""
-        angle = _angle(place.tangent, last.tangent, last.chart.reach)
+        # Angle between two directions where the largest steps in s and c count alike
+        a, b = place.tangent / last.chart.reach, last.tangent / last.chart.reach
+        angle = float(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
         share = min(ceiling, share * float(np.clip(EASY_ANGLE / max(angle, 1e-3), 0.4, 2.0)))
         ceiling = min(RECOVERY * ceiling, 1.0)
         last = place
     return f"stopped after {most} places"
-
-
-def _angle(one: Array, other: Array, reach: tuple[float, float]) -> float:
-    """Angle between two directions where the largest steps in s and c count alike."""
-    a, b = one / reach, other / reach
-    return float(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
-
-
-def _longest(place: PlanePoint) -> float:
-    """The largest step whose components are within reach."""
-    return float(min(r / max(abs(t), 1e-9) for r, t in zip(place.chart.reach, place.tangent, strict=True)))
 
 
 def _stepped(last: PlanePoint, step: float, low: float, high: float) -> tuple[PlanePoint, bool] | str:

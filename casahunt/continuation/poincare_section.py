@@ -40,7 +40,7 @@ from ..orbits.adapt import Options
 from ..orbits.closure import Section
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
-from ..orbits.other_start import may_vanish
+from ..orbits.other_start import may_vanish, rotated
 from ..orbits.restart import Start, from_segments
 from ..orbits.sequences import later, part_of, segments_of, start_of, uncut
 from ..roots import boundary
@@ -283,8 +283,9 @@ def same_events(one: Orbit, other: Orbit) -> bool:
     if any(ours[k:] + ours[:k] == theirs for k in range(max(len(ours), 1))):
         return True
     start: Any = unknowns_of(one)
+    posed = one.problem.asked()
     for _ in range(one.repeats * len(one.arcs) - 1):
-        start = one.problem.starting_at(1, *start)
+        start = rotated(posed, start, 1) if posed is not None else None
         if start is None or _unmarked(one, start[0].cycle.signature) == theirs:
             return start is not None
     return False
@@ -311,7 +312,7 @@ def cut_elsewhere(orbit: AnyOrbit, options: Options) -> AnyOrbit | None:
     """
     family, marks = cast(Cycles, orbit.problem), _marks(orbit)
     first = next(k for k in range(len(marks)) if not marks[k - 1])
-    start = family.starting_at(first, *unknowns_of(orbit)) if first else unknowns_of(orbit)
+    start = rotated(family.asked(), unknowns_of(orbit), first) if first else unknowns_of(orbit)
     whole = None if start is None else solved_at(family, start, options)
     if whole is None:
         return None
@@ -330,7 +331,7 @@ def _halved(family: Cycles, orbit: Orbit, options: Options) -> Any:
     """
     like, posed = unknowns_of(orbit), family.asked()
     k = max((k for k in range(like[0].phases) if like[0].counts[k]), key=lambda k: orbit.arcs[k].duration, default=None)
-    if k is None or (start := family.starting_at(k, *like) if k else like) is None:
+    if k is None or (start := rotated(posed, like, k) if k else like) is None:
         return None
     whole, *others = segments_of(*start)
     names = posed.image(whole, family.vector(), orbit.scale)

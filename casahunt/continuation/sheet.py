@@ -102,17 +102,6 @@ def _relative(problem: Problem, vary: str) -> bool:
     return problem.range_of(vary)[0] >= 0
 
 
-def relative_distance(problem: Problem, vary: str, value: float) -> float:
-    """How far another value of a parameter lies from the problem's own.
-
-    problem, vary, value: the problem, the name of the parameter, the other value.
-    Returns the logarithm of their ratio, or lambda where the parameter is not moved relative to its value.
-    """
-    if _relative(problem, vary):
-        return float(np.log(value / problem.value(vary)))
-    return problem.distance(vary, value)
-
-
 def grown(problem: Problem, vary: str, much: float) -> float:
     """The value of a parameter after a `relative_distance`.
 
@@ -192,7 +181,11 @@ class Sheet:
 
     def growth_to(self, orbit: Orbit) -> float:
         """The growth of the first parameter from here to an orbit."""
-        return relative_distance(self.orbit.problem, self.vary, parameter_value(orbit, self.vary))
+        # How far another value of a parameter lies from the problem's own
+        value = parameter_value(orbit, self.vary)
+        if _relative(self.orbit.problem, self.vary):
+            return float(np.log(value / self.orbit.problem.value(self.vary)))
+        return self.orbit.problem.distance(self.vary, value)
 
     def tilted(self, ahead: Orbit, m: float) -> Sheet:
         """The sheet that knows an orbit at (0, m): with its tilt, where mesh and phases are the same."""

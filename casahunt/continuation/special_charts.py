@@ -165,7 +165,14 @@ def special_chart(task: ChartSetting, reading: Evaluation, like: Sheet, m: float
         return beside
     above, below, phi_s = beside
     try:
-        fold = _extremum(task, orbit, vary, phi_s)
+        # The fold at an orbit, confirmed as the largest or the smallest value; None next to a cusp, and of other
+        # points
+        if task.monitor is not FOLD or abs(phi_s) <= NEXT_TO_CUSP:
+            fold = None
+        else:
+            point = SpecialPoint(FOLD.kind, orbit, "")
+            found: Fold = confirmed(point, vary, task.options, sense=1.0 if phi_s < 0 else -1.0)
+            fold = found
     except NoOrbit as refusal:
         return str(refusal)
     if fold is not None:
@@ -194,18 +201,6 @@ def special_chart(task: ChartSetting, reading: Evaluation, like: Sheet, m: float
         return f"the pair of multipliers meets at {_resonance(at > np.pi / 2)}"
     angle = at, (right - left) / (2 * DIFFERENCE), (up - down) / (step - back)
     return SpecialChart(task, sheet, (phi_s, phi_m), special, angle)
-
-
-def _extremum(task: ChartSetting, orbit: Orbit, vary: str, phi_s: float) -> Fold | None:
-    """The fold at an orbit, confirmed as the largest or the smallest value; None next to a cusp, and of other points.
-
-    Raises NoOrbit: it is not confirmed.
-    """
-    if task.monitor is not FOLD or abs(phi_s) <= NEXT_TO_CUSP:
-        return None
-    point = SpecialPoint(FOLD.kind, orbit, "")
-    found: Fold = confirmed(point, vary, task.options, sense=1.0 if phi_s < 0 else -1.0)
-    return found
 
 
 def _special_orbit(

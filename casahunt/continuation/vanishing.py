@@ -29,8 +29,9 @@ from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
-from ..orbits.other_start import may_vanish
+from ..orbits.other_start import may_vanish, rotated, strongest
 from ..orbits.restart import Start
+from ..orbits.sequences import nearest_touch, without
 from ..roots import boundary
 from .curve import along, backwards, curve_point, parameter_value, secant_direction, solved_at
 from .grazing_contact import CONTACT_RANGE, grazing_at
@@ -72,18 +73,19 @@ def orbit_at_contact(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit |
     if k in (0, len(orbit.arcs) - 1):  # it is joined with its neighbours; the image of the first phase is none yet
         orbit, _ = from_strongest(orbit, None, options)
     start = unknowns_of(orbit)
-    found = next(problem.vanishing(*start), None)
+    found = next(without(problem.asked(), start), None)
     contact = None if found is None else _contact(problem, start, found[0], vary, options.tol)
     if found is None or contact is None:
         return None
     (t, u, setting), lam, error = contact
     there = problem.with_value(vary, problem.moved(vary, lam))
-    alone = [fewer for gone, fewer in there.vanishing(t, u, setting.moved(lam)) if gone == found[0]]
-    with_image = (fewest for fewer in alone for _, fewest in islice(there.vanishing(*fewer), 1))
+    posed = there.asked()
+    alone = [fewer for gone, fewer in without(posed, (t, u, setting.moved(lam))) if gone == found[0]]
+    with_image = (fewest for fewer in alone for _, fewest in islice(without(posed, fewer), 1))
     for fewer in chain(alone, with_image):
-        without = solved_at(there, fewer, options)
-        if without is not None and without.signature != orbit.signature:
-            return cast(AnyOrbit, replace(without, parameter_error=max(without.parameter_error, error)))
+        other = solved_at(there, fewer, options)
+        if other is not None and other.signature != orbit.signature:
+            return cast(AnyOrbit, replace(other, parameter_error=max(other.parameter_error, error)))
     return None
 
 
@@ -103,13 +105,13 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
     orbit, previous: the cycle, and the one before it on the branch or None.
     Returns both; as they are where that is not known.
     """
-    family = orbit.problem
-    if previous is not None and previous.signature != orbit.signature:
+    posed = orbit.problem.asked()
+    if posed is None or previous is not None and previous.signature != orbit.signature:
         return orbit, previous
-    first = family.strongest(*unknowns_of(orbit))
+    first = strongest(unknowns_of(orbit))
     turned = []
     for one in (orbit,) if previous is None else (orbit, previous):
-        start = family.starting_at(first, *unknowns_of(one)) if first else None
+        start = rotated(posed, unknowns_of(one), first) if first else None
         found = None if start is None else solved_at(one.problem, start, options)
         if found is None:
             return orbit, previous
@@ -240,7 +242,7 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
         if gone is not None and _on_the_way(before, gone, after, vary):
             return gone
     last = last_before(fewer, more, vary, options, lambda orbit: orbit.signature != fewer.signature)
-    distance, _, event = last.problem.nearest_touch(*unknowns_of(last))
+    distance, _, event = nearest_touch(last.problem.asked(), unknowns_of(last))
     contact = grazing_at(last, event, vary, options) if distance <= CONTACT_RANGE else None
     return replace(last, parameter_error=UNLOCATED) if contact is None else contact[1]
 

@@ -31,6 +31,7 @@ from ..orbits.adapt import Options, first_solved, solve_adaptively
 from ..orbits.bordering import with_other_phases
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, SolvedOrbit, orbit_of
 from ..orbits.restart import Start
+from ..orbits.simulated_phases import expected
 from .curve import (
     CurvePoint,
     along,
@@ -145,7 +146,9 @@ def walk(
     largest_step = largest_step or start.problem.largest_step
     ds, last, ceiling = first_step, start, largest_step
     for _ in range(max_points):
-        ds = _within_change(point, last, vary, ds, largest_change)
+        # A step in which the parameter changes by no more than it may, as far as the tangent tells
+        per_step = abs(float(point.row[-1]) * last.problem.unit(vary))
+        ds = ds if largest_change is None or per_step * ds <= largest_change else largest_change / per_step
         outcome = _step_and_tangent(point, last, vary, ds, low, high, options)
         while isinstance(outcome, str) or _changes_more(last, outcome[0], vary, largest_change):
             ceiling = CAUTION * ds
@@ -170,12 +173,6 @@ def walk(
 
 def _reached(orbit: Orbit, vary: str) -> Stopped:
     return Stopped(f"{vary} reached {parameter_value(orbit, vary):.6g}, the end of the range", "range")
-
-
-def _within_change(point: CurvePoint, last: Orbit, vary: str, ds: float, largest: float | None) -> float:
-    """A step in which the parameter changes by no more than it may, as far as the tangent tells."""
-    per_step = abs(float(point.row[-1]) * last.problem.unit(vary))
-    return ds if largest is None or per_step * ds <= largest else largest / per_step
 
 
 def _changes_more(last: Orbit, orbit: Orbit, vary: str, largest: float | None) -> bool:
@@ -303,7 +300,9 @@ def corrected(
     """
     t, u, setting = predicted
     start = t, u, setting.moved(lam)
-    solved = first_solved(problem, problem.expected(*start), options, solver="newton", border=border, soft=False)
+    solved = first_solved(
+        problem, expected(problem.asked(), start), options, solver="newton", border=border, soft=False
+    )
     if not solved.status.ok and abs(ds) < SOFT_STEP:
         return solve_adaptively(problem, start, options, solver="newton", border=border)
     return solved

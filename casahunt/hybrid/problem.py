@@ -4,15 +4,14 @@ A problem is a family of cycles, x' = f_k(x; p), h_k(x, T; p) = 0, x(start) = S 
 
     names, vector         the parameters p, by name and as numbers;  with_value changes one
     cycle                 phase sequence -> the boundary value problem
-    next_sequence, split, remarch, expected, vanishing
-                          where a sequence has stopped being a motion: starting points for the one that comes next
+    asked                 where a sequence has stopped being a motion: how others are found (orbits/sequences.py)
     scheme, largest_step  how it is best computed, where the user does not say
     principal             the parameter that is followed by default, and freed where at fixed p the equations are
                           singular: next to a fold
     title, orbit_type     what refusals call it; the class in which its orbits come back (and fold_type)
     system                what moves so, of which other motions can be asked; None where one cycle is all that is known
-    sections, marks, forced, strongest, starting_at, with_contact, nearest_touch
-                          where its cycles are cut, and what they graze: of a cycle alone there is nothing to know
+    sections, marks, forced
+                          where its cycles are cut: of a cycle alone there is nothing to know
 
 A starting point is (transcription, unknowns, setting) of whoever solves (orbits/restart.py); nothing here computes.
 
@@ -23,7 +22,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import 
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -216,136 +215,6 @@ class Problem(ABC):
             dp[self.names.index(name)] = 1.0
         return dp
 
-    def next_sequence(self, t: Any, u: Array, setting: Any, phase: int, *, soft: bool) -> Iterable[Any]:
-        """Starting points for other phase sequences, where one has stopped being a motion.
-
-        Parameters
-        ----------
-        t, u, setting
-            a root of the equations that is no motion: transcription, unknowns, setting.
-        phase, soft
-            index of the phase that is none any more; whether also last resorts, that converge everywhere, but slowly.
-
-        Returns
-        -------
-        Starting points, most promising first.
-        """
-        return []
-
-    def split(self, t: Any, u: Array, setting: Any, phase: int) -> Any | None:
-        """An orbit with boundaries where one of its phases passes events.
-
-        Parameters
-        ----------
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-        phase
-            number of the phase.
-
-        Returns
-        -------
-        Starting point; None where it has no such phases.
-        """
+    def asked(self) -> Any | None:
+        """What orbits/sequences.py must know to find other phase sequences; None where there is but one."""
         return None
-
-    def remarch(self, t: Any, u: Array, setting: Any) -> Any | None:
-        """The phases that the motion from the start of an orbit really has.
-
-        Parameters
-        ----------
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point; None where unknown.
-        """
-        return None
-
-    def expected(self, t: Any, u: Array, setting: Any) -> Iterable[Any]:
-        """Starting points to try from a predicted point of a branch, before any last resort.
-
-        Parameters
-        ----------
-        t, u, setting
-            that point: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting points, in turn.
-        """
-        return [(t, u, setting)]
-
-    def vanishing(self, t: Any, u: Array, setting: Any) -> Iterator[tuple[int, Any]]:
-        """The phases of a cycle that may be about to vanish, and the cycle without each.
-
-        Parameters
-        ----------
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Yields
-        ------
-        Number of the phase, and starting point, the most promising first; none where nobody knows.
-        """
-        return iter(())
-
-    def strongest(self, t: Any, u: Array, setting: Any) -> int:
-        """The phase at whose start an event is crossed the fastest: with which the cycle had best begin.
-
-        Parameters
-        ----------
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Number of the phase.
-        """
-        return 0
-
-    def starting_at(self, first: int, t: Any, u: Array, setting: Any) -> Any | None:
-        """The same cycle from another phase on.
-
-        Parameters
-        ----------
-        first
-            number of the phase.
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point; None where it cannot be had.
-        """
-        return None
-
-    def with_contact(self, phase: int, event: str, t: Any, u: Array, setting: Any) -> Any | None:
-        """A cycle that grazes an event inside a phase, as one that meets it with no speed.
-
-        Parameters
-        ----------
-        phase, event
-            number of the phase, and name of the event.
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Starting point; None where it does not, or nobody knows.
-        """
-        return None
-
-    def nearest_touch(self, t: Any, u: Array, setting: Any) -> tuple[float, str, str]:
-        """How near a cycle comes to an event that it does not meet.
-
-        Parameters
-        ----------
-        t, u, setting
-            an orbit: transcription, unknowns, setting.
-
-        Returns
-        -------
-        Relative distance, mode and event; infinite where nobody knows.
-        """
-        return math.inf, "", ""

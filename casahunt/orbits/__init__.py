@@ -2,7 +2,6 @@
 
     G(u) = 0,    |error of period and amplitude| <= tol,    multipliers: eigenvalues of S dx(T)/dx(0)
 
-qr_chain.py  orthogonal iteration along a chain of small matrices
 graded.py    eigenvalues of a product that spans many decades
 map_chain.py the linearised map of a cycle, in factors
 floquet.py   Floquet multipliers
@@ -17,21 +16,20 @@ batched_multipliers.py the multipliers of many orbits
 restart.py   starting points for another phase sequence
 options.py   how orbits are computed
 bordering.py the row under which the parameter is free
+closure.py   how a cycle of a user's system closes, and where it is cut
+recurrence.py  when a motion repeats, as it is or mirrored
+watching.py  a first look at a motion: sizes, where it is cut
+sequences.py   other phase sequences, where one has stopped being a motion
+simulated_phases.py the phases that the motion itself has
+other_start.py the same cycle from another of its boundaries
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 one_of_many.py whether a cycle is one of many at the same parameters
 fold_side.py on which side of a fold a cycle lies
 ensemble.py  cycles of many problems near one whose cycle is known
 npz_arrays.py arrays of a file, unpacked within limits
 archive.py   orbits in files
-closure.py   how a cycle of a user's system closes, and where it is cut
 system_orbit.py  a cycle of a user's system, as its user reads it
-recurrence.py  when a motion repeats, as it is or mirrored
-watching.py  a first look at a motion: sizes, where it is cut
 returning.py a motion followed until it comes back
-sequences.py   other phase sequences, where one has stopped being a motion
-simulated_phases.py the phases that the motion itself has
-stated_cycle.py the cycle with given phases, as data
-other_start.py the same cycle from another of its boundaries
 family.py    the cycles of a user's system at one p
 marched_mesh.py  from a motion that is not yet the orbit to the orbit
 saved_cycle.py cycles of a user's system in files

@@ -34,6 +34,8 @@ from .bordering import curve_border, with_other_phases
 from .options import Options
 from .orbit import AnyOrbit, SolvedOrbit, orbit_of, unknowns_of
 from .restart import Start
+from .sequences import split
+from .simulated_phases import expected, marched, other_sequences
 
 Array = np.ndarray
 
@@ -70,7 +72,7 @@ def solve_adaptively(
     A solver named in `options` makes all the solves, alone; border: weights (n + 2,) of the first node, of ln T_1 and
     of lambda; the correction is orthogonal to them and lambda is free.  None holds lambda at zero; bend: with a border
     row along the curve, sought is the extremum of lambda; about d2 lambda/d a2 there, as of a `Turn`; soft: allow last
-    resorts among the phase sequences (Problem.next_sequence). Returns Solved, whose status says how it ended. Raises
+    resorts among the phase sequences (other_sequences). Returns Solved, whose status says how it ended. Raises
     ValueError: the cycle of `start` is none of the problem's.
     """
     t = start[0]
@@ -103,7 +105,7 @@ def first_solved(problem: Problem, starts: Iterable[Start], options: Options, **
 def or_expected(problem: Problem, start: Start) -> Iterator[Start]:
     """A starting point, and those with the other phases that the problem expects there."""
     yield start
-    for other in problem.expected(*start):
+    for other in expected(problem.asked(), start):
         if other[0].cycle != start[0].cycle:
             yield other
 
@@ -121,7 +123,18 @@ def _adapted(task: _Adaptation, root: _Root, spent: _Spent) -> SolvedOrbit:
         verdict = check_admissible(root.t, root.solution.u, root.moved)
         spent.barely = verdict.barely
         if verdict.violated:
-            following = _next_sequence(task, root, verdict, spent)
+            # A root with other phases, where one of these has stopped being a motion, and what it is a root of
+            spent.sequences += 1
+            (before, lowest), mode = spent.wrong, root.t.cycle.phases[verdict.phase].mode.name
+            as_wrong = mode == before and abs(verdict.lowest - lowest) <= AS_WRONG * abs(lowest)
+            # a wrong root stays one, whatever short phase it is relieved of
+            if spent.sequences > MAX_SEQUENCES or as_wrong:
+                following = None
+            else:
+                spent.changes, spent.wrong = 0, (mode, verdict.lowest)
+                posed, wrong = task.problem.asked(), (root.t, root.solution.u, root.moved)
+                starts = other_sequences(posed, wrong, verdict.phase, soft=task.soft)
+                following = _first_converging(task, starts, root)
             if following is None:
                 return root.ended(Status.INADMISSIBLE, spent, verdict.violated)
             (task, root), accepted = following, None
@@ -129,7 +142,14 @@ def _adapted(task: _Adaptation, root: _Root, spent: _Spent) -> SolvedOrbit:
         accepted, verdict = _estimated(task, root, verdict, spent)
         if accepted.status is not Status.TOLERANCE_NOT_REACHED:
             return accepted
-        breaks = _better_mesh(task, accepted, verdict, spent)
+        # Breaks for the tolerance; where it holds already, shorter intervals where it is not clear what a phase is
+        e, tol = accepted.estimate, task.options.tol
+        assert e is not None
+        if e.error <= tol and presentable(e, task.options):
+            breaks = quartered_where(accepted.t, accepted.setting.fractions, verdict.unclear)
+        else:
+            breaks = better_breaks(accepted.t, accepted.setting.fractions, e, tol, spent.changes)
+            spent.changes += 1
         if sum(b.size - 1 for b in breaks) > MAX_INTERVALS:
             return accepted
         root = _on_better_mesh(task, accepted, breaks, spent)
@@ -182,20 +202,6 @@ class _Root:
         return SolvedOrbit(self.t, self.solution, self.setting, None, status, spent.iterations, note)
 
 
-def _next_sequence(
-    task: _Adaptation, root: _Root, verdict: Admissibility, spent: _Spent
-) -> tuple[_Adaptation, _Root] | None:
-    """A root with other phases, where one of these has stopped being a motion, and what it is a root of."""
-    spent.sequences += 1
-    (before, lowest), mode = spent.wrong, root.t.cycle.phases[verdict.phase].mode.name
-    as_wrong = mode == before and abs(verdict.lowest - lowest) <= AS_WRONG * abs(lowest)
-    if spent.sequences > MAX_SEQUENCES or as_wrong:  # a wrong root stays one, whatever short phase it is relieved of
-        return None
-    spent.changes, spent.wrong = 0, (mode, verdict.lowest)
-    starts = task.problem.next_sequence(root.t, root.solution.u, root.moved, verdict.phase, soft=task.soft)
-    return _first_converging(task, starts, root)
-
-
 def _with_passed_event(task: _Adaptation, known: SolvedOrbit, spent: _Spent) -> SolvedOrbit | None:
     """A solution that passes an event by little, with boundaries there, where there is such a one.
 
@@ -204,15 +210,15 @@ def _with_passed_event(task: _Adaptation, known: SolvedOrbit, spent: _Spent) -> 
     far would find nothing to go on with.
     """
     spent.sequences += 1
-    phase, root = spent.barely, _Root(known.t, known.setting, known.solution)
-    if spent.sequences > MAX_SEQUENCES:
+    phase, root, posed = spent.barely, _Root(known.t, known.setting, known.solution), task.problem.asked()
+    if spent.sequences > MAX_SEQUENCES or posed is None:
         return None
     for fine in (False, True):  # on shorter intervals the polynomials are cut more exactly
         if fine:
             root = _on_mesh(task, known, halved(phase_breaks(known.t, known.setting.fractions)))
-        start = task.problem.split(root.t, root.solution.u, root.moved, phase) if root.solution.status.ok else None
-        split = None if start is None else _first_converging(task, [start], root)
-        found = None if split is None else _adapted(*split, spent)
+        start = split(posed, (root.t, root.solution.u, root.moved), phase) if root.solution.status.ok else None
+        cut = None if start is None else _first_converging(task, [start], root)
+        found = None if cut is None else _adapted(*cut, spent)
         if found is not None and found.status.ok:
             return found
     return None
@@ -225,7 +231,9 @@ def _estimated(
     t, u, tol = root.t, root.solution.u, task.options.tol
     row = None if task.border is None else curve_border(t, u, task.border)
     if task.options.provisional and verdict.admissible:
-        e = _unknown(t, u, root.moved, border=row)
+        # What is known of the errors of a solution where they are not estimated
+        of_parameter = 0.0 if row is None else np.inf
+        e = Estimate(np.inf, np.inf, of_parameter, np.zeros(t.intervals), shape(t, u), measured(t, u, root.moved))
         if presentable(e, task.options):
             return _accepted(task, root, e, spent), verdict
     e = estimated(t, u, root.moved, border=row, accepted=tol)
@@ -248,23 +256,6 @@ def _accepted(task: _Adaptation, root: _Root, e: Estimate, spent: _Spent) -> Sol
     return SolvedOrbit(root.t, root.solution, root.setting, e, status, spent.iterations, off=spent.off, border=border)
 
 
-def _unknown(t: Transcription, u: Array, setting: Setting, *, border: Array | None) -> Estimate:
-    """What is known of the errors of a solution where they are not estimated."""
-    of_parameter = 0.0 if border is None else np.inf
-    return Estimate(np.inf, np.inf, of_parameter, np.zeros(t.intervals), shape(t, u), measured(t, u, setting))
-
-
-def _better_mesh(task: _Adaptation, known: SolvedOrbit, verdict: Admissibility, spent: _Spent) -> list[Array]:
-    """Breaks for the tolerance; where it holds already, shorter intervals where it is not clear what a phase is."""
-    e, tol = known.estimate, task.options.tol
-    assert e is not None
-    if e.error <= tol and presentable(e, task.options):
-        return quartered_where(known.t, known.setting.fractions, verdict.unclear)
-    breaks = better_breaks(known.t, known.setting.fractions, e, tol, spent.changes)
-    spent.changes += 1
-    return breaks
-
-
 def _on_better_mesh(task: _Adaptation, known: SolvedOrbit, breaks: list[Array], spent: _Spent) -> _Root:
     """The solution corrected on another mesh, by way of the halved one or of a march where it is lost there."""
     root = _on_mesh(task, known, breaks)
@@ -272,12 +263,11 @@ def _on_better_mesh(task: _Adaptation, known: SolvedOrbit, breaks: list[Array], 
         # A mesh that moves too much at once can lose the solution; cutting every interval seldom does.
         spent.changes = len(COARSENING)
         root = _on_mesh(task, known, halved(phase_breaks(known.t, known.setting.fractions)))
-    if not root.solution.status.ok and not spent.marched:
+    if not root.solution.status.ok and not spent.marched and (posed := task.problem.asked()) is not None:
         # What both meshes show may be too coarse a picture of the motion: look at the motion itself.
         spent.marched = True
-        again = task.problem.remarch(known.t, known.solution.u, known.setting.moved(known.solution.parameter))
-        if again is not None:
-            t, u, fresh = again
+        moved = known.setting.moved(known.solution.parameter)
+        for t, u, fresh in marched(posed, (known.t, known.solution.u, moved))[:1]:
             root = _corrected(task, (t, u, replace(fresh, p=known.setting.p)), "newton", known.solution)
     return root
 

@@ -179,7 +179,14 @@ class _CycleSearch(Returning):
                 if orbit is not None:
                     return orbit
                 self.near = max(r.distance, 1e-12) / 10
-                self.check_hope(r)
+                # Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for
+                if r.distance < EXACTLY:
+                    if self.rests(r.phases):
+                        raise self.at_rest()
+                    raise self.not_met(f"the motion repeats after {_phases_of(r)}, but its cycle was not computed")
+                self.long += r.phases > FEW_PHASES
+                if self.long >= MOST_LONG:
+                    raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
             if self.reached is not None:
                 return self.once_round(self.reached) or self.reached
             self.check_patience()
@@ -248,16 +255,6 @@ class _CycleSearch(Returning):
         with suppress(NoOrbit):
             orbit = search.run()
             yield motion.backwards(segments_of(*unknowns_of(orbit)), cast(Family, orbit.problem).closure)
-
-    def check_hope(self, r: Recurrence) -> None:
-        """Raise NotMet where a recurrence that gave no cycle leaves none to be hoped for."""
-        if r.distance < EXACTLY:
-            if self.rests(r.phases):
-                raise self.at_rest()
-            raise self.not_met(f"the motion repeats after {_phases_of(r)}, but its cycle was not computed")
-        self.long += r.phases > FEW_PHASES
-        if self.long >= MOST_LONG:
-            raise self.not_met(f"the motion repeats only nearly, after {_phases_of(r)}, without settling")
 
     # Solve and accept -----------------------------------------------------------------------------------------
 

@@ -3,35 +3,93 @@
 A cycle is given by its phases, in the words of the system, and by how it closes,
 
     x(start) = S x(end) - c,    S^repeats = 1        (closure.py)
+
+The cycle with given phases of a user's system, as data: what its system says of each, and what must follow it.
+
+(mode, event), ..., how it closes     ->      Cycle (hybrid/system.py), equal for equal systems and signatures
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import lru_cache
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ..checks import choice_of, number
-from ..collocation.transcription import Setting, Transcription
 from ..hybrid.expressions import check_scalar
 from ..hybrid.language import Function, System
 from ..hybrid.problem import Kind, Problem
-from ..hybrid.system import Cycle, Feature, Signature
+from ..hybrid.system import Cycle, Feature, Phase, Signature, VectorSystem
 from ..hybrid.vector_form import Names
 from ..motion.phases import Segment
-from .closure import Closure, Section, with_sections
+from .closure import Closure, Plane, Section, with_sections
 from .observables import scalar_of
-from .other_start import rotated, strongest
-from .recurrence import image_of
-from .restart import Start
-from .sequences import Posed, in_parts, nearest_touch, split, unsplit, with_contact, without
-from .simulated_phases import marched
-from .stated_cycle import cycle_of, mode_after_last
+from .recurrence import TRIED, image_of
+from .sequences import Posed, parts_of
 from .system_orbit import SystemOrbit
+
+
+def mode_after_last(system: System, closure: Closure, signature: Signature, p: Array) -> str:
+    """The mode that follows the last phase: the first, or what that is one computed piece later; "" if not known."""
+    if np.array_equal(closure.matrix, np.eye(len(closure.matrix))):
+        return signature[0][0]
+    return _image(system, closure, p.tobytes(), signature[0][0])
+
+
+@lru_cache(maxsize=256)
+def _image(system: System, closure: Closure, p: bytes, mode: str) -> str:
+    """The image of a mode one computed piece later, however it ends, at parameters p as bytes; "" where it has none."""
+    form, n = system.vector_form, len(system.names.entries)
+    states = np.random.default_rng(0).standard_normal((TRIED, n))
+    for way_out in form.exits[mode]:
+        jumped = None if way_out.reset is None else states[0]
+        segment = Segment(mode, way_out.event.name, 1.0, np.array([0.0, 1.0]), states, states[0], jumped)
+        if (image := image_of(form, segment, closure, np.frombuffer(p), np.ones(n))) is not None:
+            return image[0]
+    return ""
+
+
+@lru_cache(maxsize=256)
+def cycle_of(
+    system: System, sections: tuple[Section, ...], closure: Closure, measured: int | Feature, signature: Signature,
+    after: str | None,
+) -> Cycle:  # fmt: skip
+    """The cycle with these phases.
+
+    measured: as of a `Cycle`; after: the mode behind its last phase, "" where that is not known; None where conditions
+    say all, and neither ways out nor successors are looked at.
+    Raises ValueError: the system has no such phase.
+    """
+    form = with_sections(system, sections)
+    phases = []
+    for (mode, event), (follower, _) in zip(signature, (*signature[1:], (after, "")), strict=True):
+        ways_out = form.ways_out(mode, event) or tuple(
+            way for part in parts_of(form, mode) for way in form.ways_out(part.name, event)
+        )
+        if not ways_out:
+            raise ValueError(f"{system.name}: no cycle with the phases {signature}: no {mode!r} ends with {event!r}")
+        way_out, direction = ways_out[0], sum(e.direction for e in ways_out)  # 0 for either way
+        exits = tuple(e for e in form.exits[mode] if not isinstance(e.event.function, Plane))
+        watch = () if after is None else (direction, exits, _read_as(form, follower or ""))
+        phases.append(Phase(form.modes[mode], way_out.event, way_out.reset, *watch))
+    shift = closure.shift if any(closure.shift) else ()
+    return Cycle(
+        system.name, form.states, system.names.parameters, tuple(phases),
+        np.array(closure.matrix), closure.repeats, measured, shift,
+    )  # fmt: skip
+
+
+def _read_as(form: VectorSystem, mode: str) -> tuple[str, ...]:
+    """The mode, and what it is a part of, and the other parts of that: between them the field has but a kink."""
+    if not mode:
+        return ()
+    whole = form.modes[mode].unsplit or mode
+    return tuple(name for name, other in form.modes.items() if (other.unsplit or name) == whole)
+
+
 
 Array = np.ndarray
 
@@ -116,147 +174,8 @@ class Cycles(Problem):
         """What is measured, as a cycle knows it: `Cycle.measured`."""
         return scalar_of(self.measured, self.system.names)
 
-    def next_sequence(self, t: Transcription, u: Array, setting: Setting, phase: int, *, soft: bool) -> Iterator[Start]:
-        """Boundaries put in where the root crosses exits; a short phase taken out; the phases of the motion itself.
-
-        Parameters
-        ----------
-        t, u, setting, phase, soft
-            as in `Problem`; the last resort is a part of a mode left unsplit.
-
-        Yields
-        ------
-        Starting points, most promising first: to follow the motion takes longer than all else, and is not done where a
-        point before it serves.
-        """
-        start, posed = (t, u, setting), self.asked()
-        if (more := split(posed, start, phase)) is not None:
-            yield more
-        yield from (fewer for _, fewer in islice(without(posed, start), 1))
-        if soft and (softer := unsplit(posed, start, phase)) is not None:
-            yield softer
-        yield from marched(posed, start)
-
-    def split(self, t: Transcription, u: Array, setting: Setting, phase: int) -> Start | None:
-        """Boundaries put in where a phase passes events: see `sequences.split`.
-
-        Parameters
-        ----------
-        t, u, setting, phase
-            as in `Problem`.
-
-        Returns
-        -------
-        Starting point; None where it does not come back.
-        """
-        return split(self.asked(), (t, u, setting), phase)
-
-    def remarch(self, t: Transcription, u: Array, setting: Setting) -> Start | None:
-        """The phases that the motion really has.
-
-        Parameters
-        ----------
-        t, u, setting
-            as in `Problem`.
-
-        Returns
-        -------
-        Starting point; None where the motion does not lead back.
-        """
-        return next(iter(marched(self.asked(), (t, u, setting))), None)
-
-    def expected(self, t: Transcription, u: Array, setting: Setting) -> Iterator[Start]:
-        """The sequence at hand; then without a phase that is about to vanish, and without its image in the other half.
-
-        Unsplit phases are the parts that they mostly are by now.
-
-        Parameters
-        ----------
-        t, u, setting
-            as in `Problem`.
-
-        Yields
-        ------
-        Starting points, in turn.
-        """
-        yield (start := in_parts(self.asked(), (t, u, setting)))
-        for _ in range(2):
-            if (fewer := next(self.vanishing(*start), None)) is None:
-                return
-            yield (start := fewer[1])
-
-    def vanishing(self, t: Transcription, u: Array, setting: Setting) -> Iterator[tuple[int, Start]]:
-        """The phases that may be about to vanish, and the cycle without each.
-
-        Parameters
-        ----------
-        t, u, setting
-            as in `Problem`.
-
-        Yields
-        ------
-        Number of the phase, and starting point.
-        """
-        return without(self.asked(), (t, u, setting))
-
-    def strongest(self, t: Transcription, u: Array, setting: Setting) -> int:
-        """The phase at whose start an event is crossed the fastest: the last one to become a contact.
-
-        Parameters
-        ----------
-        t, u, setting
-            as in `Problem`.
-
-        Returns
-        -------
-        Number of the phase.
-        """
-        return strongest((t, u, setting))
-
-    def starting_at(self, first: int, t: Transcription, u: Array, setting: Setting) -> Start | None:
-        """The same cycle from another phase on.
-
-        Parameters
-        ----------
-        first, t, u, setting
-            as in `Problem`.
-
-        Returns
-        -------
-        Starting point; None where the images of its phases are not known.
-        """
-        return rotated(self.asked(), (t, u, setting), first)
-
-    def with_contact(self, phase: int, event: str, t: Transcription, u: Array, setting: Setting) -> Start | None:
-        """A cycle that grazes an event, as one that meets it with no speed: see `sequences.with_contact`.
-
-        Parameters
-        ----------
-        phase, event, t, u, setting
-            as in `Problem`.
-
-        Returns
-        -------
-        Starting point; None where it does not.
-        """
-        return with_contact(self.asked(), (t, u, setting), phase, event)
-
-    def nearest_touch(self, t: Transcription, u: Array, setting: Setting) -> tuple[float, str, str]:
-        """How near a cycle comes to an exit that it does not meet: see `sequences.nearest_touch`.
-
-        Parameters
-        ----------
-        t, u, setting
-            as in `Problem`.
-
-        Returns
-        -------
-        Relative distance, mode and event.
-        """
-        return nearest_touch(self.asked(), (t, u, setting))
-
     def asked(self) -> Posed:
-        """What sequences.py asks of it."""
+        """What sequences.py must know of it."""
         form, closure = with_sections(self.system, self.sections), self.closure
 
         def cycle(signature: Signature) -> Cycle:

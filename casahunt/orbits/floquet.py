@@ -139,7 +139,13 @@ def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None)
     at a node, for rounding next to an equilibrium, and has no direction there.
     """
     if not _moves(chain):
-        return _unknown(len(chain.flows[0]), repeats)
+        # Multipliers of which nothing is known
+        n = len(chain.flows[0])
+        nothing, nan = np.full(n, np.nan, complex), math.nan
+        return Multipliers(
+            half=nothing, full=nothing, leading=complex(nan), log10_leading=nan, trivial_error=math.inf, error=math.inf,
+            rounding=math.inf, floor=np.full(n, math.inf), repeats=repeats, frame=np.eye(n - 1),
+        )  # fmt: skip
     bases = _complements(np.asarray(chain.flows))
     found = spectrum(_transversal(chain, bases), np.append(chain.noise, FACTOR_ROUNDING), frame)
     others = found.values.astype(complex)
@@ -167,15 +173,6 @@ def chain_multipliers(chain: MapChain, repeats: int, frame: Array | None = None)
 def _moves(chain: MapChain) -> bool:
     """Whether the motion has a direction at every node."""
     return bool(np.isfinite(chain.factors).all() and np.any(chain.flows, axis=1).all())
-
-
-def _unknown(n: int, repeats: int) -> Multipliers:
-    """Multipliers of which nothing is known."""
-    nothing, nan = np.full(n, np.nan, complex), math.nan
-    return Multipliers(
-        half=nothing, full=nothing, leading=complex(nan), log10_leading=nan, trivial_error=math.inf, error=math.inf,
-        rounding=math.inf, floor=np.full(n, math.inf), repeats=repeats, frame=np.eye(n - 1),
-    )  # fmt: skip
 
 
 def rough_multipliers(chain: MapChain, frame: Array | None = None) -> tuple[Array, Array]:

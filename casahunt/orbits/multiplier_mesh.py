@@ -126,7 +126,19 @@ def _refining(
     start: Place = (t, u, setting)
     if lin is None:
         lin = t.linearise(u, replace(setting, dp=setting.dp * (setting.dp @ setting.p or 1.0)))
-    weights = _fold_border(t, lin)
+    # Weights of the phase-end nodes along which to hold u where the parameter cannot be held: next to a fold. There
+    # the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the error of the
+    # coarser one
+    rhs = np.zeros(t.system.size)
+    rhs[-1] = 1.0
+    y = t.system.solve(lin.matrix(t.system.border(parameter=1.0)), rhs)  # as `lin.tangent`
+    length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
+    if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:
+        weights = None
+    else:
+        first = y[: t.n] / length if np.isfinite(length) else np.ones(t.n)
+        weights = np.zeros((t.phases + 1, t.n))
+        weights[0] = first
     own = _SolvedForMultipliers(start, collocation_chain(t, u, setting, lin))
     coarse, frame = floquet.rough_multipliers(own.chain)
     parts = np.maximum(_parts(own), 2)
@@ -227,21 +239,3 @@ def _solved(place: Place, parts: Array, weights: Array | None, solver: Solver) -
         return None
     u, setting = solution.u, setting.moved(solution.parameter)
     return _SolvedForMultipliers((t, u, setting), collocation_chain(t, u, setting, solution.linearisation))
-
-
-def _fold_border(t: Transcription, lin: Linearisation) -> Array | None:
-    """Weights of the phase-end nodes along which to hold u where the parameter cannot be held: next to a fold.
-
-    There the equations at a fixed parameter are singular; on a finer mesh it must be free to move by the
-    error of the coarser one.
-    """
-    rhs = np.zeros(t.system.size)
-    rhs[-1] = 1.0
-    y = t.system.solve(lin.matrix(t.system.border(parameter=1.0)), rhs)  # as `lin.tangent`
-    length = float(np.linalg.norm(np.append(y[: t.n], y[-1])))
-    if np.isfinite(length) and abs(y[-1]) > NEXT_TO_FOLD * length:
-        return None
-    first = y[: t.n] / length if np.isfinite(length) else np.ones(t.n)
-    weights = np.zeros((t.phases + 1, t.n))
-    weights[0] = first
-    return weights

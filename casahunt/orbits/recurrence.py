@@ -186,7 +186,10 @@ def is_symmetry(
         on = np.vstack([one.w[:: max(1, len(one.w) // TRIED), : scale.size] for one, _ in alike])
         x = np.vstack([on, on + TRIED_AROUND * scale * rng.standard_normal(on.shape)])
         y = image(x)
-        if not (_same_events(form, a, b, x, y, p) and _same_limits(form, a, b, x, y, p)):
+        # The condition and the ways out of the modes of a and b are the same at x and at its image y; not the
+        # sections. A stop on one side of a motion that keeps clear of it is no part of the motion, but of its
+        # symmetry
+        if not (_same_events(form, a, b, x, y, p) and _agree(_limits(form, a.mode, x, p), _limits(form, b.mode, y, p))):
             return False
         first, second = form.modes[a.mode], form.modes[b.mode]
         f = image(scale * _fields(first, x, p, scale) - shift) / scale
@@ -255,14 +258,6 @@ def _same_events(form: engine.VectorSystem, a: Segment, b: Segment, x: Array, y:
     if len(ones) > 1:
         off = np.minimum(off, np.abs(h + k))  # crossed either way, it has no direction
     return bool(np.all(off <= EQUAL * np.maximum(1.0, np.abs(h))))
-
-
-def _same_limits(form: engine.VectorSystem, a: Segment, b: Segment, x: Array, y: Array, p: Array) -> bool:
-    """The condition and the ways out of the modes of a and b are the same at x and at its image y; not the sections.
-
-    A stop on one side of a motion that keeps clear of it is no part of the motion, but of its symmetry.
-    """
-    return _agree(_limits(form, a.mode, x, p), _limits(form, b.mode, y, p))
 
 
 def _limits(form: engine.VectorSystem, name: str, x: Array, p: Array) -> Array:

@@ -61,12 +61,14 @@ class Posed:
     closure : how its cycles close.
     cycle : signature -> cycle.
     image : (phase, p, state scale) -> mode and event of what it is mapped to one computed piece later, or None.
+    alone : another sequence is no answer, even where this one has stopped being a motion.
     """
 
     form: engine.VectorSystem
     closure: Closure
     cycle: Callable[[Signature], Cycle]
     image: Callable[[Segment, Array, Array], tuple[str, str] | None]
+    alone: bool = False
 
     def exit_of(self, mode: str, event: str) -> engine.Exit:
         """The exit of a mode at an event."""
@@ -122,13 +124,15 @@ def start_of(posed: Posed, segments: Sequence[Segment], like: Start) -> Start:
 # A phase taken out ---------------------------------------------------------------------------------------------
 
 
-def without(posed: Posed, start: Start) -> Iterator[tuple[int, Start]]:
+def without(posed: Posed | None, start: Start) -> Iterator[tuple[int, Start]]:
     """The cycles without a phase that may be about to vanish, the shortest first.
 
     Between two phases of one mode either both boundaries go, or the event before it leads past it.
 
     Yields number of the phase, and starting point.
     """
+    if posed is None:
+        return
     segments = segments_of(*start)
     for k in sorted(range(1, len(segments)), key=lambda j: segments[j].duration):
         neighbours = [s.duration for s in segments[k - 1 : k + 2 : 2]]
@@ -351,7 +355,7 @@ def _born(posed: Posed, start: Start, x: Array, name: str, follows: Container[st
     return [Segment(name, way_out.event.name, duration, np.array([0.0, 1.0]), w, end, behind(way_out, end, p))]
 
 
-def nearest_touch(posed: Posed, start: Start) -> tuple[float, str, str]:
+def nearest_touch(posed: Posed | None, start: Start) -> tuple[float, str, str]:
     """How near a cycle comes to an exit without meeting it, where it turns back in front of it.
 
     Returns distance in units of the largest distance from that exit, mode, and event; infinite where it comes near
@@ -359,7 +363,8 @@ def nearest_touch(posed: Posed, start: Start) -> tuple[float, str, str]:
     """
     t, u, setting = start
     best = (np.inf, "", "")
-    for k in range(t.phases):
+    for k in range(t.phases if posed is not None else 0):
+        assert posed is not None
         mode = t.cycle.phases[k].mode.name
         if not t.counts[k]:
             continue

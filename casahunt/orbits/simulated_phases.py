@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import islice
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ..collocation.mesh import evaluate_phase
 from ..hybrid.system import Signature
 from ..motion.phases import MarchFailure, Segment, march
 from .restart import Start
-from .sequences import Posed, joined_phases, segments_of, start_of
+from .sequences import Posed, in_parts, joined_phases, segments_of, split, start_of, unsplit, without
 from .watching import SEARCH_TOLERANCE
 
 Array = np.ndarray
@@ -49,6 +50,38 @@ def marched(posed: Posed, start: Start) -> list[Start]:
             with suppress(ValueError):  # a stop that is left at once: the system has no phase from event to event
                 starts[label] = start_of(posed, segments, start)
     return list(starts.values())
+
+
+def other_sequences(posed: Posed | None, start: Start, phase: int, *, soft: bool) -> Iterator[Start]:
+    """Starting points for other phase sequences, where one has stopped being a motion, most promising first.
+
+    Boundaries put in where the root crosses exits; a short phase taken out; the phases of the motion itself: to follow
+    it takes longer than all else, and is not done where a point before it serves.
+
+    posed, start: the problem, and a root that is no motion of it; phase: number of the one that is none any more;
+    soft: also the last resort, a part of a mode left unsplit, that converges everywhere, but slowly.
+    """
+    if posed is None or posed.alone:
+        return
+    if (more := split(posed, start, phase)) is not None:
+        yield more
+    yield from (fewer for _, fewer in islice(without(posed, start), 1))
+    if soft and (softer := unsplit(posed, start, phase)) is not None:
+        yield softer
+    yield from marched(posed, start)
+
+
+def expected(posed: Posed | None, start: Start) -> Iterator[Start]:
+    """Starting points to try from a predicted point of a branch, before any last resort.
+
+    The sequence at hand, unsplit phases as the parts that they mostly are by now; then without a phase that is about to
+    vanish, and without its image in the other half.
+    """
+    yield (start := start if posed is None else in_parts(posed, start))
+    for _ in range(2):
+        if (fewer := next(without(posed, start), None)) is None:
+            return
+        yield (start := fewer[1])
 
 
 def _as_cut(posed: Posed, segments: list[Segment], signature: Signature) -> list[Segment]:

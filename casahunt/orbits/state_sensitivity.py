@@ -134,7 +134,20 @@ def state_sensitivity(orbit: Orbit, times: Any, names: Sequence[str] = ()) -> St
     later = np.cumsum(moves.durations, axis=1) - moves.durations
     dx -= later[:, None, number] * f
     dx -= (pieces * dpiece[:, None])[:, None, :] * f
-    _carry(orbit, pieces, x, f, dx)
+    # From the computed piece to that many pieces later, in place: x' = S^-1 (x + c) each time
+    cycle, repeats = orbit.cycle, orbit.repeats
+    back = np.linalg.inv(cycle.closure)
+    whole = np.allclose(np.linalg.matrix_power(back, repeats), np.eye(len(back))) and not cycle.shift
+    for count in np.unique(pieces % repeats if whole else pieces):
+        at = np.flatnonzero((pieces % repeats if whole else pieces) == count)
+        power = np.linalg.matrix_power(back, int(count))
+        if np.array_equal(power, np.eye(len(back))) and not cycle.shift:
+            continue
+        moved = x[:, at].T
+        for _ in range(abs(int(count)) if cycle.shift else 0):
+            moved = cycle.opened(moved) if count > 0 else moved @ cycle.closure.T - np.array(cycle.shift)
+        x[:, at] = moved.T if cycle.shift else power @ x[:, at]
+        f[:, at], dx[:, :, at] = power @ f[:, at], power @ dx[:, :, at]
     return StateSensitivity(names, times, x, f, dx, dpiece * orbit.repeats)
 
 
@@ -207,20 +220,3 @@ def _flow(mode: VectorMode, n: int, parameters: int) -> OverArrays:
     end = mode.flow(x, t, p)
     outputs = [end, *(ca.jacobian(end, by) for by in (t, x, p))]
     return OverArrays(ca.Function("flow", [x, t, p], [ca.densify(each) for each in outputs]))
-
-
-def _carry(orbit: Orbit, pieces: Array, x: Array, f: Array, dx: Array) -> None:
-    """From the computed piece to that many pieces later, in place: x' = S^-1 (x + c) each time."""
-    cycle, repeats = orbit.cycle, orbit.repeats
-    back = np.linalg.inv(cycle.closure)
-    whole = np.allclose(np.linalg.matrix_power(back, repeats), np.eye(len(back))) and not cycle.shift
-    for count in np.unique(pieces % repeats if whole else pieces):
-        at = np.flatnonzero((pieces % repeats if whole else pieces) == count)
-        power = np.linalg.matrix_power(back, int(count))
-        if np.array_equal(power, np.eye(len(back))) and not cycle.shift:
-            continue
-        moved = x[:, at].T
-        for _ in range(abs(int(count)) if cycle.shift else 0):
-            moved = cycle.opened(moved) if count > 0 else moved @ cycle.closure.T - np.array(cycle.shift)
-        x[:, at] = moved.T if cycle.shift else power @ x[:, at]
-        f[:, at], dx[:, :, at] = power @ f[:, at], power @ dx[:, :, at]

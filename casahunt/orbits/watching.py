@@ -139,7 +139,9 @@ def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, leas
             break
         (mode, x), most, least = going_on(form, seen[-1], p), most * LOOK_LONGER, scale
     late = states[:, times > times[-1] / 2]
-    if not _moving(system, late, scale):
+    # Anything moves but the time
+    ranges = np.ptp(late, axis=1)[: len(system.states)]
+    if not bool(np.any(ranges > MOVES_BELOW * scale[: ranges.size])):
         what = "" if events else ", and meets no event"
         raise AtRest(f"the motion comes to rest{what}", time)
     return Watched(seen, scale, late, events, time)
@@ -164,12 +166,6 @@ def longest_look(
         return FIRST_LOOK * float(system.names.turn(p)), scale
     moved = np.max(np.abs(probe.end - x) / size) / max(probe.duration, 1e-300)
     return FIRST_LOOK * VERY_LONG / max(float(moved), 1e-3), scale
-
-
-def _moving(system: System, late: Array, scale: Array) -> bool:
-    """Anything moves but the time."""
-    ranges = np.ptp(late, axis=1)[: len(system.states)]
-    return bool(np.any(ranges > MOVES_BELOW * scale[: ranges.size]))
 
 
 def section_of(system: System, seen: Watched, p: Array) -> tuple[tuple[Section, ...], Turning | None]:

@@ -220,7 +220,12 @@ def _of_a_loop(loop: Loop, options: Options) -> Basin:
         hunting = Swing.of(outer)
     except HuntsIrregularly as irregular:
         hunting, why = irregular.swing, str(irregular)
-    found = _by_motions(_Motions(loop, hunting))
+    # The border by motions from rest, on the side where it is nearer
+    motions = _Motions(loop, hunting)
+    found = _on_a_side(motions, -1)
+    if not (motions.follow(found.inside.start).settles and motions.follow(found.outside.start).hunts):
+        found = min(found, _on_a_side(motions, +1), key=lambda each: each.border)
+    found = replace(found, motions=motions.count)
     position = outer.amplitude if outer else math.nan
     return replace(found, outer=outer, why_no_outer=why, irregular=outer is None, outer_position=position)
 
@@ -253,24 +258,21 @@ class _Motions:
     def follow(self, x1: float) -> Trial:
         """What becomes of the loop that stands still at x1 [rad]."""
         self.count += 1
-        seen = fate(self.loop, _standing(self.loop, x1), self.hunting, rest=LEFT_OF_A_SWING, work=WORK_OF_A_MOTION)
+        # Every state where the loop stands still at x1 [rad], held by friction: see the module
+        loop = self.loop
+        start, at = let_go(loop, x1)
+        torque, level = float(loop.signal("torque", *at)[0]), math.copysign(SECTION * static_of(loop)[0], -x1)
+        bristles = LUGRE in loop.present
+        if bristles or abs(torque) > abs(level):
+            ki = float(loop.signal("ki", *at)[0]) if "x3" in start else 0.0
+            if ki:
+                start["x3"], torque = (torque - level) / ki, level
+            if bristles:
+                start["x4"] = UNBENT * torque / loop.value("stiffness")
+        seen = fate(self.loop, start, self.hunting, rest=LEFT_OF_A_SWING, work=WORK_OF_A_MOTION)
         positions = np.abs([x1, *seen.turns])
         shrunk = np.all(np.diff(positions) < 0) and positions[-1] < SHRUNK * positions[0]
         return Trial(abs(x1), positions, "decaying" if seen.kind == "undecided" and shrunk else seen.kind)
-
-
-def _standing(loop: Loop, x1: float) -> dict[str, float]:
-    """Every state where the loop stands still at x1 [rad], held by friction: see the module."""
-    start, at = let_go(loop, x1)
-    torque, level = float(loop.signal("torque", *at)[0]), math.copysign(SECTION * static_of(loop)[0], -x1)
-    bristles = LUGRE in loop.present
-    if bristles or abs(torque) > abs(level):
-        ki = float(loop.signal("ki", *at)[0]) if "x3" in start else 0.0
-        if ki:
-            start["x3"], torque = (torque - level) / ki, level
-        if bristles:
-            start["x4"] = UNBENT * torque / loop.value("stiffness")
-    return start
 
 
 def let_go(loop: Loop, x1: float) -> tuple[dict[str, float], tuple[str, Array]]:
@@ -291,14 +293,6 @@ def let_go(loop: Loop, x1: float) -> tuple[dict[str, float], tuple[str, Array]]:
         settled = V[:, falls] @ (np.linalg.solve(V, b)[falls] / -values[falls][:, None])
         start |= {list(start)[i]: float(value) for i, value in zip(at, settled[:, 0].real, strict=True)}
     return start, (loop.mode_at(**start), np.array(list(start.values()))[:, None])
-
-
-def _by_motions(motions: _Motions) -> Basin:
-    """The border by motions from rest, on the side where it is nearer.  Raises NoOrbit: none settles, or none hunts."""
-    found = _on_a_side(motions, -1)
-    if not (motions.follow(found.inside.start).settles and motions.follow(found.outside.start).hunts):
-        found = min(found, _on_a_side(motions, +1), key=lambda each: each.border)
-    return replace(found, motions=motions.count)
 
 
 def _on_a_side(motions: _Motions, side: int) -> Basin:

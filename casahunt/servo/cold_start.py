@@ -146,7 +146,17 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> A
         met = _at_once(replace(q, options=replace(options, solver="newton"), beside=near))
     if met is not None:
         return met
-    start, seen = _beside_a_fixed_point(q)
+    # (a motion close to a stable fixed point of the event map or None, the scan where one was made). The LuGre cycle
+    # lies close to the Switch cycle, whose map costs a tenth
+    start = q.rigid_cycle
+    if q.P.model == "lugre":
+        start = start or scan(q.P.rigid).upper
+        start = near_stable(q.P, start.start) if start is not None else None
+    if start is not None:
+        start, seen = start, None
+    else:
+        seen = scan(q.P)
+        start, seen = seen.upper, seen
     # How P/a falls at the start does not tell where the solver has gone from there: next to a fold, to the other side.
     return AtOneGain(None if start is None else _solved_from(start, q), False, seen)
 
@@ -245,21 +255,6 @@ def _hardly_moves(q: AtGain, motion: HalfCycle) -> bool:
         return False
     following = q.P.rigid(motion.position)
     return not following.ratio > 0 or abs(math.log(following.ratio)) > SLOW_MAP * excess
-
-
-def _beside_a_fixed_point(q: AtGain) -> tuple[HalfCycle | None, Scan | None]:
-    """(a motion close to a stable fixed point of the event map or None, the scan where one was made).
-
-    The LuGre cycle lies close to the Switch cycle, whose map costs a tenth.
-    """
-    start = q.rigid_cycle
-    if q.P.model == "lugre":
-        start = start or scan(q.P.rigid).upper
-        start = near_stable(q.P, start.start) if start is not None else None
-    if start is not None:
-        return start, None
-    seen = scan(q.P)
-    return seen.upper, seen
 
 
 def _solved_from(start: HalfCycle, q: AtGain) -> HuntingOrbit:

@@ -112,7 +112,14 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
             "some; try another tolerance",
             Status.NOT_CONVERGED if failed else Status.NOT_FOUND, evidence=tried,
         )  # fmt: skip
-    evidence = _evidence(hunt, gains)
+    # Which gains were scanned without a cycle, and from which one up it is proved that there is none
+    looked = [gain for gain in gains if gain not in hunt.proved]
+    evidence = "none was scanned"
+    if looked:
+        evidence = f"{len(looked)} gains from {min(looked):.3g} to {max(looked):.3g} were scanned{_most(hunt.seen)}"
+    if hunt.proved:
+        lowest = min(hunt.proved)
+        evidence += f"; from gain {lowest:.3g} up the Switch servo provably has none: {hunt.proved[lowest]}"
     if failed:
         evidence += f"; at some, motions come back so close to where they started that cycles were sought, and {tried}"
     raise NoOrbit(
@@ -219,18 +226,6 @@ def _has_fixed_point(servo: Servo, gain: float, a: float) -> bool:
     The motions of a search are good for 1e-4 of P(a)/a, which at tiny gains is itself that close to one.
     """
     return bool(fixed_points(servo, gain, a / AROUND, a * AROUND, points=AROUND_POINTS).fixed)
-
-
-def _evidence(hunt: _Hunt, gains: list[float]) -> str:
-    """Which gains were scanned without a cycle, and from which one up it is proved that there is none."""
-    looked = [gain for gain in gains if gain not in hunt.proved]
-    evidence = "none was scanned"
-    if looked:
-        evidence = f"{len(looked)} gains from {min(looked):.3g} to {max(looked):.3g} were scanned{_most(hunt.seen)}"
-    if hunt.proved:
-        lowest = min(hunt.proved)
-        evidence += f"; from gain {lowest:.3g} up the Switch servo provably has none: {hunt.proved[lowest]}"
-    return evidence
 
 
 def _most(seen: list[tuple[float, Scan]]) -> str:

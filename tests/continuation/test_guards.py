@@ -22,12 +22,14 @@ from casahunt.continuation import (
     crossings,
     follow,
     poincare_section,
-    reunion,
     special_points,
     special_points_between,
     terminations,
     vanishing,
     walk,
+)
+from casahunt.continuation import (
+    closed_branch as reunion,
 )
 from casahunt.errors import Status
 from casahunt.hybrid import Event, Mode, System
@@ -61,7 +63,7 @@ def sticking():
     for speed in (0.6, 0.61):
         orbit = find_cycle(system, "slip", x=0.7, v=0.59, parameters={"belt": speed})
         first = (orbit.signature.index(("slip", "turns")) + 1) % 3
-        start = orbit.problem.starting_at(first, *unknowns_of(orbit))
+        start = other_start.rotated(orbit.problem.asked(), unknowns_of(orbit), first)
         found.append(vanishing.solved_at(orbit.problem, start, OPTIONS))
     return found
 
@@ -123,7 +125,7 @@ def test_a_step_keeps_to_the_tangent_at_its_end(monkeypatch, way, cycle, astray)
     assert walk._astray(at("same"), at(cycle), orbit, orbit, "p") is astray
 
 
-# bifurcations.py, reunion.py
+# bifurcations.py, closed_branch.py
 
 
 @pytest.mark.parametrize(
@@ -331,11 +333,11 @@ def test_a_shrinking_that_does_not_converge_is_given_up(sticking, monkeypatch):
 def test_a_long_phase_is_none_that_may_vanish(sticking):
     short = sticking[0]
     assert short.arcs[1].duration < 0.5 * short.arcs[0].duration
-    assert next(short.problem.vanishing(*unknowns_of(short)))[0] == 1
+    assert next(sequences.without(short.problem.asked(), unknowns_of(short)))[0] == 1
     assert other_start.may_vanish([arc.duration for arc in short.arcs]) == 1
     assert [other_start.may_vanish(durations) for durations in ([1.0], [1.0, 0.6], [0.4, 1.0])] == [None, None, 0]
     for first in range(3):
-        turned = short.problem.starting_at(first, *unknowns_of(short)) if first else unknowns_of(short)
+        turned = other_start.rotated(short.problem.asked(), unknowns_of(short), first) if first else unknowns_of(short)
         assert (first + other_start.strongest(turned)) % 3 == 0
 
 

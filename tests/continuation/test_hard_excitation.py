@@ -30,6 +30,7 @@ from casahunt.continuation.special_points import (
 )
 from casahunt.continuation.walk import step_along, walk, walk_naturally, walk_to_end
 from casahunt.hybrid.system import Cycle
+from casahunt.orbits import adapt
 from problems import stuart_landau as sl
 from problems.fixed_sequence import FixedSequence
 
@@ -241,8 +242,10 @@ class Narrow(FixedSequence):
     def cycle(self, signature, repeats):
         return WIDE if signature == WIDE.signature else NARROW
 
-    def next_sequence(self, t, u, setting, phase, *, soft):
-        return [(transcribe(NARROW, t.counts, t.degree, t.kind), u, setting)]
+
+def narrow(posed, start, phase, *, soft):
+    t, u, setting = start
+    return [(transcribe(NARROW, t.counts, t.degree, t.kind), u, setting)]
 
 
 def renamed(name: str, condition) -> Cycle:
@@ -253,8 +256,9 @@ def renamed(name: str, condition) -> Cycle:
 WIDE, NARROW = renamed("wide", lambda x, p, sign: x[0] ** 2 + x[1] ** 2 - 0.5), renamed("narrow", None)
 
 
-def test_where_the_sequence_changes():
+def test_where_the_sequence_changes(monkeypatch):
     """At r^2 = 1/2, the last cycle with the phases of the first one."""
+    monkeypatch.setattr(adapt, "other_sequences", narrow)
     before, after = cycle(2.8), cycle(3.55, -1)
     before = replace(before, problem=Narrow(WIDE, values(2.8), "c"), arcs=(replace(before.arcs[0], mode="wide"),))
     after = replace(after, problem=Narrow(NARROW, values(3.55), "c"), arcs=(replace(after.arcs[0], mode="narrow"),))

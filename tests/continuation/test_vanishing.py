@@ -20,6 +20,7 @@ from casahunt.hybrid.examples import belt
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.bordering import with_other_phases
 from casahunt.orbits.orbit import unknowns_of
+from casahunt.orbits.other_start import rotated
 from problems import canudas_gain
 
 OPTIONS = Options(tol=canudas_gain.TOL)
@@ -50,7 +51,7 @@ def test_a_cycle_beyond_a_touch_has_its_reversal(keeps_clear, K):
 def test_a_touch_far_from_the_last_cycle_is_come_to_by_steps(keeps_clear):
     """The reversal that dies is the last phase of the half cycle, and too long to be shrunk at once."""
     before = at(12.847)
-    start = before.problem.starting_at(2, *unknowns_of(before))  # the half cycle from its long phase on
+    start = rotated(before.problem.asked(), unknowns_of(before), 2)  # the half cycle from its long phase on
     before = solved_at(before.problem, start, OPTIONS)
     assert len(before.arcs) == 3 and np.argmin([arc.duration for arc in before.arcs]) == 2
     contact = change_of_phases(before, keeps_clear, "K", OPTIONS)

@@ -17,6 +17,7 @@ from casahunt.orbits import Orbit, find_cycle
 from casahunt.orbits.batched_multipliers import know_multipliers
 from casahunt.orbits.multiplier_mesh import NO_STEP
 from casahunt.orbits.orbit import unknowns_of
+from casahunt.orbits.other_start import rotated
 from problems import impact_oscillator
 
 
@@ -40,7 +41,7 @@ def member(orbit: Orbit, seed: int = 0, most: int = 4, finer: int = 1, held: boo
     """
     t, u, setting = unknowns_of(orbit)
     if orbit.arcs[0].mode == "slip":  # where it breaks away nothing moves with the parameter: from the stick on
-        t, u, setting = orbit.problem.starting_at(1, t, u, setting)
+        t, u, setting = rotated(orbit.problem.asked(), (t, u, setting), 1)
     t, u, fractions = divided(t, u, setting.fractions, np.full(t.intervals, finer))
     setting = replace(setting, fractions=fractions)
     rng = np.random.default_rng(seed)

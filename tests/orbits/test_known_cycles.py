@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -304,6 +305,15 @@ def test_tolerances_within_reach(tol):
 ASKED: list[tuple[int, bool]] = []
 
 
+@pytest.fixture(autouse=True)
+def told_by_the_problem(monkeypatch):
+    """A problem below says itself what sequences.py would find out of a system."""
+    for name in ("other_sequences", "marched"):
+        true = getattr(adapt, name)
+        own = lambda posed, *at, name=name, true=true, **how: getattr(posed, name, partial(true, posed))(*at, **how)  # noqa: E731
+        monkeypatch.setattr(adapt, name, own)
+
+
 def impossible(lowest):
     """The sheared cycle in a mode that does not let x fall below minus so much."""
     (phase,) = sl.SHEARED.phases
@@ -324,7 +334,11 @@ class Elsewhere(FixedSequence):
     def cycle(self, signature, repeats):
         return self.posed if signature == (("no turn", "y = 0"),) else sl.SHEARED
 
-    def next_sequence(self, t, u, setting, phase, *, soft):
+    def asked(self):
+        return self
+
+    def other_sequences(self, start, phase, *, soft):
+        t, u, setting = start
         ASKED.append((phase, soft))
         if self.helps and len(ASKED) >= self.helps:
             nothing = t, np.full_like(u, np.nan), setting
@@ -347,12 +361,15 @@ class Marching(FixedSequence):
 
     knows: bool = True
 
-    def remarch(self, t, u, setting):
-        ASKED.append((t.intervals, True))
+    def asked(self):
+        return self
+
+    def marched(self, known):
+        ASKED.append((known[0].intervals, True))
         if not self.knows:
-            return None
+            return []
         _, (there, v, fresh) = start(self.values, intervals=37, degree=3)
-        return there, v, replace(fresh, p=np.full(5, np.nan))
+        return [(there, v, replace(fresh, p=np.full(5, np.nan)))]
 
 
 @pytest.mark.parametrize("knows", [True, False])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casahunt.orbits.qr_chain import FACTORS_AT_ONCE, LARGEST_COMPILED, MANY_AT_ONCE, carried_backwards, swept
+from casahunt.orbits.graded import FACTORS_AT_ONCE, LARGEST_COMPILED, MANY_AT_ONCE, carried_backwards, swept
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, LARGEST_COMPILED, LARGEST_COMPILED + 1])

@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt.continuation import branch_off, follow
+from casahunt.continuation.closed_branch import MUCH_NEARER, _beside, _minus_one_next_to, met_at, reunion
 from casahunt.continuation.curve import curve_point, secant_direction
-from casahunt.continuation.reunion import MUCH_NEARER, _beside, _minus_one_next_to, met_at, reunion
 from casahunt.continuation.walk import step_along
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.adapt import finished, solve_adaptively

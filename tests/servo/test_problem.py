@@ -9,6 +9,8 @@ from casahunt import Options, Servo, find_orbit
 from casahunt.continuation import follow
 from casahunt.orbits.adapt import solve_adaptively
 from casahunt.orbits.orbit import unknowns_of
+from casahunt.orbits.other_start import rotated
+from casahunt.orbits.simulated_phases import expected, other_sequences
 from casahunt.servo.problem import Hunting
 from problems import table1
 
@@ -25,7 +27,7 @@ def test_a_branch_of_any_system(model):
 def test_the_same_cycle_from_another_phase_on():
     """Half a period from the stick on: the slip behind it is the mirror image of the first one."""
     orbit = find_orbit(Servo(), "switch", 0.3)
-    t, u, _ = orbit.problem.starting_at(1, *unknowns_of(orbit))
+    t, u, _ = rotated(orbit.problem.asked(), unknowns_of(orbit), 1)
     assert t.cycle.signature == (("stick", "breakaway-"), ("slip-", "stop"))
     assert t.durations_of(u) == pytest.approx([arc.duration for arc in orbit.arcs[::-1]], rel=1e-12)
 
@@ -45,13 +47,13 @@ def test_a_kink_too_weak_for_a_boundary_is_left_inside():
     problem, start = orbit.problem, unknowns_of(orbit)
     signature = orbit.signature
     for k in (len(signature) // 2, len(signature) // 2 + 1):
-        resorts = problem.next_sequence(*start, k, soft=True)
+        resorts = other_sequences(problem.asked(), start, k, soft=True)
         softer = next(found for found in resorts if ("slide", signature[k][1]) in found[0].cycle.signature)
         assert softer[0].cycle.signature == (*signature[:k], ("slide", signature[k][1]), *signature[k + 1 :])
-        assert next(iter(problem.expected(*softer)))[0].cycle == start[0].cycle
+        assert next(expected(problem.asked(), softer))[0].cycle == start[0].cycle
         again = solve_adaptively(problem, softer, Options(tol=1e-6), solver="newton")
         assert again.status.ok and again.t.cycle == softer[0].cycle
         period = 2 * np.sum(again.t.durations_of(again.solution.u))
         assert period == pytest.approx(orbit.period, rel=2e-6)  # the tolerances of both
-        firmly = [found[0].cycle.signature for found in problem.next_sequence(*start, k, soft=False)]
+        firmly = [found[0].cycle.signature for found in other_sequences(problem.asked(), start, k, soft=False)]
         assert all("slide" not in dict(found) for found in firmly)

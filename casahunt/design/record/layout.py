@@ -62,7 +62,13 @@ def layout_of(read: bytes, skip: int) -> Layout | None:
         if best is None or strange < best[0] - 1e-9:
             first = samples[0][0]
             above = [row for i, row in rows if i < first]
-            named = _header(above, width, decimal)
+            # The last line above the samples that has their width and no number; two, where the line above it is such
+            # too
+            named: list[list[str]] = []
+            for row in reversed(above):
+                if len(named) == 2 or len(row) != width or any(_is_number(cell, decimal) for cell in row):
+                    break
+                named.insert(0, row)
             best = strange, Layout(delimiter, decimal, first - 1, tuple(named), len(above) - len(named))
     return None if best is None else best[1]
 
@@ -97,16 +103,6 @@ def _is_number(cell: str, decimal: str) -> bool:
     if decimal == ",":
         cell = cell.replace(",", ".") if "." not in cell else "no"
     return NUMBER.fullmatch(cell) is not None
-
-
-def _header(above: Sequence[list[str]], width: int, decimal: str) -> list[list[str]]:
-    """The last line above the samples that has their width and no number; two, where the line above it is such too."""
-    named: list[list[str]] = []
-    for row in reversed(above):
-        if len(named) == 2 or len(row) != width or any(_is_number(cell, decimal) for cell in row):
-            break
-        named.insert(0, row)
-    return named
 
 
 def column_of(name: str, what: str, asked: str, header: Sequence[str] | None, width: int) -> int:

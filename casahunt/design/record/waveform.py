@@ -170,7 +170,20 @@ def shape_of(folded: Folded) -> tuple[Array, Array, float]:
     count, noise = max(min(NEIGHBOURS, m), round(SHARE * m)), 0.0
     shape = np.zeros(grid.size)
     for _ in range(2):
-        shape = _smoothed(phi, values, grid, count)
+        # Local lines through the `count` nearest of the sorted, periodic samples, at each phase of the grid. Lines,
+        # because parabolas overshoot at the corner where a slip ends and the stick begins
+        reach = min(count, phi.size)
+        wide = np.concatenate([phi[-reach:] - 1, phi, phi[:reach] + 1])
+        ys = np.concatenate([values[-reach:], values, values[:reach]])
+        first = np.clip(np.searchsorted(wide, grid) - count // 2, 0, wide.size - count)
+        result = np.zeros(grid.size)
+        for i, (low, at) in enumerate(zip(first, grid, strict=True)):
+            d, y = wide[low : low + count] - at, ys[low : low + count]
+            centre = float(d.mean())
+            d = d - centre
+            slope = float(d @ y) / max(float(d @ d), 1e-300)
+            result[i] = float(y.mean()) - slope * centre
+        shape = result
         residual = folded.values - np.interp(folded.phase, grid, shape)
         noise = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
         size = NOISE_SHARE * float(np.ptp(shape)) / 2 * math.sqrt(block)
@@ -188,25 +201,6 @@ def swings_of(shape: Array, amplitude: float) -> int:
     """
     sides = np.sign(shape[np.abs(shape) > SIDE * amplitude])
     return int(np.count_nonzero(sides != np.roll(sides, 1)))
-
-
-def _smoothed(phi: Array, values: Array, grid: Array, count: int) -> Array:
-    """Local lines through the `count` nearest of the sorted, periodic samples, at each phase of the grid.
-
-    Lines, because parabolas overshoot at the corner where a slip ends and the stick begins.
-    """
-    reach = min(count, phi.size)
-    wide = np.concatenate([phi[-reach:] - 1, phi, phi[:reach] + 1])
-    ys = np.concatenate([values[-reach:], values, values[:reach]])
-    first = np.clip(np.searchsorted(wide, grid) - count // 2, 0, wide.size - count)
-    result = np.zeros(grid.size)
-    for i, (low, at) in enumerate(zip(first, grid, strict=True)):
-        d, y = wide[low : low + count] - at, ys[low : low + count]
-        centre = float(d.mean())
-        d = d - centre
-        slope = float(d @ y) / max(float(d @ d), 1e-300)
-        result[i] = float(y.mean()) - slope * centre
-    return result
 
 
 def peak_to_peak(folded: Folded, phase: Array, shape: Array, noise: float) -> tuple[float, float]:

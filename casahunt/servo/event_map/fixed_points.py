@@ -172,7 +172,15 @@ def _halves(state: _Scan, left: MapPoint, right: MapPoint) -> list[tuple[MapPoin
     crossing = all(known) and left.excess * right.excess < 0
     floor = max(SMALLEST_CROSSING if crossing else SMALLEST_JUMP, 4 * rounding(state.servo, state.gain, left.start))
     if math.log(right.start / left.start) <= floor:
-        _jump_or_root(state, left, right, crossing)
+        # Two neighbours at rounding distance: a steep piece, or a jump
+        step = right.position - left.position
+        by_slope = 0.5 * (abs(left.slope) + abs(right.slope)) * (right.start - left.start)
+        noise = 16 * rounding(state.servo, state.gain, left.start) * left.start
+        if math.isfinite(step) and abs(step) <= max(by_slope / STEEP, noise):
+            if crossing:
+                state.fixed.append(_fixed(state, _closest(left, right)))
+        else:
+            state.jumps.append(Jump(right.start, left.position, right.position, crossing))
         return []
     if len(state.points) >= MOST_POINTS or state.slips >= MOST_SLIPS_IN_ALL:
         state.unresolved.append((left.start, right.start))
@@ -268,18 +276,6 @@ def _fixed(state: _Scan, p: MapPoint) -> FixedPoint:
     missing = -p.excess * p.start / (p.slope - 1) if p.slope != 1 else 0.0
     period = 2 * (p.duration + p.duration_slope * missing)
     return FixedPoint(p.start, p.slope, period, error, max(EPS, abs(p.duration_slope) * p.start * error * 2 / period))
-
-
-def _jump_or_root(state: _Scan, left: MapPoint, right: MapPoint, crossing: bool) -> None:
-    """Two neighbours at rounding distance: a steep piece, or a jump."""
-    step = right.position - left.position
-    by_slope = 0.5 * (abs(left.slope) + abs(right.slope)) * (right.start - left.start)
-    noise = 16 * rounding(state.servo, state.gain, left.start) * left.start
-    if math.isfinite(step) and abs(step) <= max(by_slope / STEEP, noise):
-        if crossing:
-            state.fixed.append(_fixed(state, _closest(left, right)))
-        return
-    state.jumps.append(Jump(right.start, left.position, right.position, crossing))
 
 
 __all__ = ["MAP_POINTS", "FixedPoint", "FixedPoints", "Jump", "MapPoint", "default_range", "fixed_points", "map_at"]

@@ -1,7 +1,6 @@
 """The loop as built: a controller that is run by its samples, and the exact motion of its plant between them.
 
 as_run.py     what a drive adds to a loop: its remedies and its filter, as parts
-first_rise.py the first zero of a polynomial that rises
 steps.py      a mode of a plant: its steps as power series
 plant.py      what a drive moves, under a held torque
 controller.py the parts that form the torque, as difference equations, and whole sticks of them at once

@@ -130,7 +130,13 @@ class SampledLoop:
         given = {name: value for name, value in start.items() if value or name in plant.system.states}
         self.plant = Plant(plant, given)
         self._many = len(self.plant.names) - len(HELD.states)
-        self._seen = _angle(loop, self.plant.names)
+        # Which state of the plant the encoder reads
+        nowhere = np.eye(len(loop.system.states))
+        read = loop.signal("angle", loop.system.modes[0].name, nowhere)
+        found = [name for name, value in zip(loop.system.states, read, strict=True) if value == 1]
+        if len(found) != 1 or found[0] not in self.plant.names or np.count_nonzero(read) != 1:
+            raise InputError(f"{loop.name}: its angle is no state that an encoder could read")
+        self._seen = self.plant.names.index(found[0])
         self.controller = Controller(loop, run_by_the_drive, drive, set_point, self.x, given)
         self.names = (*self.plant.names[: self._many], *self.controller.names)
         self.T = drive.sample_time
@@ -254,13 +260,3 @@ class SampledLoop:
             if not for_ever and asked & (asked - 1) == 0 and self.rests():  # what dies out may have done so
                 return k
         return k
-
-
-def _angle(loop: Loop, names: tuple[str, ...]) -> int:
-    """Which state of the plant the encoder reads."""
-    nowhere = np.eye(len(loop.system.states))
-    read = loop.signal("angle", loop.system.modes[0].name, nowhere)
-    found = [name for name, value in zip(loop.system.states, read, strict=True) if value == 1]
-    if len(found) != 1 or found[0] not in names or np.count_nonzero(read) != 1:
-        raise InputError(f"{loop.name}: its angle is no state that an encoder could read")
-    return names.index(found[0])

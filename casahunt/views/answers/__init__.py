@@ -3,8 +3,7 @@
     plain     hunts or not, how large, how fast, how far from the border, what to do: the ten words of the glossary
     details   multipliers, fixed points, residuals, iterations, and every digit that is known: with --details, below it
 
-answer.py     the form of all of them: plain lines, details, numbers
-orbit.py, fold.py, diagram.py, map.py, basin.py, equilibria.py, simulate.py
-sampled.py   simulate of the loop as built
-loop.py, fold_curve.py, fold_map.py, uncertainty.py, tune.py, remedy_columns.py
+answer.py     the form of all of them; what one command alone says stands in its module
+remedy_columns.py what the columns of the remedies mean
+simulate.py, sampled.py, diagram.py, fold.py, loop.py, tune.py, uncertainty.py
 """

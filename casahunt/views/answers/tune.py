@@ -163,7 +163,11 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
         yield item("folds of the set", f"{number} corners and samples, the largest {to_error(largest, tol)} V/rad")
     for name, loop in check["loops"].items():
         if name == "nominal" or loop != check["loops"]["nominal"]:
-            yield _loop(name, loop, check["loop_corners"])
+            corners = check["loop_corners"]
+            at = _values(corners.get(name, {}))
+            what = loop_name(name, corners)
+            where = f"{what} ({at})" if at else what
+            yield item("linear loop", f"{where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
     for task in check["tasks"]:
         said = f"{task['friction']} friction, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak(task)}"
         yield item("simulated", said)
@@ -171,13 +175,6 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
     for sentence in record["proves_not"]:
         yield f"  {sentence}"
     yield f"  {record['wall_s']:.2f} s"
-
-
-def _loop(name: str, loop: Mapping[str, Any], corners: Mapping[str, Mapping[str, float]]) -> str:
-    at = _values(corners.get(name, {}))
-    what = loop_name(name, corners)
-    where = f"{what} ({at})" if at else what
-    return item("linear loop", f"{where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
 
 
 def _values(corner: Mapping[str, float]) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from typing import Any
 
+from ...axis_units import shown
+from ...checks import error_text, to_error
 from ...results import tables_of
-from ...servo.basin import OFFSET, basin
-from ..answers.answer import record_of
-from ..answers.basin import basin_answer
+from ...servo.basin import OFFSET, Basin, Trial, basin
+from ...servo.outcome import Kind
+from ..answers.answer import Answer, angle, at_gain, called, complex_text, item, known, parts_of, record_of, short
 from .arguments import add_command, asked_of, drive_of, finite, how_of
 from .console import complain
 from .output import give
@@ -21,7 +24,8 @@ def add(commands: Any) -> None:
         csv="the stick positions of the two motions", plot="the motions from both sides",
     )  # fmt: skip
     command.add_argument(
-        "--offset", default=OFFSET,
+        "--offset",
+        default=OFFSET,
         help=f"of one inertia, relative distance from the border of the two motions (default {OFFSET:g})",
     )
 
@@ -42,3 +46,89 @@ def run(options: argparse.Namespace) -> int:
         )
         return 1
     return 0
+
+
+# What `casahunt basin` says of the border between coming to rest and hunting
+
+ENDS: dict[Kind, str] = {
+    "at rest": "it came to rest", "decaying": "it came to rest", "hunting": "it hunted on",
+    "growing": "it swung ever farther away",
+}  # fmt: skip
+"""What a motion did, by its outcome."""
+UNSEEN = "the drive cannot tell whether it is within it"
+"""Said of a border within one count."""
+POSITIONS_SHOWN = 6
+"""Positions of a motion that are shown, at most."""
+
+
+def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
+    """What is said of a border.
+
+    tol: to which the positions of the two motions are known; count: of the encoder [rad], 0 without one.
+    """
+    title, border = f"{called(found.loop)} {at_gain(found.gain)}", angle(found.border, found.error_estimate)
+    unseen = found.border < count
+    if found.confirmed:
+        head = f"{title}: where it sticks within {border} of the set point it comes to rest, a little farther away it "
+        head += "does not"
+        way = "end its hunting" if unseen else "bring it to rest within that distance, or end its hunting"
+        means = item("what to do", f"{way}: casahunt remedies")
+    else:
+        head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
+        means = item("what it means", "nearer and farther the servo may come to rest or hunt")
+    plain = [head, *parts_of(found.loop), means]
+    plain += [item("farther away", _outer(found)), item("tried", _tried(found))]
+    if unseen:
+        counts = f"that distance is {short(found.border / count)} counts of the encoder"
+        plain.append(item("as built", f"{counts}: {UNSEEN}"))
+    return Answer(plain, _details(found, tol))
+
+
+def _outer(found: Basin) -> str:
+    """What waits beyond the border."""
+    if found.outer is None:
+        return "irregular hunting" if found.irregular else "no hunting cycle was found"
+    size = f"a hunting cycle of amplitude {angle(found.outer.amplitude, found.outer.amplitude_error)}"
+    return size if found.outer.stable else f"{size}, which motions leave again, unevenly"
+
+
+def _tried(found: Basin) -> str:
+    both = f"from just inside {_end(found.inside)}, from just outside {_end(found.outside)}"
+    return both if found.unstable else f"{both}; {found.motions} motions from rest, on both sides of the set point"
+
+
+def _end(trial: Trial) -> str:
+    return ENDS.get(trial.outcome, "its end was not certain")
+
+
+def _details(found: Basin, tol: float) -> Iterator[str]:
+    if found.model != "switch":
+        yield item("border", "x1 at m = 0.9 Fs before breakaway")
+    side = "below" if found.side < 0 else "above"
+    yield item("border", f"{known(found.border, found.error_estimate)}, {side} the set point")
+    if found.unstable is not None:
+        amplitude = known(found.unstable.amplitude, found.error_estimate)
+        yield item("unstable cycle", f"amplitude max |x1| = {amplitude}")
+        what = "of its amplitude and period"
+    else:
+        yield item("unstable cycle", "not computed: the border is where motions part")
+        what = "half of what is between the two motions"
+    yield item("estimated error", f"{error_text(found.error_estimate)} (relative, {what})")
+    yield _outer_in_full(found)
+    for name, trial in (("inside", found.inside), ("outside", found.outside)):
+        named = shown().near(max(map(abs, trial.positions), default=0.0), "rad")
+        a = [to_error(shown().number(position, "rad", named), tol, most=4) for position in trial.positions]
+        path = ", ".join(a if len(a) <= POSITIONS_SHOWN else [*a[: POSITIONS_SHOWN - 2], "...", a[-1]])
+        yield item(f"from {name}", f"{trial.outcome} after {len(a) - 1} turns: {path} {named}")
+
+
+def _outer_in_full(found: Basin) -> str:
+    """The line of the cycle beyond the border."""
+    if found.outer is None:
+        return item("stable cycle", found.why_no_outer)
+    amplitude = f"amplitude max |x1| = {known(found.outer.amplitude, found.outer.amplitude_error)}"
+    if found.outer.stable:
+        return item("stable cycle", amplitude)
+    m = found.outer.multipliers
+    mu = complex_text(m.leading, m.error, m.leading_floor)
+    return item("symmetric cycle", f"{amplitude}, not stable (half multiplier {mu}): swings next to it leave it")

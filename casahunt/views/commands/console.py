@@ -159,7 +159,17 @@ def folder(path: str, results: Signs) -> Iterator[Path]:
 def orbit_line(stream: Progress | None, orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
     """A computed point, for progress: in short, or where each is a line that stays as `progress_line`."""
     if stream is not None and stream.every:
-        return progress_line(orbit, mu, vary)
+        # A computed point as a line of progress: gain, amplitude, period, multiplier and iterations. mu: text for the
+        # multiplier; default: mu, or lambda of a full cycle; vary: the parameter that is told, for the gain
+        if not mu:
+            mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
+        at = to_error(orbit.problem.value(vary), max(orbit.parameter_error, 1e-8))
+        size = quantity(orbit.amplitude, "rad", lambda x: to_error(x, orbit.amplitude_error, most=6))
+        return (
+            f"{_whose(orbit):7s} {'K' if vary == 'gain' else vary} = {at}  amplitude = {size}  "
+            f"period = {to_error(orbit.period, orbit.period_error, most=6)} s  "
+            f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
+        )
     value, amplitude, period = orbit.problem.value(vary), orbit.amplitude, orbit.period
     size = quantity(amplitude, "rad", short)
     return f"{_whose(orbit)}: {vary} {short(value)}, amplitude {size}, period {short(period)} s"
@@ -167,20 +177,3 @@ def orbit_line(stream: Progress | None, orbit: Orbit, mu: str = "", vary: str = 
 
 def _whose(orbit: Orbit) -> str:
     return orbit.model if isinstance(orbit, HuntingOrbit) else "loop"
-
-
-def progress_line(orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
-    """A computed point as a line of progress: gain, amplitude, period, multiplier and iterations.
-
-    mu: text for the multiplier; default: mu, or lambda of a full cycle; vary: the parameter that is told, for the gain.
-    """
-    if not mu:
-        mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
-    value = to_error(orbit.problem.value(vary), max(orbit.parameter_error, 1e-8))
-    amplitude = quantity(orbit.amplitude, "rad", lambda x: to_error(x, orbit.amplitude_error, most=6))
-    period = to_error(orbit.period, orbit.period_error, most=6)
-    return (
-        f"{_whose(orbit):7s} {'K' if vary == 'gain' else vary} = {value}  amplitude = {amplitude}  "
-        f"period = {period} s  "
-        f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
-    )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Iterator
 from typing import Any
 
+from ...axis_units import label, quantity, several, shown, word
 from ...results import tables_of
-from ...servo.equilibria import equilibria
-from ..answers.answer import record_of
-from ..answers.equilibria import equilibria_answer
+from ...servo.equilibria import PROVES, Equilibria, equilibria
+from ..answers.answer import Answer, angle, at_gain, called, item, parts_of, record_of, short
 from .arguments import add_command, asked_of
 from .output import give
 
@@ -28,3 +30,94 @@ def run(options: argparse.Namespace) -> int:
     record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, equilibria_answer(found), table=tables_of([found]), picture=("equilibria.equilibria", found))
     return 0
+
+
+# What `casahunt equilibria` says of where the servo can stand still
+
+NO_LIMIT = "no limit"
+STATE_UNITS = {"x1": "rad", "x3": "rad s", "x4": "rad", "load_angle": "rad"}
+AT_THE_SET_POINT = 1e-9
+"""Of a servo that stands as near to its set point as that [rad], it stands there."""
+
+
+def equilibria_answer(found: Equilibria) -> Answer:
+    """What is said of the equilibria at a gain."""
+    low, high = found.ranges.get("x1", (math.nan, math.nan))
+    plain = [f"{called(found.loop)} {at_gain(found.gain)}: {_where(low, high)}", *parts_of(found.loop)]
+    if math.isfinite(found.integral_limit):
+        limit = quantity(found.integral_limit, "rad s", short)
+        plain.append(item("there", f"with any integral of the error up to {limit}"))
+    elif "torque" in found.ranges:
+        between = _between(*found.ranges["torque"], "N m")
+        plain.append(item("there", f"with a {word('torque')} of the motor of {between}"))
+    if max(abs(low), abs(high)) <= AT_THE_SET_POINT and math.isfinite(found.position_limit):
+        held = f"friction alone holds it up to {angle(found.position_limit)} away, but the integral grows"
+        plain.append(item("stuck beside it", f"{held} until it breaks away"))
+    if math.isinf(high - low):
+        held = "as far as friction and the controller go: what was wound up before it stood tells where"
+        plain.append(item("no limit", f"{held}; casahunt simulate follows a motion"))
+    plain += [item("not answered", text) for text in found.not_answered]
+    return Answer([*plain, item("does it hunt?", "this does not say: casahunt orbit does")], _details(found))
+
+
+def _where(low: float, high: float) -> str:
+    if math.isnan(low):
+        return "no place was found at which it can stand still for ever"
+    if max(abs(low), abs(high)) <= AT_THE_SET_POINT:
+        return "it can stand still for ever at the set point alone"
+    if math.isinf(high - low):
+        return "it can stand still for ever anywhere that friction holds it"
+    if abs(low + high) <= AT_THE_SET_POINT * high:
+        return f"it can stand still for ever up to {angle(high)} from the set point"
+    return f"it can stand still for ever from {angle(low)} to {angle(high)} beside the set point"
+
+
+def _between(low: float, high: float, unit: str = "") -> str:
+    if not math.isfinite(high - low):
+        return f"{NO_LIMIT} {label(unit)}".rstrip()
+    return several((low, high), unit, short, " to ").rstrip()
+
+
+def _details(found: Equilibria) -> Iterator[str]:
+    yield item("state", "x1 position from the set point, x2 velocity, x3 integral of x1")
+    for each in found.rests:
+        extent = "; ".join(
+            f"{name} {_between(float(x.min()), float(x.max()), '' if shown().plain else STATE_UNITS.get(name, ''))}"
+            for name, x in zip(each.names, each.corners.T, strict=True) if name not in ("x2", "load_rate")
+        )  # fmt: skip
+        yield item("equilibria", f"{each.mode}, {each.corners.shape[0]} corners: {extent}")
+    if math.isfinite(found.position_limit):
+        limit = quantity(found.position_limit, "rad", ".10g")
+        yield item("stick region", f"x2 = 0, |m| <= Fs: with nothing wound up |x1| <= {limit}")
+        yield item("elsewhere in it", "something goes on until the servo breaks away, after a finite time, or rests")
+    linear = "is not linear" if found.linear_stable is None else "is stable" if found.linear_stable else "is unstable"
+    yield item("linear loop", f"without dry friction it {linear}")
+    if found.model == "switch":
+        yield item("linearising", "has no answer: while it sticks no eigenvalue tells of friction, which is exact")
+        return
+    yield item("bristle", f"z = F/sigma0, |z| <= Fs/sigma0 = {quantity(found.bristle_limit, 'rad', '.10g')}")
+    zeros = max((each.directions for each in found.rests), default=0)
+    yield item(
+        "linearising",
+        f"friction has a kink at x2 = 0: the generalised Jacobian has {zeros} eigenvalue{'s' * (zeros > 1)} 0; of the "
+        f"others, over {found.c.size} of its members, the largest real part is {found.largest_real_part:.8g} 1/s",
+    )
+    for name, text, sides, unit, says in (
+        ("sharp", "kd + sigma2 > J ki/kp", found.sharp, "N m s/rad", "necessary and sufficient"),
+        ("simple", "sigma2/J > ki/kp", found.simple, "1/s", "sufficient, and for all K > 0"),
+    ):
+        if math.isnan(sides[0]):
+            continue
+        than, holds = (">", "it holds") if sides[0] > sides[1] else ("<=", "it does not hold")
+        said = [shown().number(side, unit) for side in sides]
+        yield item(
+            f"{name} condition",
+            f"{text}, {says} for all members to be stable but for the zero: {said[0]:.8g} {than} {said[1]:.8g} "
+            f"{label(unit)}, {holds}",
+        )
+    if found.threshold:
+        least = f"1 - (2 alpha - 1) sigma0 z/Fs < {found.threshold:.4g}, at the ends of the bristle's range"
+        yield item("unstable members", least)
+    for sentence in PROVES.split(". "):
+        about, _, text = sentence.rstrip(".").partition(": ")
+        yield item("not proved" if "not" in about else "proved", text)

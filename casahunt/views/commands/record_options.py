@@ -27,11 +27,15 @@ def add_reading(command: Parser) -> None:
 
 def reading_of(options: argparse.Namespace) -> dict[str, Any]:
     """How a record is read, as `read_record` takes it."""
+    # The columns of the torque, of commands that read it
+    given = {name: value for name in TORQUE_OPTIONS if (value := getattr(options, name, None)) is not None}
+    if "torque_constant" in given:
+        given["torque_constant"] = positive("torque-constant", given["torque_constant"], "N m/A")
     return {
         "time_unit": options.time_unit, "position_unit": options.position_unit, "time_column": options.time_column,
         "position_column": options.position_column,
         "skip": None if options.skip is None else count_of("skip", options.skip, 0),
-    } | _torque_of(options)  # fmt: skip
+    } | given  # fmt: skip
 
 
 def add_torque(command: Parser) -> None:
@@ -41,14 +45,6 @@ def add_torque(command: Parser) -> None:
     command.add_argument(
         "--torque-constant", metavar="NM", help="N m of an ampere, or of one of the torque column's unit"
     )
-
-
-def _torque_of(options: argparse.Namespace) -> dict[str, Any]:
-    """The columns of the torque, of commands that read it."""
-    given = {name: value for name in TORQUE_OPTIONS if (value := getattr(options, name, None)) is not None}
-    if "torque_constant" in given:
-        given["torque_constant"] = positive("torque-constant", given["torque_constant"], "N m/A")
-    return given
 
 
 def later_part(record: Record, options: argparse.Namespace) -> Record:

@@ -241,7 +241,16 @@ def remedy_lines(
     )
     yield f"  {advice_of(found, limits, built or {}, of_a_set=of_a_set)}"
     if built:
-        yield f"  {_advice_as_built(found, built)}"
+        # Of those that hold in the loop as built, and of cheaper ones: the sentence below the one that names the best
+        does = _at_rest(built)
+        names = [row.name for row in found.remedies if row.name in built]
+        before = names[: names.index(found.best) + 1] if found.best in names else []
+        said = "in the loop as built: " + (
+            f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT
+        )
+        for name in (name for name in before if name not in does):
+            said += f"; {name} {'was not checked' if isinstance(built[name], str) else 'does not do'}"
+        yield f"  {said}"
     ending = [row for row in found.remedies if row.ends_hunting]
     if ending:
         yield ""
@@ -279,19 +288,6 @@ def that_holds(
 def _at_rest(built: Mapping[str, AsBuilt | str]) -> list[str]:
     """Names of the remedies with which every motion of the loop as built comes to rest, or dies out."""
     return [name for name, seen in built.items() if not isinstance(seen, str) and seen.ends]
-
-
-def _advice_as_built(found: Cures, built: Mapping[str, AsBuilt | str]) -> str:
-    """Of those that hold in the loop as built, and of cheaper ones: the sentence below the one that names the best."""
-    does = _at_rest(built)
-    names = [row.name for row in found.remedies if row.name in built]
-    before = names[: names.index(found.best) + 1] if found.best in names else []
-    said = "in the loop as built: " + (
-        f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT
-    )
-    for name in (name for name in before if name not in does):
-        said += f"; {name} {'was not checked' if isinstance(built[name], str) else 'does not do'}"
-    return said
 
 
 def remedy_details(found: Cures, *, of_a_set: bool) -> Iterator[str]:

@@ -65,6 +65,7 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     """
     p = _Page(record)
     figures = {name: figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
+    rows = [_task_row(p, f"verification/tasks/{i}") for i in range(len(p.record["verification"]["tasks"]))]
     parts = [
         *_answer(p),
         *_demands(p),
@@ -73,7 +74,7 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         *([*_elasticities(p), figures.get("sensitivities", "")] if record["elasticities"] else []),
         *_verification(p),
         *built_section(p, {"the tuned servo": "as_built"} if "as_built" in record else {}),
-        *_tasks(p),
+        *["<h2>Simulated regulator tasks</h2>", table([*TASK_COLUMNS], rows)],
         figures.get("responses", ""),
         *_limits(p),
     ]
@@ -175,6 +176,8 @@ def _elasticities(p: _Page) -> list[str]:
 
 def _verification(p: _Page) -> list[str]:
     check = p.record["verification"]
+    factor = p.n("demands/gain_margin", "g")
+    least = f"at least {p.n('demands/phase_margin', 'g')} degrees"
     return [
         "<h2>Verified apart from the optimisation</h2>",
         table([], [
@@ -192,14 +195,8 @@ def _verification(p: _Page) -> list[str]:
              f"{p.n('verification/loops_checked', 'g')} servos"],
         ]),
         table(["linear loop, without dry friction", "phase margin", "stable down to", "stable up to"],
-              [_asked_margins(p), *_loop_rows(p)]),
+              [["asked for", least, f"{factor} times less", f"{factor} times more"], *_loop_rows(p)]),
     ]  # fmt: skip
-
-
-def _asked_margins(p: _Page) -> list[str]:
-    factor = p.n("demands/gain_margin", "g")
-    least = f"at least {p.n('demands/phase_margin', 'g')} degrees"
-    return ["asked for", least, f"{factor} times less", f"{factor} times more"]
 
 
 def _loop_rows(p: _Page) -> list[list[str]]:
@@ -219,11 +216,6 @@ def _loop_row(p: _Page, names: Sequence[str], loop: Mapping[str, Any]) -> list[s
         free if not loop["lowest_factor"] else p.n(f"{at}/lowest_factor", ".5g") + " times",
         free if loop["highest_factor"] is None else p.n(f"{at}/highest_factor", ".5g") + " times",
     ]
-
-
-def _tasks(p: _Page) -> list[str]:
-    rows = [_task_row(p, f"verification/tasks/{i}") for i in range(len(p.record["verification"]["tasks"]))]
-    return ["<h2>Simulated regulator tasks</h2>", table([*TASK_COLUMNS], rows)]
 
 
 def _limits(p: _Page) -> list[str]:

@@ -40,6 +40,8 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     p = Fragments(record)
     figures = {name: figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
     ending = [i for i, row in enumerate(record["remedies"]) if row["ends_hunting"]]
+    rows = [i for i, row in enumerate(p.record["remedies"]) if not row["ends_hunting"]]
+    items = [f"<li>{p.text(f'remedies/{i}/name')}: {p.text(f'remedies/{i}/said')}</li>" for i in rows]
     return document(TITLE, [
         *_answer(p),
         *(["<h2>What ends it, the cheapest first</h2>", table([*HEAD], [_row(p, i) for i in ending]),
@@ -49,7 +51,7 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         *_worst(p, ending),
         *built_section(p, {name: f"as_built/{name}" for name in record.get("as_built", {})}),
         figures.get("sizes", ""),
-        *_not_ending(p),
+        *(["<h2>What does not end it</h2><ul>", *items, "</ul>"] if items else []),
         "<h2>Where the servo may rest</h2>",
         "<p>Without a remedy the servo rests at its set point alone, with any torque that static friction holds.</p>",
         figures.get("rests", ""),
@@ -112,12 +114,6 @@ def _worst(p: Fragments, ending: list[int]) -> list[str]:
         return []
     rows = [[p.text(f"remedies/{i}/name"), _sized(p, i, "worst_size")] for i in ending]
     return ["<h2>The worst servo of the set</h2>", table(["remedy", "ends hunting"], rows)]
-
-
-def _not_ending(p: Fragments) -> list[str]:
-    rows = [i for i, row in enumerate(p.record["remedies"]) if not row["ends_hunting"]]
-    items = [f"<li>{p.text(f'remedies/{i}/name')}: {p.text(f'remedies/{i}/said')}</li>" for i in rows]
-    return ["<h2>What does not end it</h2><ul>", *items, "</ul>"] if items else []
 
 
 def _margins(p: Fragments) -> list[str]:

@@ -151,17 +151,14 @@ class State:
         if not choice:
             return replace(self, remedy="", values=values)
         remedy = remedy_called(choice, self.model)
-        first = own_numbers(remedy) | {remedy.size: self._first_size(remedy)}
-        return replace(self, remedy=choice, values=values | first)
-
-    def _first_size(self, remedy: Remedy) -> float:
-        """A small size of a remedy, in three digits."""
+        # A small size of a remedy, in three digits
         servo, model, gain = self.problem[:3]
         assert servo is not None
         loop = loop_of(servo, model, gain)
         amplitude = GUESSED_AMPLITUDE * servo.friction.static / servo.torque_gains(gain)[0]
         unit = scale_of(remedy, loop, Swing({}, amplitude, GUESSED_PERIOD * servo.controller.reset_time))
-        return float(f"{unit * remedy.first:.3g}")
+        first = own_numbers(remedy) | {remedy.size: float(f"{unit * remedy.first:.3g}")}
+        return replace(self, remedy=choice, values=values | first)
 
     def _by(self, form: str) -> State:
         """The same controller by its times or by its gains.
@@ -257,20 +254,15 @@ def state_of_address(query: str) -> State:
         if any(f"controller.{name}" in said for name in ("kp", "ki", "kd")):
             known = known.choose("controller", "gains")
         known = known.choose("remedy", said.get("remedy", ""))
-    drive = _drive(said)
-    others = ("part", "model", "remedy", *(f"{DRIVE_TABLE}.{key}" for key in drive))
-    given = {key: text for key, text in said.items() if key not in others}
-    values = {choice_of("key", key, known.values): _number(key, text) for key, text in given.items()}
-    return replace(known, values={**known.values, **values}, drive=drive)
-
-
-def _drive(said: Mapping[str, str]) -> dict[str, Any]:
-    """The table [drive] of an address.  Raises InputError: it describes none."""
+    # The table [drive] of an address
     texts = {key: said[f"{DRIVE_TABLE}.{key}"] for key in DRIVE_KEYS if f"{DRIVE_TABLE}.{key}" in said}
     drive = {key: text if key in DRIVE_WORDS else _number(f"{DRIVE_TABLE}.{key}", text) for key, text in texts.items()}
     if drive:
         drive_of_table(drive, Units())
-    return drive
+    others = ("part", "model", "remedy", *(f"{DRIVE_TABLE}.{key}" for key in drive))
+    given = {key: text for key, text in said.items() if key not in others}
+    values = {choice_of("key", key, known.values): _number(key, text) for key, text in given.items()}
+    return replace(known, values={**known.values, **values}, drive=drive)
 
 
 def _number(key: str, text: str) -> float:

@@ -90,7 +90,14 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any =
     >>> above.get_ylabel(), below.get_ylabel()
     ('amplitude max |x₁| [rad]', 'period [s]')
     """
-    curves = [*_curves(branches), *_lopsided(branches)]
+    # One cycle of each lopsided pair, thin; the other one has the same amplitude and period
+    result = []
+    for branch in _of_servos(branches):
+        look = LOOKS[branch.model]
+        look = look._replace(width=THIN * look.width, marker=LOPSIDED_MARKER, zorder=look.zorder + 2)
+        name = f"{NAMES[branch.model]}, lopsided"
+        result += [_Curve(look, name, "gain", *_with_special(pair)) for pair in branch.lopsided]
+    curves = [*_curves(branches), *result]
     markers = _special_markers([*branches, *(pair for branch in _of_servos(branches) for pair in branch.lopsided)])
     handles = _legend(curves, markers)
     figure, both = stacked(ax, (1.35, 1), legend_rows=_rows(handles))
@@ -225,17 +232,6 @@ def _label(branches: Sequence[AnyBranch]) -> str:
     (vary,) = names
     unit = shown().si.label(unit_of(vary))
     return GAIN_LABEL if vary == "gain" else f"{vary.replace('_', ' ')} [{unit}]" if unit else vary.replace("_", " ")
-
-
-def _lopsided(branches: Sequence[AnyBranch]) -> list[_Curve]:
-    """One cycle of each lopsided pair, thin; the other one has the same amplitude and period."""
-    result = []
-    for branch in _of_servos(branches):
-        look = LOOKS[branch.model]
-        look = look._replace(width=THIN * look.width, marker=LOPSIDED_MARKER, zorder=look.zorder + 2)
-        name = f"{NAMES[branch.model]}, lopsided"
-        result += [_Curve(look, name, "gain", *_with_special(pair)) for pair in branch.lopsided]
-    return result
 
 
 def _with_special(branch: AnyBranch) -> tuple[list[Orbit], list[str]]:

@@ -145,7 +145,12 @@ def phase_portrait(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     units = (("x₁", "rad"), ("x₂", "rad/s"), ("x₃", "rad s"))
     scales = [_scaled(name, unit, float(peak)) for (name, unit), peak in zip(units, peaks, strict=True)]
     labels = [label for _, label in scales]
-    names = _distinct_names(orbits)
+    # Model and gain; and the amplitude, where these are not enough
+    names = [name_of(orbit) for orbit in orbits]
+    names = [
+        name if names.count(name) == 1 else f"{name}, amplitude {quantity(orbit.amplitude, 'rad', _rounded)}"
+        for name, orbit in zip(names, orbits, strict=True)
+    ]
     handles = _orbit_handles(orbits, names)
     handles += [Line2D([], [], color=NEUTRAL, linewidth=1.3, label="slip (thin)")]
     handles += [Line2D([], [], color=NEUTRAL, linewidth=4.5, label="stick (thick)")]
@@ -221,15 +226,6 @@ def name_of(orbit: Orbit) -> str:
         return f"{NAMES[orbit.model]}, K = {orbit.gain:.4g}"
     vary = orbit.problem.principal
     return f"loop, {vary.replace('_', ' ')} = {orbit.problem.value(vary):.4g}"
-
-
-def _distinct_names(orbits: Sequence[Orbit]) -> list[str]:
-    """Model and gain; and the amplitude, where these are not enough."""
-    names = [name_of(orbit) for orbit in orbits]
-    return [
-        name if names.count(name) == 1 else f"{name}, amplitude {quantity(orbit.amplitude, 'rad', _rounded)}"
-        for name, orbit in zip(names, orbits, strict=True)
-    ]
 
 
 def _rounded(value: float) -> str:
