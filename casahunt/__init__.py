@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from .orbits.floquet import Multipliers
     from .orbits.orbit import Arc
     from .servo.basin import Basin, basin
-    from .servo.branch import Branch
+    from .servo.branch import Branch, load_branch, load_orbit, save_branch, save_orbit
     from .servo.controller import Controller, Pid
     from .servo.denial import no_cycle
     from .servo.drive import Drive
@@ -71,7 +71,6 @@ if TYPE_CHECKING:
     from .servo.sampled.cause import Cause, cause_of
     from .servo.sampled.check import AsBuilt, as_built
     from .servo.sampled.motion import SampledMotion, simulate_sampled
-    from .servo.saved import load_branch, load_orbit, save_branch, save_orbit
     from .servo.servo import Servo, load, load_drive
     from .servo.simulate import simulate
     from .servo.trajectory import Trajectory

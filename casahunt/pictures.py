@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from .views.pictures.equilibria import equilibria
     from .views.pictures.event_map import cobweb
     from .views.pictures.fold import elasticities
-    from .views.pictures.fold_curve import fold_curves
-    from .views.pictures.fold_map import fold_map
+    from .views.pictures.fold_curve import fold_curves, fold_map
     from .views.pictures.identify import fitted_records
     from .views.pictures.loop import bode
     from .views.pictures.orbits import phase_portrait, time_traces

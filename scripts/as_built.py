@@ -51,7 +51,7 @@ from casahunt.servo.parts import loop_of  # noqa: E402
 from casahunt.servo.sampled.as_run import DRIVE_PARTS  # noqa: E402
 from casahunt.servo.sampled.cause import told_apart  # noqa: E402
 from casahunt.servo.sampled.check import motions_of  # noqa: E402
-from casahunt.servo.sampled.turning_points import turning_points  # noqa: E402
+from casahunt.servo.sampled.motion import turning_points  # noqa: E402
 from casahunt.servo.stable_range import stable_range  # noqa: E402
 from casahunt.views.commands.remedies import OWN  # noqa: E402
 from scripts.random_servos import draw  # noqa: E402

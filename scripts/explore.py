@@ -39,9 +39,14 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt import Servo  # noqa: E402
 from casahunt.errors import InputError  # noqa: E402
-from casahunt.views.explore.controls import controls_of  # noqa: E402
-from casahunt.views.explore.presets import presets  # noqa: E402
-from casahunt.views.explore.state import State, remedies_for, state_of_address, state_of_servo  # noqa: E402
+from casahunt.views.explore.page import controls_of  # noqa: E402
+from casahunt.views.explore.state import (  # noqa: E402
+    State,
+    presets,
+    remedies_for,
+    state_of_address,
+    state_of_servo,
+)
 
 EIGHT_HOURS = 8 * 3600 // 5
 """Moves of a person who makes one every 5 s."""

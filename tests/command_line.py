@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from casahunt import cli
-from casahunt.design.diagram_files import CSV_COLUMNS
+from casahunt.design.diagram import CSV_COLUMNS
 
 ROOT = Path(__file__).parents[1]
 

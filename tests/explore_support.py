@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from casahunt.servo.parts.table import remedies_for
-from casahunt.views.explore.presets import presets
-from casahunt.views.explore.state import state_of_file, state_of_servo
+from casahunt.views.explore.state import presets, state_of_file, state_of_servo
 from problems import table1
 
 LOOP = """

@@ -19,7 +19,7 @@ from command_line import PROGRESS, ROOT, contents, one_json, process, rows_of, r
 from servo_files import ROTARY, dump
 
 from casahunt import Branch, cli
-from casahunt.servo.saved import load_branch
+from casahunt.servo.branch import load_branch
 from casahunt.views.commands.output import MEANINGS
 from problems import taylor
 

@@ -18,8 +18,8 @@ from casahunt.collocation.interval import point_function
 from casahunt.compiled import alone
 from casahunt.hybrid.system import VectorMode
 from casahunt.servo.friction import Friction, stribeck
-from casahunt.servo.hunting import system_of
 from casahunt.servo.parts.plain_loop import servo_of_loop
+from casahunt.servo.problem import system_of
 from casahunt.servo.trajectory import Trajectory
 
 Array = np.ndarray

@@ -6,14 +6,12 @@ scheme.py         nodes, weights, interpolation: pure numpy
 interval.py       one collocation interval, compiled, with its exact Jacobian
 elimination.py    its stages eliminated: positions by substitution, the rest by LU
 substitution.py   the same as expressions, for one interval by itself
-vectorised.py     a function of a point at many points, by numpy
 ensemble_points.py fields and stages of many members, over arrays
 joints.py         closed-form phases and events, compiled, with their exact Jacobians
 node_system.py    the linear system left when the stages are eliminated
 linearisation.py  the equations at one point: residuals, Newton steps, tangents
 transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
 graphs.py         the same equations as graphs for optimisation, with Jacobian and Hessian
-fold_system.py    the extended system of a fold: how far to go along the curve
 newton.py         Newton's method, and when a solution is one
 ipopt.py          IPOPT: a root, the largest parameter, a small cost
 solve.py          which of the two solves, alone or one after the other

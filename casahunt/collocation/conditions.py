@@ -17,9 +17,9 @@ import numpy as np
 
 from ..compiled import kept
 from ..hybrid.system import Feature, Phase, VectorEvent, VectorMode
+from .ensemble_points import OverArrays
 from .joints import event_rate, flow_at
 from .transcription import Setting, Transcription
-from .vectorised import OverArrays
 
 Array = np.ndarray
 

@@ -10,9 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import Status
-from .fold_system import MOST_TURNS, Turn
 from .ipopt import ipopt, maximise_parameter
-from .newton import LARGEST_MOVE, Solution, Solver, newton, status_of
+from .newton import LARGEST_MOVE, MOST_TURNS, Solution, Solver, Turn, newton, status_of
 from .transcription import Setting, Transcription
 
 Array = np.ndarray

@@ -2,7 +2,6 @@
 
     G(u, lambda) = 0 along s:    G_u u' + G_lambda lambda' = 0,    |(x_0, ln T_1, lambda)'| = 1;   fold: lambda' = 0
 
-moving_mesh.py      meshes that move with a branch
 predictor.py        the last two points of a branch, interpolated and carried on
 curve.py            the curve of a branch: its points and tangents, and the cycle next to one
 walk.py             orbits along it, by pseudo-arclength, or at prescribed values of the parameter
@@ -12,7 +11,6 @@ grazing_contact.py  cycles that contact an event
 locating.py         the orbit between two at which a monitor vanishes, or where a branch turns
 vanishing.py        where a phase shrinks to nothing, and where between two orbits the phases change
 bifurcations.py     branch points, flips, losses of symmetry and tori, by the multipliers
-stations.py         which steps of a branch must be looked at inside, and their orbits there
 crossings.py        what a branch passes from orbit to orbit
 branching.py        from a flip or a loss of symmetry to the cycles that branch off
 beyond_grazing.py   behind a grazing: the cycle that a branch goes on with
@@ -34,7 +32,6 @@ fold_ensemble.py    folds of many problems near one whose fold is known, with th
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
 sheet.py            orbits beside a special one, as a surface over two parameters
 special_charts.py   charts of a curve of special points: its gradient, slope and error
-folds_ahead.py      many places of a fold curve at once
 two_parameters.py   the curve of special points in two parameters
 extremum.py         the largest and the smallest value of a parameter, with what moves it
 """

@@ -28,8 +28,8 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
-from ..orbits.other_start import may_vanish
 from ..orbits.sequences import nearest_touch, with_contact, with_successor, without
+from ..orbits.simulated_phases import may_vanish
 from .curve import along, backwards, point_at, predict, solved_at
 from .grazing_contact import (
     NEAR_CONTACT,

@@ -36,12 +36,21 @@ from .. import effort
 from ..orbits.adapt import Options
 from ..orbits.batched_multipliers import ORBITS_AHEAD, know_multipliers
 from ..orbits.orbit import AnyOrbit
-from .bifurcations import BRANCH_POINT, FLIP, NEIMARK_SACKER, SYMMETRY_LOST
+from .bifurcations import (
+    BRANCH_POINT,
+    FLIP,
+    LOOKED_INSIDE,
+    NEIMARK_SACKER,
+    SYMMETRY_LOST,
+    Change,
+    Inside,
+    Signs,
+    Station,
+)
 from .curve import CurvePoint, arrived, ends, parameter_value, secant_direction
 from .locating import Located, locate_special_point
 from .poincare_section import apart_by_kinks
 from .special_points import ACCEPTED_TOLERANCES, FOLD, GRAZING, Missed, Monitor, SpecialPoint, in_order, special_point
-from .stations import LOOKED_INSIDE, Change, Inside, Signs, Station
 from .vanishing import change_of_phases
 
 Array = np.ndarray

@@ -28,8 +28,19 @@ from ..orbits.adapt import Options, solve_adaptively
 from ..orbits.bordering import curve_border, with_other_phases
 from ..orbits.orbit import AnyOrbit, Orbit, SolvedOrbit, linearised, orbit_of, unknowns_of
 from ..orbits.restart import Start, in_scheme
-from .moving_mesh import Progress, by_time, stiff, way_of
-from .predictor import Bend, RelativePoint, alive, bent, logarithms, straight, unknowns
+from .predictor import (
+    Bend,
+    Progress,
+    RelativePoint,
+    alive,
+    bent,
+    by_time,
+    logarithms,
+    stiff,
+    straight,
+    unknowns,
+    way_of,
+)
 
 Array = np.ndarray
 

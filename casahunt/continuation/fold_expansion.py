@@ -6,7 +6,7 @@ The turning points of all members are found in one loop, for every member until 
 part of the tolerance; who is done leaves the batch:
 
     linearise at (u, lambda) -> Newton's step at fixed a, and the tangent -> the way along it
-    (collocation/fold_system.py)
+    (collocation/newton.py)
 
 What it finds far from its start is another fold.  A member that is lost is approached by way of the turning point
 halfway.
@@ -20,8 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..collocation.fold_system import ACCEPTED_STEP, MOST_TURNS, Turn
-from ..collocation.newton import LARGEST_MOVE
+from ..collocation.newton import ACCEPTED_STEP, LARGEST_MOVE, MOST_TURNS, Turn
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription, settings_of, transcribe
 from ..errors import Status

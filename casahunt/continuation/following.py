@@ -26,7 +26,7 @@ from .. import effort
 from ..checks import choice_of, of_kind, to_and_back
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.one_of_many import one_of_many
+from ..orbits.fold_side import one_of_many
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
 from .bifurcations import monitors_of

@@ -2,7 +2,7 @@
 
     f(s) = 0    by inverse interpolation between true corrections, s the arclength from the orbit that is closer
     fold        the turning point of the cubic between the orbits -> the extremum next to it
-    (collocation/fold_system.py), on
+    (collocation/newton.py), on
                 meshes adapted to the tolerance (orbits/adapt.py)
     branch point    lambda(f) at f = 0 of the polynomial through orbits on both sides, |f| being 2e-3 to 6e-3
 

@@ -40,9 +40,9 @@ from ..orbits.adapt import Options
 from ..orbits.closure import Section
 from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
-from ..orbits.other_start import may_vanish, rotated
 from ..orbits.restart import Start, from_segments
 from ..orbits.sequences import later, part_of, segments_of, start_of, uncut
+from ..orbits.simulated_phases import may_vanish, rotated
 from ..roots import boundary
 from .curve import along, point_at, solved_along, solved_at
 

@@ -28,11 +28,10 @@ from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
 from .broken_symmetry import keeps_symmetry
 from .curve import parameter_value
 from .fold import Fold
-from .folds_ahead import folds_ahead
 from .grazing_contact import contact_of
 from .plane_curve import Evaluation, follow_curve, root_across
 from .sheet import Axis, Sheet, finer, sheet_of
-from .special_charts import ChartSetting, SpecialChart, SpecialOrbit, special_chart
+from .special_charts import ChartSetting, SpecialChart, SpecialOrbit, folds_ahead, special_chart
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint, special_point
 from .walk import walk_to_end
 

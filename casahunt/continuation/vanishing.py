@@ -29,9 +29,9 @@ from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
-from ..orbits.other_start import may_vanish, rotated, strongest
 from ..orbits.restart import Start
 from ..orbits.sequences import nearest_touch, without
+from ..orbits.simulated_phases import may_vanish, rotated, strongest
 from ..roots import boundary
 from .curve import along, backwards, curve_point, parameter_value, secant_direction, solved_at
 from .grazing_contact import CONTACT_RANGE, grazing_at

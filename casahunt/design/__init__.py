@@ -3,7 +3,6 @@
     K_f(q): the fold gain of a servo with parameters q;    dK_f/dq = -nu . G_q;    K (1 + margin) > K_f for all q
 
 diagram.py          the branch of a servo from a gain round the fold and back
-diagram_files.py    a diagram on the disk after every point, and taken up again
 sensitivity.py      the fold gain's derivatives by every parameter, from the adjoint
 fold_curve.py       the fold gain against a second parameter
 nearby.py           the fold of a servo near one whose fold is known

@@ -7,7 +7,6 @@ vector_form.py  functions of named states and parameters as functions of vectors
 problem.py   the contract: what the engine must know of whoever poses a problem
 jumps.py     whether a field jumps where its mode goes on
 expressions.py  what a user's functions return, checked
-engine_form.py  a system in the terms of the engine
 language.py  what a user writes: Event, Mode, System with names
 examples.py  two small systems, which the examples take
 """

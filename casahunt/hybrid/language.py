@@ -24,9 +24,8 @@ import numpy as np
 from ..checks import choice_of, number, quoted, require
 from ..errors import InputError
 from . import system as engine
-from .engine_form import vector_form_of
 from .expressions import check_functions
-from .vector_form import SIGN, TIME, Named, Names, listed
+from .vector_form import SIGN, TIME, Named, Names, listed, vector_form_of
 
 Array = np.ndarray
 Function = Callable[[Named, Named], Any]

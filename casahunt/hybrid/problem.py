@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import 
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np

@@ -14,16 +14,13 @@ orbit.py     Orbit and Arc: results as frozen numpy
 state_sensitivity.py the states at given times, and how they move with the parameters
 batched_multipliers.py the multipliers of many orbits
 restart.py   starting points for another phase sequence
-options.py   how orbits are computed
 bordering.py the row under which the parameter is free
 closure.py   how a cycle of a user's system closes, and where it is cut
 recurrence.py  when a motion repeats, as it is or mirrored
 watching.py  a first look at a motion: sizes, where it is cut
 sequences.py   other phase sequences, where one has stopped being a motion
 simulated_phases.py the phases that the motion itself has
-other_start.py the same cycle from another of its boundaries
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
-one_of_many.py whether a cycle is one of many at the same parameters
 fold_side.py on which side of a fold a cycle lies
 ensemble.py  cycles of many problems near one whose cycle is known
 npz_arrays.py arrays of a file, unpacked within limits
@@ -45,13 +42,13 @@ if TYPE_CHECKING:
     from .adapt import refined
     from .archive import Archive, write_archive
     from .batched_multipliers import with_multipliers
+    from .bordering import Options
     from .closure import Closure
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
     from .family import Cycles
     from .floquet import Multipliers
     from .marched_mesh import orbit_from_motion
-    from .options import Options
     from .orbit import Arc, Orbit
     from .saved_cycle import load_orbit
     from .state_sensitivity import StateSensitivity, state_sensitivity

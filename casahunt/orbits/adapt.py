@@ -30,8 +30,7 @@ from ..collocation.transcription import Setting, Transcription
 from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem
 from .amplitude import estimated, measured
-from .bordering import curve_border, with_other_phases
-from .options import Options
+from .bordering import Options, curve_border, with_other_phases
 from .orbit import AnyOrbit, SolvedOrbit, orbit_of, unknowns_of
 from .restart import Start
 from .sequences import split

@@ -36,7 +36,7 @@ from .closure import Closure, turned, turns, with_sections
 from .family import Family, measured_of
 from .first_return import FirstReturn, Guess, reversed_in_time
 from .floquet import clearly_attracts
-from .one_of_many import one_of_many
+from .fold_side import one_of_many
 from .orbit import unknowns_of
 from .recurrence import EXACTLY, Recurrence, recurrences
 from .restart import from_segments, in_scheme

@@ -26,9 +26,8 @@ import casadi as ca
 import numpy as np
 
 from ..checks import choice_of
-from ..collocation.ensemble_points import fields_at
+from ..collocation.ensemble_points import OverArrays, fields_at
 from ..collocation.transcription import Transcription
-from ..collocation.vectorised import OverArrays
 from ..compiled import kept
 from ..hybrid.system import VectorMode
 from ..results import Result

@@ -38,14 +38,13 @@ from ..roots import boundary
 from .event_map.half_cycle import SECTION
 from .find_orbit import find_orbit
 from .friction import Model
-from .hunting import motor_torque
 from .outcome import SETTLES, Kind
 from .parts.fate import LEFT_OF_A_SWING, Swing, fate
 from .parts.loop import Loop
 from .parts.lugre import LUGRE
 from .parts.plain_loop import LoopResult, loop_asked, servo_of_loop
 from .parts.verbs import loop_cycle
-from .problem import HuntingOrbit
+from .problem import HuntingOrbit, motor_torque
 from .sampled.motion import static_of
 from .servo import Servo
 

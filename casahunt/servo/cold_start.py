@@ -41,8 +41,7 @@ from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import SCAN_LOW, Scan, scan
 from .event_map.secant_search import CLOSER, near_stable, near_typical
 from .friction import Model
-from .hunting import SCHEMES, Kind, mirrored
-from .problem import Hunting, HuntingOrbit, hunting
+from .problem import SCHEMES, Hunting, HuntingOrbit, Kind, hunting, mirrored
 from .servo import Servo
 
 CLEARLY_STABLE = -0.8

@@ -35,12 +35,12 @@ from ..errors import InputError, NotFollowed, Status
 from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
 from .friction import Model
-from .hunting import Kind
 from .move import Move, a_move, begins_in, check_time, moving
 from .parts.ahead import errors_of, measured
 from .parts.fate import fate
 from .parts.loop import Loop
 from .parts.plain_loop import loop_asked
+from .problem import Kind
 from .servo import Servo
 from .trajectory import Happening, Trajectory, told_first
 

@@ -1,7 +1,6 @@
 """What a person sees: pictures, commands, pages.  Nothing here computes what it shows.
 
 glossary.py   the words of the trade, each in a sentence
-stability.py  up to which gain a cycle is stable, in words
 answers/      what the commands say: what it means first, and the mathematics behind it
 pictures/     drawn by matplotlib, which only plotting.py imports
 evidence/     a tuning, or the remedies, as one JSON object and one page

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit
-from casahunt.servo.hunting import SCHEMES
+from casahunt.servo.problem import SCHEMES
 from problems import taylor
 from scripts.extremes.cases import Case
 from scripts.limits import TooSlow, within

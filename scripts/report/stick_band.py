@@ -10,10 +10,10 @@ This is the report's section 3.2 made consistent.  Printed there, the stick forc
 sign, the transition force has the wrong sign for the u of that section, and F lacks sigma2 x2 in slip; the
 stick rows and the slip rows of its state equation are right.
 
-As eta -> 0 the motion tends to that of the exact Switch servo (servo/hunting.py), with a difference of the
+As eta -> 0 the motion tends to that of the exact Switch servo (servo/problem.py), with a difference of the
 order of sqrt(eta): the time to cross the band at breakaway is sqrt(2 J eta/(ki |x1|)).
 
-Written as any user writes a system, like servo/hunting.py; eta [rad/s] and alpha [1/s], p.stick_band and
+Written as any user writes a system, like servo/problem.py; eta [rad/s] and alpha [1/s], p.stick_band and
 p.stick_rate, are the entries STICK_BAND of the parameter vector, its last.
 """
 
@@ -28,7 +28,7 @@ from casahunt import Servo
 from casahunt.hybrid import Event, Mode, System
 from casahunt.servo.controller import torque_gains_of
 from casahunt.servo.friction import stribeck
-from casahunt.servo.hunting import STATES
+from casahunt.servo.problem import STATES
 from casahunt.servo.servo import called
 
 STICK_BAND = ("friction.stick_band", "friction.stick_rate")

@@ -18,8 +18,7 @@ from casahunt.hybrid import language
 from casahunt.hybrid.system import Cycle, Phase, Signature, VectorEvent
 from casahunt.orbits.floquet import multipliers
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.servo.hunting import mirrored
-from casahunt.servo.problem import Hunting
+from casahunt.servo.problem import Hunting, mirrored
 from casahunt.servo.servo import PARAMETERS, Servo
 from problems import stuart_landau as sl
 from problems import table1

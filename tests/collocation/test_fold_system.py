@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casahunt.collocation.fold_system import LARGEST_WAY, MOST_TURNS, Turn
+from casahunt.collocation.newton import LARGEST_WAY, MOST_TURNS, Turn
 
 ONE = np.zeros(1, int)
 

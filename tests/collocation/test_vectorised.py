@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt.collocation.vectorised import OPERATIONS, OverArrays
+from casahunt.collocation.ensemble_points import OPERATIONS, OverArrays
 
 x, y, p = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("p")
 EXPRESSIONS = [

@@ -14,7 +14,7 @@ from casahunt.continuation.poincare_section import same_events
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import find_cycle
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.orbits.other_start import rotated
+from casahunt.orbits.simulated_phases import rotated
 
 
 def sampled(period=2.0, x=(1.0, -1.0), v=(3.0, 0.0)):

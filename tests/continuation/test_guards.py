@@ -33,7 +33,8 @@ from casahunt.continuation import (
 )
 from casahunt.errors import Status
 from casahunt.hybrid import Event, Mode, System
-from casahunt.orbits import Options, find_cycle, other_start, sequences, simulated_phases
+from casahunt.orbits import Options, find_cycle, sequences, simulated_phases
+from casahunt.orbits import simulated_phases as other_start
 from casahunt.orbits.orbit import unknowns_of
 from problems import belt
 from scripts.random_servos import draw

@@ -14,7 +14,7 @@ from casahunt.collocation.scheme import scheme
 from casahunt.collocation.transcription import transcribe
 from casahunt.continuation import walk as walks
 from casahunt.continuation.curve import bend, bent_through, curve_point, predict, secant_direction, seen_from
-from casahunt.continuation.moving_mesh import Progress, by_time, carried, resampled, starts, way_of
+from casahunt.continuation.predictor import Progress, by_time, carried, resampled, starts, way_of
 from casahunt.continuation.walk import step_along, walk
 from casahunt.hybrid.examples import ball, belt
 from casahunt.orbits import find_cycle

@@ -20,7 +20,7 @@ from casahunt.hybrid.examples import belt
 from casahunt.orbits import Options, find_cycle
 from casahunt.orbits.bordering import with_other_phases
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.orbits.other_start import rotated
+from casahunt.orbits.simulated_phases import rotated
 from problems import canudas_gain
 
 OPTIONS = Options(tol=canudas_gain.TOL)

@@ -17,7 +17,7 @@ from casahunt.orbits import Orbit, find_cycle
 from casahunt.orbits.batched_multipliers import know_multipliers
 from casahunt.orbits.multiplier_mesh import NO_STEP
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.orbits.other_start import rotated
+from casahunt.orbits.simulated_phases import rotated
 from problems import impact_oscillator
 
 

@@ -8,7 +8,7 @@ from casahunt import NoOrbit
 from casahunt.continuation import follow
 from casahunt.hybrid import Event, Mode, System
 from casahunt.orbits import find_cycle
-from casahunt.orbits.one_of_many import one_of_many
+from casahunt.orbits.fold_side import one_of_many
 from casahunt.orbits.orbit import unknowns_of
 
 

@@ -12,11 +12,11 @@ import pytest
 from archived import ORBITS, assert_same, computed, refusal
 
 from casahunt import Branch, Options, Servo, SpecialPoint, find_orbit, walk
-from casahunt.design.diagram_files import DiagramTask, saved_points
+from casahunt.design.diagram import DiagramTask, saved_points
 from casahunt.hybrid.examples import belt
 from casahunt.orbits import load_orbit as load_cycle
 from casahunt.orbits.archive import VERSION, Archive
-from casahunt.servo.saved import load_branch, load_orbit, save_branch, save_orbit
+from casahunt.servo.branch import load_branch, load_orbit, save_branch, save_orbit
 from problems import table1
 
 OLD = Path(__file__).parent / "version_0_2"

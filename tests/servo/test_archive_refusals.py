@@ -11,7 +11,7 @@ from archived import assert_same, computed, refusal
 
 from casahunt import Branch, InputError, Servo, SpecialPoint
 from casahunt.orbits.archive import VERSION
-from casahunt.servo.saved import load_branch, load_orbit, save_branch, save_orbit
+from casahunt.servo.branch import load_branch, load_orbit, save_branch, save_orbit
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from casahunt.servo.event_map.slopes import (
     one_sided,
     rounding,
 )
-from casahunt.servo.hunting import system_of
+from casahunt.servo.problem import system_of
 from problems import table1
 from problems.taylor import switch_half_cycle
 

@@ -21,11 +21,11 @@ from casahunt.motion import simulate
 from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import Options
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.orbits.other_start import rotated
+from casahunt.orbits.simulated_phases import rotated
 from casahunt.servo.find_orbit import find_orbit
-from casahunt.servo.hunting import hunting_system, system_of
 from casahunt.servo.parts.functions import FieldOf
 from casahunt.servo.parts.wiring import Wiring
+from casahunt.servo.problem import hunting_system, system_of
 from casahunt.servo.servo import Servo
 from problems.table1 import REFERENCE, servo
 from scripts.report.stick_band import band_system

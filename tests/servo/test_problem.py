@@ -9,8 +9,7 @@ from casahunt import Options, Servo, find_orbit
 from casahunt.continuation import follow
 from casahunt.orbits.adapt import solve_adaptively
 from casahunt.orbits.orbit import unknowns_of
-from casahunt.orbits.other_start import rotated
-from casahunt.orbits.simulated_phases import expected, other_sequences
+from casahunt.orbits.simulated_phases import expected, other_sequences, rotated
 from casahunt.servo.problem import Hunting
 from problems import table1
 

@@ -12,7 +12,7 @@ from casahunt import NoOrbit, Servo, cli, find_fold, find_orbit, simulate
 from casahunt.orbits import Options
 from casahunt.servo import stable_range as module
 from casahunt.servo.stable_range import stable_range
-from casahunt.views.stability import stability_of
+from casahunt.views.answers.fold import stability_of
 from problems import canudas_gain, canudas_servo, table1
 from problems.taylor import switch_cycle, switch_half_cycle
 from scripts.random_servos import draw

@@ -11,8 +11,8 @@ from command_line import NUMBER, PROGRESS, contents, is_picture, one_json, run
 from servo_files import dump
 
 from casahunt import Orbit, Servo, __version__, cli, find_orbit
-from casahunt.design.diagram_files import CSV_COLUMNS, csv_row
-from casahunt.servo.saved import load_orbit
+from casahunt.design.diagram import CSV_COLUMNS, csv_row
+from casahunt.servo.branch import load_orbit
 from casahunt.views.commands import orbit as command_orbit
 from problems import table1
 

@@ -13,7 +13,7 @@ from casahunt import NoOrbit, Servo, find_fold, find_orbit, load
 from casahunt.continuation import crossings
 from casahunt.continuation import special_points as monitor
 from casahunt.design.diagram import DiagramPoint, diagram_points, starting_gain
-from casahunt.servo.saved import load_branch
+from casahunt.servo.branch import load_branch
 from casahunt.views.answers.diagram import diagram_answer
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold as command_fold

@@ -3,7 +3,6 @@
     theta(t) = theta(t + T),    amplitude = (max - min)/2 over whole periods
 
 units.py     units of time and angle as a header states them
-layout.py    preamble, header, delimiter and decimal sign of a file
 reading.py   which columns were read, in which units; samples as other packages hand them out
 file.py      a measured record, and how it is read from a file
 period.py    the period, from the likeness of what is a lag apart

@@ -21,8 +21,18 @@ from ...errors import InputError
 from ...export import Columns
 from ...files import bounded
 from ...results import Result
-from .layout import Layout, column_of, layout_of, text_of
-from .reading import Column, Reading, column_read, samples_of, torque_read, torque_wanted
+from .reading import (
+    Column,
+    Layout,
+    Reading,
+    column_of,
+    column_read,
+    layout_of,
+    samples_of,
+    text_of,
+    torque_read,
+    torque_wanted,
+)
 from .units import Quantity, Unit, parsed_unit, quantity_of, split_header
 
 Array = np.ndarray

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...motion import Segment, march
 from ..friction import Model
-from ..hunting import SCHEMES, Kind, motor_torque, system_of
+from ..problem import SCHEMES, Kind, motor_torque, system_of
 from ..servo import Servo
 
 Array = np.ndarray

@@ -38,7 +38,7 @@ import numpy as np
 
 from ...checks import require
 from ...motion import MarchFailure, Segment, forward_sensitivity, march
-from ..hunting import SCHEMES, slips_back, system_of
+from ..problem import SCHEMES, slips_back, system_of
 from ..servo import Servo
 from .half_cycle import StickMap
 

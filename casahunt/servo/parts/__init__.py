@@ -3,7 +3,6 @@
     x' = product of the parts' fields,   modes = tuples of their modes,   y = signals that they exchange
 
 part.py                  the words: Part, PartMode, Law, Edge
-addresses.py             where parts and their functions stand, for other processes
 wiring.py                the parts in one mode each, wired by their signals
 functions.py             fields, flows, events and resets of wired parts
 product.py               the product of parts, as a system like any user's
@@ -33,7 +32,6 @@ dither.py                remedy: dither, by its averaged friction curve
 plain.py                 remedies: gain, derivative and integral action
 table.py                 all remedies
 plain_loop.py            a servo as a loop
-naming.py                parts by what a file calls them
 file.py                  a loop in a file
 turns.py                 whether the turns of a motion repeat, or its swings become ever smaller
 fate.py                  what becomes of a motion of a loop, event by event

@@ -15,22 +15,34 @@ of lists is a table of them:
     {part = "state space", A = [[0.0]], B = [1.0], C = [6.28], D = 2.0}
     {part = "series", filters = ["notch", "low-pass"]}
     {part = "friction table", velocity = [0.0, 0.02, 0.05, 1.0], torque = [0.5, 0.47, 0.44, 0.54], static = 0.53}
+
+Parts by what a file calls them: a name, or a table of what a part is made of.
+
+"leak"     {part = "transfer function", numerator = [0.16, 2.0, 6.28], denominator = [0.001, 1.0, 0.0]}
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 from ...axis_units import UNITS_TABLE, units_of_table
-from ...checks import choice_of
+from ...checks import choice_of, quoted
 from ...errors import InputError
 from ..drive import DRIVE_TABLE, drive_of_table
 from ..servo import read_toml
 from ..units import check_motor_gain, value_of
+from .filters import series
+from .linear_controller import state_space
+from .linear_forms import transfer_function
 from .loop import Loop
-from .naming import parts_of
+from .part import Part
+from .table import check_in_the_model
+from .tabulated import friction_table
 
 
 def load_loop(path: str | Path) -> Loop:
@@ -85,3 +97,69 @@ def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
         return loop
     except InputError as error:
         raise InputError(f"{what}: {error}") from None
+
+
+MAKERS: dict[str, Callable[..., Part]] = {
+    "friction table": friction_table,
+    "series": series,
+    "state space": state_space,
+    "transfer function": transfer_function,
+}
+"""What is made of numbers that are no parameters; the keys of its table are the arguments."""
+
+
+def named_parts() -> dict[str, list[Part]]:
+    """The parts of this room by their names: of one name all that there are."""
+    package = __name__.rpartition(".")[0]
+    named: dict[str, list[Part]] = {}
+    for module in iter_modules(import_module(package).__path__, f"{package}."):
+        for part in vars(import_module(module.name)).values():
+            if isinstance(part, Part) and part not in named.setdefault(part.name, []):
+                named[part.name].append(part)
+    return named
+
+
+def parts_of(entries: Sequence[Any]) -> tuple[Part, ...]:
+    """The parts of these names and tables.  Raises InputError: there is none, with what there is instead."""
+    several = [_parts(entry) for entry in entries]
+    events = {edge.name for one in several for part in one[:1] for mode in part.modes for edge in mode.ends}
+    # best where it waits for events of others that there are, worst where there are none such
+    return tuple(
+        max(one, key=lambda part: 0 if not part.upon else 1 if events >= set(part.upon) else -1) for one in several
+    )
+
+
+def _parts(entry: Any) -> list[Part]:
+    """All parts that this may be."""
+    tabled = isinstance(entry, Mapping) and isinstance(entry.get("part"), str)
+    if not tabled and not isinstance(entry, str):
+        raise InputError(f'parts: {quoted(entry)}: must be the name of a part, or a table {{part = "...", ...}}')
+    name = entry["part"] if tabled else entry
+    given = {key: value for key, value in entry.items() if key != "part"} if tabled else {}
+    check_in_the_model(name)
+    if name in MAKERS:
+        return [_made(name, given)]
+    named = named_parts()
+    choice_of("part", name, [*named, *MAKERS])
+    if given:
+        raise InputError(f"{name}: {next(iter(given))}: its numbers stand in the table [values]")
+    return named[name]
+
+
+def _made(name: str, given: Mapping[str, Any]) -> Part:
+    """A part that is made of arguments.  Raises InputError: of others, not all of them, or no lists of numbers."""
+    arguments = inspect.signature(MAKERS[name]).parameters.values()
+    for key in given:
+        choice_of(f"entry of {name}", key, [argument.name for argument in arguments])
+    for argument in arguments:
+        if argument.default is argument.empty and argument.name not in given:
+            needed = ", ".join(f"{a.name} = ..." for a in arguments if a.default is a.empty)
+            raise InputError(f'{name}: must say {argument.name}: {{part = "{name}", {needed}}}')
+    several = [given[argument.name] for argument in arguments if argument.kind is argument.VAR_POSITIONAL]
+    rest = {key: value for key, value in given.items() if not any(value is each for each in several)}
+    try:
+        return MAKERS[name](*(item for each in several for item in each), **rest)
+    except InputError:
+        raise
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: must be made of lists: {', '.join(given)}") from None

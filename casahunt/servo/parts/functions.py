@@ -10,9 +10,8 @@ from typing import Any
 
 import casadi as ca
 
-from .addresses import packed, unpacked
 from .part import Function
-from .wiring import Wiring
+from .wiring import Wiring, packed, unpacked
 
 
 class Compared:

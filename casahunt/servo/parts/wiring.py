@@ -6,12 +6,20 @@
 Signals that no part need give have a value of their own (`UNGIVEN`): the controller's torque is that of the motor where
 nothing filters or limits it, the error is what is seen of the angle and of what remains of a move, and what is
 integrated is the error.
+
+Where a law or a function of a part stands, so that a loop can be sent to another process.
+
+    address    (module, name of the part there, way from it)     or     (maker, its arguments, way from it)
+
+The way leads from attribute to attribute and from entry to entry: "modes", 1, "law".  Functions of parts may then be
+lambdas, which cannot be sent; a part (part.py) must be a global of a module, or say how it is made.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,8 +27,7 @@ import casadi as ca
 
 from ...compiled import Caller, caller, kept
 from ...errors import InputError
-from .addresses import packed, unpacked
-from .part import Function, Law, Part
+from .part import Edge, Function, Law, Part, PartMode, part_at
 
 UNGIVEN: dict[str, Function] = {
     "angle": lambda x, s, p: s.motor_angle,
@@ -248,3 +255,64 @@ def wired(active: Active) -> Wiring:
 
 def _wired_again(active: Any) -> Wiring:
     return wired(unpacked(active))
+
+
+Way = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where something of a part stands: `root` is that of the part."""
+
+    root: tuple[Any, Any]
+    way: Way
+
+    def found(self) -> Any:
+        """What stands there."""
+        place: Any = part_at(*self.root)
+        for step in self.way:
+            place = getattr(place, step) if isinstance(step, str) and is_dataclass(place) else place[step]
+        return place
+
+
+def packed(value: Any, parts: tuple[Part, ...]) -> Any:
+    """What can be sent in the place of a value: of laws and functions of these parts their addresses."""
+    places = _places(parts)
+
+    def pack(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(pack, value))
+        return places.get(id(value), value)
+
+    return pack(value)
+
+
+@lru_cache(maxsize=64)
+def _places(parts: tuple[Part, ...]) -> dict[int, Address]:
+    """The addresses by identity; what is kept here keeps the parts, so that no other thing gets their identity."""
+    return {
+        id(thing): Address(root, way)
+        for part, root in ((part, part.root) for part in parts)
+        for thing, way in _inside(part) if isinstance(thing, Law) or callable(thing)
+    }  # fmt: skip
+
+
+def unpacked(value: Any) -> Any:
+    """The value again."""
+    if isinstance(value, tuple):
+        return tuple(map(unpacked, value))
+    return value.found() if isinstance(value, Address) else value
+
+
+def _inside(thing: Any, way: Way = ()) -> Iterator[tuple[Any, Way]]:
+    """All that a part is made of, each with the way to it."""
+    yield thing, way
+    if isinstance(thing, Part | PartMode | Law | Edge):
+        for field in fields(thing):
+            yield from _inside(getattr(thing, field.name), (*way, field.name))
+    elif isinstance(thing, Mapping):
+        for key, value in thing.items():
+            yield from _inside(value, (*way, key))
+    elif isinstance(thing, tuple):
+        for k, value in enumerate(thing):
+            yield from _inside(value, (*way, k))

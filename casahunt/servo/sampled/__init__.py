@@ -5,7 +5,6 @@ steps.py      a mode of a plant: its steps as power series
 plant.py      what a drive moves, under a held torque
 controller.py the parts that form the torque, as difference equations, and whole sticks of them at once
 loop.py       controller and plant, sample by sample, in a row, and whole sticks at once
-turning_points.py  what a motion shows by its turning points, and the pattern that hunting repeats
 motion.py     the motion as data
 cause.py      stiction or quantisation, and the dead band that ends it
 check.py      whether given numbers come to rest in the loop as built

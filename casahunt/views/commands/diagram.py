@@ -17,19 +17,27 @@ from ... import effort
 from ...checks import to_and_back
 from ...continuation import FOLD, SpecialPoint, follow
 from ...continuation import Branch as AnyBranch
-from ...design.diagram import branch_of, diagram_points, starting_gain
-from ...design.diagram_files import SIGNS, DiagramTask, Left, Words, keep, saved_points
+from ...design.diagram import (
+    SIGNS,
+    DiagramTask,
+    Left,
+    Words,
+    branch_of,
+    diagram_points,
+    keep,
+    saved_points,
+    starting_gain,
+)
 from ...errors import InputError, NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
 from ...orbits import Options, SystemOrbit
-from ...servo.branch import Branch
+from ...servo.branch import INTERRUPTED, Branch
 from ...servo.friction import Model
 from ...servo.lopsided import with_lopsided
 from ...servo.parts.verbs import FAR_UP, check_present, loop_cycle
 from ...servo.problem import HuntingOrbit
-from ...servo.saved import INTERRUPTED
 from ...servo.units import GAIN_UNIT, kinds_of
 from ..answers.answer import parts_of, record_of, short
 from ..answers.diagram import diagram_answer, loop_diagram_answer

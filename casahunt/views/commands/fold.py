@@ -1,6 +1,6 @@
 """casahunt fold: the largest gain at which the servo can hunt, and the largest one with a stable cycle.
 
-Key `stable` of the JSON object: see views/stability.py; `as_built`: as of orbit; `beyond`: what the drive may do at
+Key `stable` of the JSON object: see views/answers/fold.py; `as_built`: as of orbit; `beyond`: what the drive may do at
 higher gains, or null.  Of a loop of parts: the border of hunting in any parameter; `parameters` are those at the fold,
 `way` is "up" where the loop hunts below it.
 """
@@ -16,8 +16,7 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.parts.table import unit_of
 from ..answers.answer import called, parts_of, record_of, short
-from ..answers.fold import fold_answer
-from ..stability import stability_of
+from ..answers.fold import fold_answer, stability_of
 from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
 from .console import orbit_line
 from .output import give

@@ -20,10 +20,10 @@ from ...export import write_csv
 from ...interrupts import held, word
 from ...orbits import Options
 from ...results import tables_of
+from ...servo.branch import INTERRUPTED
 from ...servo.friction import Model
 from ...servo.parts.loop import Loop
 from ...servo.parts.table import unit_of
-from ...servo.saved import INTERRUPTED
 from ...servo.servo import Servo
 from ...servo.units import kinds_of
 from ..answers.answer import Answer, called, named, parts_of, record_of, short

@@ -11,7 +11,7 @@ worst {corner {parameter: value}, fold_gain, evaluations};
 fold {nominal, error, amplitude, period, linear_low, linear_high}: of the nominal friction, with the linearised range
 over the uncertainty set; binding: what keeps the cost from being less;
 verification {ok, result, against, unverified (sentences), fold_gain, fold_error, nominal_fold_gain, stable
-(up to which gain a cycle is stable, views/stability.py; null without a fold), margin,
+(up to which gain a cycle is stable, views/answers/fold.py; null without a fold), margin,
 margin_kept, scan, scan_clear, loops_kept, loops_checked, loops {nominal, worst (friction), and of the servos of the set
 with the least "phase margin", "gain margin (lowering)", "gain margin (raising)": {crossover, phase_margin,
 lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},

@@ -11,7 +11,7 @@ from typing import Any
 from ...design.tune.tuning import Tuning
 from ...export import plain
 from ...orbits import Options
-from ..stability import stability_of
+from ..answers.fold import stability_of
 
 
 def made(servo_file: str | None, changes: Sequence[str]) -> dict[str, Any]:

@@ -13,8 +13,7 @@ from typing import Any
 from ...checks import choice_of
 from ...errors import InputError
 from .page import frozen_page, state_message
-from .presets import presets
-from .state import State, state_of_address, state_of_file
+from .state import State, presets, state_of_address, state_of_file
 from .worker import DONE, Worker
 
 

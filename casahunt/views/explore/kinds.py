@@ -23,7 +23,6 @@ from ...errors import ComesToRest, HuntsIrregularly, NoOrbit
 from ...orbits import Options, Orbit
 from ...servo.find_fold import HIGHEST, find_fold
 from ...servo.find_orbit import find_orbit
-from ...servo.hunting import motor_torque
 from ...servo.linear.margins import margins_of
 from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
@@ -31,18 +30,22 @@ from ...servo.outcome import SETTLES
 from ...servo.parts import Loop, Remedy, loop_of
 from ...servo.parts.fate import Swing, on_the_cycle
 from ...servo.parts.verbs import FIRST_OFF, fold_in, loop_cycle
+from ...servo.problem import motor_torque
 from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ...servo.units import GAIN_UNIT
 from ..answers.simulate import HEADS
-from .curves import branches_shown, friction_curve, left_open, loop_torque
 from .numbers import (
     HUNTING,
+    branches_shown,
     curve,
     ends_at,
+    friction_curve,
     hunts,
     hunts_from,
+    left_open,
+    loop_torque,
     margins_shown,
     no_size,
     ratio_shown,

@@ -1,21 +1,32 @@
-"""The page as text: as the server sends it, and as a file that shows one state without a server."""
+"""The page as text: as the server sends it, and as a file that shows one state without a server.
+
+What there is to turn: a control for every number of a state, with its unit and the range of its slider.
+
+logarithmic   from 1/30 to 30 times the value that the control was made with; where zero is allowed, at its left end
+linear        a number between two limits, or of either sign: a factor, a load
+whole         what may be typed is wider: whatever the servo itself accepts
+"""
 
 from __future__ import annotations
 
 import json
+import math
+import shlex
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...export import plain
-from ...servo.servo import LARGEST_TOML
-from .controls import choices_of, controls_of
-from .copies import copies_of
+from ...servo.drive import DRIVE_TABLE
+from ...servo.parts import LOADS, Loop
+from ...servo.parts.part import Part
+from ...servo.parts.table import unit_of as unit_of_a_part
+from ...servo.servo import LARGEST_TOML, Servo, flatten
+from ...servo.units import PARAMETER_UNITS, unit_of
 from .figures import PANELS, figure_items, library
-from .presets import presets
-from .state import State
+from .state import GAIN, SET_POINT, State, own_numbers, presets, remedy_called
 
 FOLDER = Path(__file__).parent
 STATIC = {"page.js": "text/javascript", "page.css": "text/css", "bokeh.js": "text/javascript"}
@@ -71,3 +82,203 @@ def _filled(style: str, scripts: str, frozen: str) -> str:
 def _in_a_script(text: str) -> str:
     """A script that may stand inside a page: it closes no element."""
     return text.replace("</script", "<\\/script")
+
+
+SLIDER_DECADE = 30.0
+"""A logarithmic slider goes so many times up and down."""
+FIRST_AT_ZERO = 1e-3
+"""Where a logarithmic slider stands at zero: the middle of its range, in SI units."""
+MOST_NEGATIVE_FACTOR = -1.0
+"""The left end of the slider of a factor that has no least one: beyond it a reset would wind up."""
+HIDDEN = ("friction.stick_band", "friction.stick_rate")
+"""Of the report's regularised simulation, which the page does not show; they stay in the file and in the address."""
+LUGRE_ALONE = ("friction.stiffness", "friction.damping")
+GROUPS = {"gain": "Gain", "step": "Step", "controller": "Controller", "friction": "Friction", "servo": "Motor",
+          "load": "Load", "remedy": "Remedy"}  # fmt: skip
+ZEROS = ("controller.lead_time", "controller.kd", "friction.viscous", "friction.damping")
+"""Numbers of a servo that may be zero."""
+LABELS = {GAIN: "gain K", SET_POINT: "step of the set point", "load_torque": "constant torque"}
+
+
+class Control(NamedTuple):
+    """One number: its key, what it is called, its unit, its group, its value, and the range of its slider."""
+
+    key: str
+    label: str
+    unit: str
+    group: str
+    value: float
+    low: float
+    high: float
+    log: bool
+    zero: bool
+
+
+def controls_of(state: State) -> list[Control]:
+    """The controls of a state, in order."""
+    made = _of_a_loop(state) if state.is_loop else _of_a_servo(state)
+    order = list(dict.fromkeys([*GROUPS.values(), *(control.group for control in made)]))
+    return sorted(made, key=lambda control: order.index(control.group))
+
+
+def choices_of(state: State) -> dict[str, dict[str, Any]]:
+    """What can be chosen of a servo: {what: {"label", "options": {choice: label}, "chosen"}}."""
+    from ...servo.parts.table import remedies_for
+
+    if state.is_loop:
+        return {}
+    form = "gains" if "controller.kp" in state.values else "times"
+    return {
+        "model": {"label": "friction model", "options": {"switch": "Switch", "lugre": "LuGre"}, "chosen": state.model},
+        "controller": {
+            "label": "controller given by", "options": {"times": "its times", "gains": "its gains"}, "chosen": form,
+        },
+        "remedy": {
+            "label": "remedy", "options": {"": "none", **{name: name for name in remedies_for(state.model)}},
+            "chosen": state.remedy,
+        },
+    }  # fmt: skip
+
+
+def _of_a_servo(state: State) -> list[Control]:
+    parts: dict[str, Part] = {}
+    if state.remedy:
+        remedy = remedy_called(state.remedy, state.model)
+        assert remedy.part is not None
+        parts = dict.fromkeys(own_numbers(remedy), remedy.part)
+    made = []
+    for key, value in state.values.items():
+        if key in HIDDEN or (key in LUGRE_ALONE and state.model != "lugre"):
+            continue
+        if key in LOADS.parameters:
+            made.append(_ranged(key, value, "Load", LOADS, state.values))
+        elif key in parts:
+            made.append(_ranged(key, value, "Remedy", parts[key], state.values))
+        else:
+            group = GROUPS[key.partition(".")[0]]
+            made.append(_logarithmic(key, value, group, _unit(key), zero=key in ZEROS))
+    return made
+
+
+def _of_a_loop(state: State) -> list[Control]:
+    loop = state.problem.loop
+    assert loop is not None
+    owners = {name: part for part in loop.parts for name in part.parameters}
+    made = [_logarithmic(key, state.values[key], GROUPS[key], _unit(key), zero=False) for key in (GAIN, SET_POINT)]
+    return made + [
+        _ranged(key, value, owners[key].name.capitalize(), owners[key], state.values)
+        for key, value in state.values.items()
+        if key in owners and key != GAIN
+    ]
+
+
+def _unit(key: str) -> str:
+    return "rad" if key == SET_POINT else PARAMETER_UNITS[key] if key in PARAMETER_UNITS else unit_of_a_part(key)
+
+
+def _label(key: str) -> str:
+    return LABELS.get(key, key.rpartition(".")[2].replace("_", " "))
+
+
+def _ranged(key: str, value: float, group: str, part: Part, values: Mapping[str, float]) -> Control:
+    """The control of a number of a part."""
+    low, high = part.ranges.get(key, (0.0, math.inf))
+    unit = {"load_torque": "N m", "spring": "N m/rad"}.get(key) or _unit(key)
+    if math.isinf(low) and math.isinf(high):
+        size = 2 * max(abs(value), abs(values.get("friction.static", values.get("static", 1.0))))
+        return Control(key, _label(key), unit, group, value, -size, size, False, False)
+    if math.isfinite(high):
+        low = MOST_NEGATIVE_FACTOR if math.isinf(low) else low
+        return Control(key, _label(key), unit, group, value, min(low, value), high, False, False)
+    return _logarithmic(key, value, group, unit, zero=low == 0)
+
+
+def _logarithmic(key: str, value: float, group: str, unit: str, *, zero: bool) -> Control:
+    middle = abs(value) if 0 < abs(value) < math.inf else FIRST_AT_ZERO
+    low, high = (float(f"{middle * factor:.2g}") for factor in (1 / SLIDER_DECADE, SLIDER_DECADE))
+    return Control(key, _label(key), unit, group, value, low, high, True, zero)
+
+
+# A state as a command line, as Python, and as a file: each gives the numbers of the page again
+
+FILE_NAME = "servo.toml"
+
+
+def servo_file(state: State) -> str:
+    """The text of the servo file, or where the state is a loop of parts, of its file."""
+    problem = state.problem
+    line = f"# explore: {state.left_out()}\n"
+    drive = [f"{key} = {_toml(value)}" for key, value in state.drive.items()]
+    if problem.loop is not None:
+        said = [f"# [{DRIVE_TABLE}], for which a loop of parts has no place: {', '.join(drive)}"] if drive else []
+        parts = state.parts or tuple(part.name for part in problem.loop.parts)
+        return "\n".join([*said, _loop_file(problem.loop, parts)]) + line
+    assert problem.servo is not None
+    tables: dict[str, list[str]] = {"servo": [], "controller": [], "friction": []}
+    for key, value in flatten(problem.servo).items():
+        table, _, name = key.partition(".")
+        unit = unit_of(key)
+        tables[table].append(f"{name} = {value!r}" + (f"  # [{unit}]" if unit else ""))
+    tables |= {DRIVE_TABLE: drive} if drive else {}
+    text = "\n".join(row for name, rows in tables.items() for row in (f"[{name}]", *rows, ""))
+    return f"# a servo file has no gain and no model of friction: casahunt explore reads its last line\n{text}{line}"
+
+
+def command_line(state: State) -> str:
+    """The command that computes the cycle."""
+    problem = state.problem
+    words = ["casahunt", "orbit"]
+    if problem.loop is not None:
+        return f"{shlex.join([*words, FILE_NAME, '--gain', repr(problem.gain)])}  # {FILE_NAME}: the servo file"
+    assert problem.servo is not None
+    words += ["--model", problem.model, "--gain", repr(problem.gain)]
+    for key, value in _changes(problem.servo).items():
+        words += ["--set", f"{key}={value!r}"]
+    for key, value in state.drive.items():
+        words += ["--set", f"{DRIVE_TABLE}.{key}={value}"]
+    return shlex.join(words)
+
+
+def python(state: State) -> str:
+    """The lines of Python that compute the cycle."""
+    problem = state.problem
+    if problem.loop is not None:
+        return (
+            "from casahunt import find_orbit\nfrom casahunt.servo.parts import load_loop\n\n"
+            f'loop = load_loop("{FILE_NAME}").replace(gain={problem.gain!r})  # the servo file\n'
+            "orbit = find_orbit(loop)\nprint(orbit)\n"
+        )
+    assert problem.servo is not None
+    changes = ", ".join(f'"{key}": {value!r}' for key, value in _changes(problem.servo).items())
+    servo = f"Servo().replace(**{{{changes}}})" if changes else "Servo()"
+    return (
+        "from casahunt import Servo, find_orbit\n\n"
+        f'servo = {servo}\norbit = find_orbit(servo, "{problem.model}", {problem.gain!r})\nprint(orbit)\n'
+    )
+
+
+def copies_of(state: State) -> dict[str, str]:
+    """All of them, by what the page calls them."""
+    return {"command": command_line(state), "python": python(state), "file": servo_file(state)}
+
+
+def _changes(servo: Servo) -> dict[str, float]:
+    """What differs from Table 1; of a controller in the other form, all its numbers."""
+    base = flatten(Servo())
+    return {key: value for key, value in flatten(servo).items() if base.get(key) != value}
+
+
+def _loop_file(loop: Loop, entries: tuple[Any, ...]) -> str:
+    there = [_toml(entry) for entry in entries]
+    values = [f"{name} = {loop.value(name)!r}" for part in loop.present for name in part.parameters]
+    lines = ["[loop]", "parts = [", *(f"    {entry}," for entry in there), "]", "", "[values]", *dict.fromkeys(values)]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it: a text, a number, a list, a table in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value) if isinstance(value, str) else repr(value)

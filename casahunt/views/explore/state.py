@@ -19,7 +19,8 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode
 
@@ -31,8 +32,7 @@ from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, drive_of_table
 from ...servo.friction import MODELS, Model
 from ...servo.parts import LOADS, Loop, Remedy, loop_of
 from ...servo.parts.fate import Swing
-from ...servo.parts.file import loop_of_tables
-from ...servo.parts.naming import parts_of
+from ...servo.parts.file import loop_of_tables, parts_of
 from ...servo.parts.table import remedies_for, with_remedy
 from ...servo.servo import Servo, flatten, servo_of_tables, toml_tables, unflatten
 
@@ -280,3 +280,26 @@ def _part(text: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError):
         raise InputError(f"part = {quoted(text)}: must be the name of a part, or its table as JSON") from None
+
+
+# Servos to begin with: the servo files and loop files of problems/, which an installed package brings along
+
+FOLDERS = (Path(__file__).with_name("servos"), Path(__file__).parents[3] / "problems")
+"""Of an installed package, and of a checkout."""
+PRESET_GAINS = {"canudas": 1.0}
+"""Gains to begin with [V/rad], where the first one of the page is none for it."""
+
+
+@cache
+def presets() -> dict[str, State]:
+    """The states of the files, by the names of these."""
+    paths = {path.stem: path for folder in FOLDERS for path in sorted(folder.glob("*.toml"))}
+    found = {}
+    for name, path in sorted(paths.items()):
+        try:
+            state = state_of_file(path.read_text(encoding="utf-8"), name)
+        except InputError:  # an uncertainty, or another file that is no servo
+            continue
+        gain = PRESET_GAINS.get(name, state.values[GAIN])
+        found[name] = replace(state, values={**state.values, GAIN: gain})
+    return found

@@ -5,7 +5,6 @@ orbits.py        time traces, phase portraits
 branches.py      amplitude, period and multiplier against the gain
 fold.py          elasticities of a fold
 fold_curve.py    the gains with and without hunting against another parameter
-fold_map.py      contours of the fold gain over two parameters
 loop.py          Bode pictures
 basin.py         where motions stick on both sides of the border of settling
 event_map.py     cobweb picture of the event map

@@ -20,7 +20,7 @@ from casahunt.servo.parts import (
     state_space,
     transfer_function,
 )
-from casahunt.servo.parts.naming import named_parts
+from casahunt.servo.parts.file import named_parts
 
 PARTS = '["one inertia", "Switch friction", "PID by times", "integrator", "dead band"]'
 

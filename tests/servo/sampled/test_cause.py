@@ -12,7 +12,7 @@ from built_case import SERVO
 from casahunt import Drive, Friction, Pid, Servo, cause_of, simulate_sampled
 from casahunt.servo.sampled import cause
 from casahunt.servo.sampled.cause import smallest_dead_band, told_apart
-from casahunt.servo.sampled.turning_points import Ending, judge, turning_points
+from casahunt.servo.sampled.motion import Ending, judge, turning_points
 from scripts.peers.sampled_motion import SampledServo
 
 DRIVE = Drive(sample_time=1e-3, encoder=2000)

@@ -18,12 +18,12 @@ from casahunt.continuation import follow
 from casahunt.errors import HuntsIrregularly
 from casahunt.servo.parts import load_loop
 from casahunt.servo.parts.verbs import loop_cycle
-from casahunt.views.explore import answers as stages
 from casahunt.views.explore import kinds
-from casahunt.views.explore.answers import STAGES, Answers
-from casahunt.views.explore.copies import command_line, python, servo_file
+from casahunt.views.explore import worker as stages
 from casahunt.views.explore.numbers import compared, ends_at
+from casahunt.views.explore.page import command_line, python, servo_file
 from casahunt.views.explore.state import FIRST_GAIN, own_numbers, remedy_called, state_of_address
+from casahunt.views.explore.worker import STAGES, Answers
 from problems import table1
 
 

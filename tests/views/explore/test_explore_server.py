@@ -17,8 +17,7 @@ import pytest
 from casahunt import InputError, Servo
 from casahunt.servo.servo import LARGEST_TOML
 from casahunt.views.explore.conversation import Conversation
-from casahunt.views.explore.presets import presets
-from casahunt.views.explore.state import state_of_address, state_of_servo
+from casahunt.views.explore.state import presets, state_of_address, state_of_servo
 from casahunt.views.explore.worker import DONE
 
 pytest.importorskip("bokeh", reason='the page is drawn by Bokeh: python -m pip install "casahunt[explore]"')

@@ -8,8 +8,7 @@ import pytest
 from explore_support import STATES, TABLE1, turned
 
 from casahunt import InputError
-from casahunt.views.explore.controls import HIDDEN, LUGRE_ALONE, choices_of, controls_of
-from casahunt.views.explore.copies import command_line, servo_file
+from casahunt.views.explore.page import HIDDEN, LUGRE_ALONE, choices_of, command_line, controls_of, servo_file
 from casahunt.views.explore.state import state_of_address, state_of_file
 
 

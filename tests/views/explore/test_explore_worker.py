@@ -16,8 +16,7 @@ import pytest
 from casahunt import Servo, find_orbit
 from casahunt.servo.parts.table import remedies_for
 from casahunt.views.explore import worker as module
-from casahunt.views.explore.answers import STAGES
-from casahunt.views.explore.worker import DONE, Worker
+from casahunt.views.explore.worker import DONE, STAGES, Worker
 
 LONG = 60.0
 """Seconds within which an answer must come, on however busy a machine."""
