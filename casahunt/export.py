@@ -89,15 +89,6 @@ def write_csv(columns: Columns, path: str | Path) -> None:
         table(stream, list(columns))(zip(*lists, strict=True))
 
 
-def dataframe(columns: Columns) -> Any:
-    """A table as a pandas.DataFrame.
-
-    Raises InputError: pandas is not installed.
-    """
-    lists = {name: plain(column, strict=False) for name, column in columns.items()}
-    return extra("pandas", "pandas", "to_dataframe").DataFrame(lists)
-
-
 def new_axes() -> Any:
     """Axes of a new matplotlib figure without a display; matplotlib is imported now."""
     return import_module("matplotlib.figure").Figure(layout="constrained").subplots()

@@ -29,7 +29,7 @@ import numpy as np
 from .axis_units import Units, units_of
 from .checks import choice_of, error_text, shortened, to_absolute_error
 from .errors import InputError
-from .export import Columns, dataframe, new_axes, plain, write_csv
+from .export import Columns, extra, new_axes, plain, write_csv
 from .files import whole_text
 
 _SAID = re.compile(
@@ -211,7 +211,10 @@ class Result:
         ------
         InputError : pandas is not installed.
         """
-        return dataframe(self._table())
+        # A table as a pandas.DataFrame
+        columns = self._table()
+        lists = {name: plain(column, strict=False) for name, column in columns.items()}
+        return extra("pandas", "pandas", "to_dataframe").DataFrame(lists)
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table of `to_dataframe` to a CSV file, all digits of every number; nothing of pandas is needed.

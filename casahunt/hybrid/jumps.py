@@ -169,13 +169,6 @@ def _ends(n: int, rng: np.random.Generator) -> tuple[Array, Array]:
     return a, b
 
 
-def _tried(values: Array, rng: np.random.Generator) -> Array:
-    """(np, LINES) parameters: their values, and every second time others next to them."""
-    off = TRIED_NEXT_TO * rng.standard_normal((values.size, LINES)) * np.maximum(np.abs(values), 0.0)[:, None]
-    off[values == 0] = TRIED_NEXT_TO * rng.uniform(0, 1, (int(np.sum(values == 0)), LINES))
-    return values[:, None] + off * (np.arange(LINES) // 4 % 2)
-
-
 def _changes(
     natural: ca.Function, a: Array, b: Array, p: Array, sign: float
 ) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
@@ -245,7 +238,10 @@ def check_jumps(looked: list[Looked], given: tuple[ca.SX, ...], names: Names, p:
     rng = np.random.default_rng(0)
     a, b = _ends(given[0].numel() + 1, rng)
     a[-1], b[-1] = np.abs(a[-1]), np.abs(b[-1])  # the time in a mode
-    lines = _Lines(looked, names, given, a, b, _tried(p, rng), p, sign)
+    # (np, LINES) parameters: their values, and every second time others next to them
+    off = TRIED_NEXT_TO * rng.standard_normal((p.size, LINES)) * np.maximum(np.abs(p), 0.0)[:, None]
+    off[p == 0] = TRIED_NEXT_TO * rng.uniform(0, 1, (int(np.sum(p == 0)), LINES))
+    lines = _Lines(looked, names, given, a, b, p[:, None] + off * (np.arange(LINES) // 4 % 2), p, sign)
     if parts.texts:
         _check_steps(lines, parts)
     if parts.zeros.numel():

@@ -24,7 +24,6 @@ from typing import Any
 
 from ..axis_units import quantity
 from ..checks import floated, of_kind, sensible
-from ..errors import InputError
 from .parts.loop import Loop
 from .parts.part import Edge, Function, Law, Part, PartMode
 
@@ -175,10 +174,3 @@ def a_move(value: Any) -> Move | None:
     how = "such as Move(speed=0.5, acceleration=2.0), or None for a step"
     move: Move | None = None if value is None else of_kind("move", value, Move, how)
     return move
-
-
-def check_time(move: Move, distance: float, time: float) -> None:
-    """Refuse a motion that ends before its move does, behind which alone it rests or hunts.  Raises InputError."""
-    lasts = move.time(distance)
-    if not time > lasts:
-        raise InputError(f"time = {time:g}: must be longer than the move, which takes {lasts:.4g} s")

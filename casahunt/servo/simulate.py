@@ -35,7 +35,7 @@ from ..errors import InputError, NotFollowed, Status
 from ..motion import MarchFailure, Motion, Segment, follow_for
 from ..orbits import Options
 from .friction import Model
-from .move import Move, a_move, begins_in, check_time, moving
+from .move import Move, a_move, begins_in, moving
 from .parts.ahead import errors_of, measured
 from .parts.fate import fate
 from .parts.loop import Loop
@@ -129,7 +129,10 @@ def simulate(
     theta_d = moderate("set_point", set_point, power=COMPUTED)
     given = {"velocity": velocity, "integral": integral, "bristle": bristle}
     if (move := a_move(move)) is not None:
-        check_time(move, theta_d - position, time)
+        # Refuse a motion that ends before its move does, behind which alone it rests or hunts
+        lasts = move.time(theta_d - position)
+        if not time > lasts:
+            raise InputError(f"time = {time:g}: must be longer than the move, which takes {lasts:.4g} s")
     x = start_of(loop, theta_d, position, given, start)
     return followed(loop, theta_d, x, time, tol, move)
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from .period import FEWEST_PERIODS, LONGEST, PARTS, SCALES
 from .period_marks import REACH, Marks
-from .waveform import coherence, factors
+from .waveform import factors
 
 Array = np.ndarray
 Kind = Literal["hunting", "decaying", "growing", "irregular", "still"]
@@ -102,7 +102,11 @@ def settled(found: Periods, blur: float) -> Marks:
 
 def judge_record(found: Periods) -> tuple[Kind, str]:
     """Is it a limit cycle?"""
-    alike = coherence(found.waves)
+    # (k,) correlation of each period's wave with the mean of all others
+    wave = found.waves
+    others = wave.sum(axis=0) - wave
+    size = np.linalg.norm(wave, axis=1) * np.linalg.norm(others, axis=1)
+    alike = np.asarray(np.sum(wave * others, axis=1) / np.maximum(size, 1e-300))
     wanted = float(np.interp(alike.size, (FEWEST_PERIODS, MANY_PERIODS), (FEW_COHERENCE, COHERENCE)))
     if float(np.mean(alike)) < wanted or float(np.min(alike)) < LEAST_COHERENCE:
         least, mean = float(np.min(alike)), float(np.mean(alike))

@@ -93,13 +93,6 @@ def waves(times: Array, values: Array, marks: Array, whole: Array) -> Array:
     return np.asarray(mean - mean.mean(axis=1, keepdims=True))
 
 
-def coherence(wave: Array) -> Array:
-    """(k,) correlation of each period's wave with the mean of all others."""
-    others = wave.sum(axis=0) - wave
-    size = np.linalg.norm(wave, axis=1) * np.linalg.norm(others, axis=1)
-    return np.asarray(np.sum(wave * others, axis=1) / np.maximum(size, 1e-300))
-
-
 def factors(wave: Array, mean: Array) -> Array:
     """How large each period is, beside the mean.
 

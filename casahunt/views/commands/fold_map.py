@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     fold = upper(find_fold(servo, model, options=how))
     tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
-    give(options, found, fold_map_answer(found), table=tables_of([found]), picture=("fold_map.fold_map", found))
+    give(options, found, fold_map_answer(found), table=tables_of([found]), picture=("fold_curve.fold_map", found))
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
     return 0 if found.status.ok else 1

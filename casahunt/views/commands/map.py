@@ -50,7 +50,9 @@ def run(options: argparse.Namespace) -> int:
     seen = fixed_points(servo, gain, low, high, points=points, report=report)
     if not seen.points:
         raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
-    give(options, seen, map_answer(seen), table=tables_of([seen]), picture=("event_map.cobweb", seen))
+    give(
+        options, seen, Answer(_plain(seen), _details(seen)), table=tables_of([seen]), picture=("event_map.cobweb", seen)
+    )
     return 0
 
 
@@ -76,11 +78,6 @@ def _reporter(
 
 
 # What `casahunt map` says of all cycles in a range of distances from the set point
-
-
-def map_answer(seen: FixedPoints) -> Answer:
-    """What is said of an event map."""
-    return Answer(_plain(seen), _details(seen))
 
 
 def _plain(seen: FixedPoints) -> Iterator[str]:

@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     below = parts_of(servo)
     if branch == "lopsided":
         below.append(item("", "one of a pair: the other one is its mirror image"))
-    if past_a_symmetry_breaking(orbit):
+    if bool(orbit.half and orbit.multipliers.leading.real < -1):
         below.append(item("beside it", SYMMETRY_BROKEN + ("; --branch lopsided" if model else "")))
     record = {**orbit.to_dict(table=False), **record_of(servo), "branch": branch}
     if isinstance(servo, Servo):
@@ -90,7 +90,22 @@ def run(options: argparse.Namespace) -> int:
     columns = {"model": model, column("gain"): gain} if model else record["parameters"]
     table, picture = _row(orbit, columns, branch), ("orbits.time_traces", [orbit])
     title = f"{called(servo, model)} at gain {gain:.10g} V/rad"
-    answer = orbit_answer(title, orbit, branch, below, second, record["wall_s"])
+    # What is said of a cycle. title: whose it is, and at which gain; below: lines of its own; second: its multipliers
+    # by integrators
+    stable = orbit.stable
+    if branch == "unstable":
+        head, means = f"{title}: the unstable hunting cycle", [item("what it is", UNSTABLE), item("", BOUNDS)]
+    else:
+        said = MEANS.get((branch, stable), "") if stable is not None else ""
+        head, means = f"{title}: {HEADS[branch, stable]}", [item("what it means", said)] if said else []
+    plain = [
+        head,
+        item("amplitude", angle(orbit.amplitude, orbit.amplitude_error)),
+        item("period", rhythm(orbit.period, orbit.period_error)),
+        *means,
+        *below,
+    ]
+    answer = Answer(plain, _details(orbit, second, record["wall_s"]))
     give(options, record, answer, table=table, picture=picture)
     return 0
 
@@ -146,34 +161,6 @@ RUNS_AWAY = (
 )
 """Said where friction holds a cycle in that the linear loop would leave."""
 SYMMETRY_BROKEN = "a cycle that reaches farther to one side may hunt in its place"
-
-
-def orbit_answer(
-    title: str, orbit: Orbit, branch: str, below: list[str], second: Multipliers | None, wall_s: float
-) -> Answer:
-    """What is said of a cycle.
-
-    title: whose it is, and at which gain; below: lines of its own; second: its multipliers by integrators.
-    """
-    stable = orbit.stable
-    if branch == "unstable":
-        head, means = f"{title}: the unstable hunting cycle", [item("what it is", UNSTABLE), item("", BOUNDS)]
-    else:
-        said = MEANS.get((branch, stable), "") if stable is not None else ""
-        head, means = f"{title}: {HEADS[branch, stable]}", [item("what it means", said)] if said else []
-    plain = [
-        head,
-        item("amplitude", angle(orbit.amplitude, orbit.amplitude_error)),
-        item("period", rhythm(orbit.period, orbit.period_error)),
-        *means,
-        *below,
-    ]
-    return Answer(plain, _details(orbit, second, wall_s))
-
-
-def past_a_symmetry_breaking(orbit: Orbit) -> bool:
-    """Whether lopsided cycles have branched off from a symmetric one."""
-    return bool(orbit.half and orbit.multipliers.leading.real < -1)
 
 
 def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterator[str]:

@@ -17,12 +17,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...errors import NoOrbit
-from ...servo.drive import DERIVATIVES, INTEGRATIONS, Drive, below_border, by_counts
+from ...servo.drive import Drive, below_border, by_counts
 from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from ..answers.answer import item
 from ..answers.sampled import sampled_answer
-from .arguments import Parser, drive_of, left_out
+from .arguments import drive_of, left_out
 from .output import give
 from .taken import CONTINUOUS
 
@@ -42,21 +42,6 @@ REMEDIES = {
     "compensated": ("PART", "of the Coulomb friction, added while the reading changes (default 0)"),
 }
 """Options of remedies in the controller: metavar and help by the key of the table [drive]."""
-
-def add_drive(command: Parser) -> None:
-    """The options of the drive as built; each is called like its key in the table [drive]."""
-    group = command.add_argument_group("the loop as built (docs/howto/as_built.md)")
-    group.add_argument("--sample-time", metavar="S", help="of the controller in s; 0: the continuous loop")
-    group.add_argument("--delay", metavar="S", help="from a sample to its torque in s (default 0)")
-    group.add_argument("--encoder", metavar="COUNTS", help="per revolution (default: the position is read exactly)")
-    group.add_argument("--quantise-torque", metavar="NM", help="step of the torque in N m (default: none)")
-    group.add_argument("--derivative", metavar="WAY", help=f"{' (default) or '.join(DERIVATIVES)}")
-    group.add_argument("--filter-time", metavar="S", help="of the filtered derivative in s (default kd/kp/10)")
-    group.add_argument("--integration", metavar="RULE", help=f"{' (default) or '.join(INTEGRATIONS)}")
-    group.add_argument("--dead-band", metavar="RAD", help="error up to which nothing is integrated (default 0)")
-    group.add_argument("--leak", metavar="RATE", help="at which the integral is forgotten in 1/s (default 0)")
-    for key, (metavar, about) in REMEDIES.items():
-        group.add_argument(f"--{key.replace('_', '-')}", metavar=metavar, help=about)
 
 
 def of_drive(

@@ -30,7 +30,7 @@ import numpy as np
 from ... import effort
 from ...checks import error_text, moderate
 from ...errors import InputError
-from ...servo.drive import DRIVE_KEYS, SHARES
+from ...servo.drive import DERIVATIVES, DRIVE_KEYS, INTEGRATIONS, SHARES
 from ...servo.friction import Model
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.parts.loop import Loop
@@ -46,7 +46,7 @@ from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of
 from .console import complain
 from .output import give
 from .price_options import PROFILE, add_profile, move_of
-from .sampled import add_drive, of_drive
+from .sampled import REMEDIES, of_drive
 
 OF_DRIVE_ALONE = tuple(key for key in DRIVE_KEYS if key not in (*DRIVE_PARTS.values(), *SHARES, "sample_time"))
 """Keys that mean nothing to the continuous loop."""
@@ -73,7 +73,19 @@ def add(commands: Any) -> None:
     )
     add_profile(command)
     command.add_argument("--step", help="time step of the CSV file in s (default: dense where the motion is fast)")
-    add_drive(command)
+    # The options of the drive as built; each is called like its key in the table [drive]
+    group = command.add_argument_group("the loop as built (docs/howto/as_built.md)")
+    group.add_argument("--sample-time", metavar="S", help="of the controller in s; 0: the continuous loop")
+    group.add_argument("--delay", metavar="S", help="from a sample to its torque in s (default 0)")
+    group.add_argument("--encoder", metavar="COUNTS", help="per revolution (default: the position is read exactly)")
+    group.add_argument("--quantise-torque", metavar="NM", help="step of the torque in N m (default: none)")
+    group.add_argument("--derivative", metavar="WAY", help=f"{' (default) or '.join(DERIVATIVES)}")
+    group.add_argument("--filter-time", metavar="S", help="of the filtered derivative in s (default kd/kp/10)")
+    group.add_argument("--integration", metavar="RULE", help=f"{' (default) or '.join(INTEGRATIONS)}")
+    group.add_argument("--dead-band", metavar="RAD", help="error up to which nothing is integrated (default 0)")
+    group.add_argument("--leak", metavar="RATE", help="at which the integral is forgotten in 1/s (default 0)")
+    for key, (metavar, about) in REMEDIES.items():
+        group.add_argument(f"--{key.replace('_', '-')}", metavar=metavar, help=about)
 
 
 def run(options: argparse.Namespace) -> int:

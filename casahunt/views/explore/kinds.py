@@ -38,23 +38,22 @@ from ...servo.units import GAIN_UNIT
 from ..answers.simulate import HEADS
 from .numbers import (
     HUNTING,
+    ROUNDING_OF_A_SUM,
     branches_shown,
+    brief,
     curve,
     ends_at,
     friction_curve,
     hunts,
     hunts_from,
     left_open,
-    loop_torque,
     margins_shown,
-    no_size,
     ratio_shown,
     refused,
     seen_number,
     sentence_of,
     shown_number,
-    summed,
-)  # fmt: skip
+)
 from .state import GAIN, Problem
 
 PERIODS_OF_A_STEP, RESETS_OF_A_STEP = 3.0, 100.0
@@ -147,7 +146,10 @@ class ServoAnswers:
             duration = RESETS_OF_A_STEP * reset
         motion = simulate(self.loop, set_point=self.problem.step, time=duration, tol=DRAWN_MOTION_TOLERANCE)
         times, states = motion.dense(MOTION_POINTS)
-        angle = summed(motion.set_point, states[motion.names.index(self.loop.angles[-1])])
+        # one + other, zero where they cancel to rounding: a picture of that would show nothing else
+        other = states[motion.names.index(self.loop.angles[-1])]
+        whole = motion.set_point + np.asarray(other)
+        angle = np.where(np.abs(whole) > ROUNDING_OF_A_SUM * abs(motion.set_point), whole, 0.0)
         voltage = motion.peak_voltage
         shown = {
             "motion": curve(time=times, angle=angle, torque=motion.signal("torque", times)),
@@ -252,7 +254,16 @@ class LoopAnswers(ServoAnswers):
         names = self.loop.system.states
         angle = next((states[names.index(name)] for name in self.loop.angles), states[0])
         velocity = states[names.index("x2")] if "x2" in names else np.gradient(angle, times)
-        torque = loop_torque(self.loop, orbit, times, states)
+        # Torque of the motor along a cycle of a loop, which may be closed by its mirror image (orbit.repeats = 2)
+        ends = np.cumsum([arc.duration for arc in orbit.arcs])
+        half = times.size if orbit.repeats == 1 else (times.size - 1) // 2
+        of = np.searchsorted(ends, times[:half], side="right").clip(max=len(ends) - 1)
+        torque = np.empty(half)
+        for i, arc in enumerate(orbit.arcs):
+            at = of == i
+            if at.any():
+                torque[at] = self.loop.signal("torque", arc.mode, states[:, :half][:, at])
+        torque = torque if orbit.repeats == 1 else np.concatenate([torque, -torque, torque[:1]])
         return self._cycle(orbit, times, np.array([angle, velocity]), torque, partly=partly)
 
     def _settled(self) -> Any:
@@ -325,7 +336,14 @@ class LoopAnswers(ServoAnswers):
         if found is None:
             return {"remedy_why": "without the remedy no hunting was found either, that it could end"}
         if found.kind not in BORDERS:
-            return no_size(remedy, found)
+            # What is said where no size of a remedy was found that ends hunting
+            if math.isnan(found.size):
+                why = f"not found: no hunting cycle with little {remedy.name} was found to begin with"
+                return {"remedy_why": why, "evidence": found.evidence}
+            size = f"{brief(found.size)} {remedy.unit}".rstrip()
+            if found.kind == "none":
+                return {"remedy_why": f"hunting goes on up to {size}"}
+            return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.evidence}
         error = found.error / abs(found.size) if found.size else math.nan
         self.more = ends_at(f"the {remedy.name}", remedy.unit, found.size, self.loop.value(remedy.size), error,
                             self.verdict, remedy.sense)  # fmt: skip

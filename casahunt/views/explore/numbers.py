@@ -17,10 +17,8 @@ from typing import Any
 import numpy as np
 
 from ...checks import finite_or_none, to_error
-from ...design.remedies.border import Border
 from ...errors import NoOrbit
 from ...servo.linear.margins import Margins
-from ...servo.parts import Loop, Remedy
 from ..answers.answer import PLAIN_DIGITS
 from .state import GAIN
 
@@ -68,12 +66,6 @@ def curve(**columns: Any) -> dict[str, list[float | None]]:
     arrays = {name: np.asarray(column, float) for name, column in columns.items()}
     step = max(1, math.ceil(max(a.size for a in arrays.values()) / MOST_CURVE_POINTS))
     return {name: [_short(x) for x in a[::step].tolist()] for name, a in arrays.items()}
-
-
-def summed(one: float, other: Any) -> Any:
-    """one + other, zero where they cancel to rounding: a picture of that would show nothing else."""
-    whole = one + np.asarray(other)
-    return np.where(np.abs(whole) > ROUNDING_OF_A_SUM * abs(one), whole, 0.0)
 
 
 def _short(x: float) -> float | None:
@@ -143,17 +135,6 @@ def ratio_shown(border: float, present: float, relative_error: float, verdict: s
     return shown_number(border / present, relative_error) | {"said": said + above}
 
 
-def no_size(remedy: Remedy, found: Border) -> dict[str, Any]:
-    """What is said where no size of a remedy was found that ends hunting."""
-    if math.isnan(found.size):
-        why = f"not found: no hunting cycle with little {remedy.name} was found to begin with"
-        return {"remedy_why": why, "evidence": found.evidence}
-    size = f"{brief(found.size)} {remedy.unit}".rstrip()
-    if found.kind == "none":
-        return {"remedy_why": f"hunting goes on up to {size}"}
-    return {"remedy_why": f"not found: hunting was followed up to {size} only", "evidence": found.evidence}
-
-
 def margins_shown(found: Margins) -> dict[str, Any]:
     """The margins of the linear loop."""
     shown: dict[str, Any] = {
@@ -209,16 +190,3 @@ def friction_curve(numbers: Any) -> dict[str, Any]:
     v = np.linspace(0, DRAWN_SPEEDS * vs, SPEED_POINTS)
     F = Fc + (Fs - Fc) * np.exp(-((v / vs) ** 2)) + numbers["viscous"] * v
     return curve(velocity=[*-v[::-1], *v], torque=[*-F[::-1], *F])
-
-
-def loop_torque(loop: Loop, orbit: Any, times: Any, states: Any) -> Any:
-    """Torque of the motor along a cycle of a loop, which may be closed by its mirror image (orbit.repeats = 2)."""
-    ends = np.cumsum([arc.duration for arc in orbit.arcs])
-    half = times.size if orbit.repeats == 1 else (times.size - 1) // 2
-    of = np.searchsorted(ends, times[:half], side="right").clip(max=len(ends) - 1)
-    torque = np.empty(half)
-    for i, arc in enumerate(orbit.arcs):
-        at = of == i
-        if at.any():
-            torque[at] = loop.signal("torque", arc.mode, states[:, :half][:, at])
-    return torque if orbit.repeats == 1 else np.concatenate([torque, -torque, torque[:1]])
