@@ -36,8 +36,8 @@ Verdicts, error and estimate relative, of period and amplitude (folds: and gain)
 The file holds one line of JSON per servo; a run adds the servos that it does not hold yet.  Prints a table over
 all of them; exit code 1 if anything is wrong, falsely denied or unchecked.
 
-With --rows the answers are not checked; what is printed is how often each row of each table of strategies
-(casahunt/servo/strategies.py) was tried and how often it had the answer, for all servos: one that has it less than once
+With --rows the answers are not checked; what is printed is how often each row of each table of ways
+(casahunt/servo/find_orbit.py) was tried and how often it had the answer, for all servos: one that has it less than once
 in 1,000 questions is not worth its place.
 """
 
@@ -47,7 +47,6 @@ import argparse
 import importlib
 import json
 import math
-import pkgutil
 import sys
 import time
 from collections import Counter
@@ -63,10 +62,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-import casahunt.servo  # noqa: E402
 from casahunt import NoOrbit, Options, Servo, find_fold, find_orbit  # noqa: E402
 from casahunt.interrupts import end_with_parent  # noqa: E402
-from casahunt.servo.strategies import Strategy  # noqa: E402
 from scripts.limits import TooSlow, within  # noqa: E402
 from scripts.peers.lugre_search import LugreTruth  # noqa: E402
 from scripts.peers.switch_search import SwitchTruth  # noqa: E402
@@ -147,33 +144,32 @@ ENGINES: dict[str, Any] = {"switch": SwitchTruth, "lugre": LugreTruth}
 
 @cache
 def watched() -> dict[str, list[int]]:
-    """[times tried, times it had the answer] of every row of every table of strategies, counted from now on."""
+    """[times tried, times it had the answer] of every way of the tables of find_orbit, counted from now on."""
     counts: dict[str, list[int]] = {}
 
-    def counting(run: Callable[..., Any], count: list[int]) -> Callable[..., Any]:
+    def counting(way: Callable[..., Any], count: list[int]) -> Callable[..., Any]:
         def counted(question: Any) -> Any:
-            count[0] += 1
             try:
-                answered = run(question)
+                answered = way(question)
             except NoOrbit as refusal:
+                count[0] += 1
                 count[1] += refusal.status is None  # that there is none is an answer
                 raise
+            count[0] += answered is not None
             count[1] += not (answered is None or isinstance(answered, str))
             return answered
 
         return counted
 
-    for found in pkgutil.walk_packages(casahunt.servo.__path__, "casahunt.servo."):
-        for name, rows in vars(importlib.import_module(found.name)).items():
-            if isinstance(rows, tuple) and rows and all(isinstance(row, Strategy) for row in rows):
-                for row in rows:
-                    count = counts.setdefault(f"{name}: {row.name}", [0, 0])
-                    object.__setattr__(row, "run", counting(row.run, count))
+    ways = importlib.import_module("casahunt.servo.find_orbit")
+    for table in ("STABLE", "UNSTABLE"):
+        rows = [(name, way, counts.setdefault(f"{table}: {name}", [0, 0])) for name, way in getattr(ways, table)]
+        setattr(ways, table, tuple((name, counting(way, count)) for name, way, count in rows))
     return counts
 
 
 def rows_table(servos: list[dict[str, Any]]) -> str:
-    """How often each row of a table of strategies was tried, and how often it had the answer."""
+    """How often each row of a table of ways was tried, and how often it had the answer."""
     asked = sum(len(s["rows"]) for s in servos)
     lines = [f"{'':>80}{'tried':>8}{'answers':>9}{'per 1,000 questions':>22}"]
     for name in dict.fromkeys(name for s in servos for name in s["strategies"]):
@@ -221,7 +217,7 @@ def patiently(question: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def counted(*question: Any) -> dict[str, Any]:
-    """`examine` without a truth, with what each row of a table of strategies did."""
+    """`examine` without a truth, with what each row of a table of ways did."""
     ENGINES.update(dict.fromkeys(ENGINES, Unchecked))
     counts = watched()
     for count in counts.values():

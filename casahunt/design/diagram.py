@@ -8,7 +8,7 @@ factors of two from there up, or from a twentieth of the fold gain where that li
 `diagram` gives it as a Branch; `diagram_points` is a generator, so that points can be written down as they become
 known, some at once, since their multipliers are computed side by side.
 
-A diagram on the disk: MODEL.npz and MODEL.csv, whole after every point, taken up again where a run was ended.
+A diagram on the disk: MODEL.npz and MODEL.csv, whole after every point.
 
 The npz file holds the orbits and how they were computed; the CSV file is the table of the same points and is made from
 it, never read.
@@ -19,10 +19,10 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 from ..axis_units import in_its_units, shown
 from ..continuation import (
@@ -36,12 +36,12 @@ from ..continuation import (
     special_points_between,
 )
 from ..continuation.walk import walk, walk_naturally
-from ..errors import InputError, NoOrbit, Status
+from ..errors import NoOrbit, Status
 from ..export import table
 from ..files import together, whole_text
 from ..orbits import Archive, Options, with_multipliers
 from ..results import Result
-from ..servo.branch import CSV_COLUMNS, Branch, csv_row, load_run, pair_rows, save_branch
+from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows, save_branch
 from ..servo.find_fold import HIGHEST, find_fold
 from ..servo.find_orbit import find_orbit
 from ..servo.friction import MODELS, Model
@@ -188,7 +188,6 @@ def _whole(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str
 def diagram_points(
     servo: Servo, model: Model, *, start: float | None = None, options: Options | None = None,
     monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
-    begun: Sequence[DiagramPoint] = (),
 ) -> Generator[DiagramPoint, None, str]:  # fmt: skip
     """The points of a diagram one by one, in order along the branch, each as soon as it is known.
 
@@ -197,20 +196,18 @@ def diagram_points(
     servo, model
         the problem.
     start
-        gain [V/rad] at which the stable branch is entered and the unstable one is left; default: that of the first
-        point of `begun`, or `starting_gain`, 0.0321 for Table 1.
+        gain [V/rad] at which the stable branch is entered and the unstable one is left; default: `starting_gain`,
+        0.0321 for Table 1.
     options, monitors
         tolerance and method of the orbits; special points to be located.
     largest_step
         of the walk, in arclength; of natural continuation, in relative change of the gain.
     natural
         natural continuation in the gain: the stable branch, up to the fold.
-    begun
-        the points of the same diagram that are there already, in order: it goes on behind them.
 
     Yields
     ------
-    DiagramPoint, those of `begun` left out; the generator returns the sentence that says why the branch ends.
+    DiagramPoint; the generator returns the sentence that says why the branch ends.
 
     Raises
     ------
@@ -225,18 +222,11 @@ def diagram_points(
     """
     options = options or Options()
     if start is None:
-        start = begun[0].orbit.gain if begun else starting_gain(servo, model, options)
-    if begun:
-        before = begun[-1].orbit
-    else:
-        before = find_orbit(servo, model, start, options=options)
-        yield DiagramPoint(before, ())
-    over = _over(begun, start, natural)
-    if over:
-        return over
+        start = starting_gain(servo, model, options)
+    before, previous = find_orbit(servo, model, start, options=options), None
+    yield DiagramPoint(before, ())
     bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
-    previous = begun[-2].orbit if len(begun) > 1 else None
-    steps = walk_naturally(before, **bounds) if natural else walk(before, previous=previous, **bounds)
+    steps = walk_naturally(before, **bounds) if natural else walk(before, **bounds)
     batches = with_multipliers(steps, ahead=any(monitor.by_multipliers for monitor in monitors))
     while True:
         try:
@@ -260,15 +250,6 @@ def _fold_behind(before: HuntingOrbit, ended: str, options: Options) -> Generato
         return f"{ended}; that this is a fold is not shown: {error}"
     yield DiagramPoint(fold.orbit, (fold,))
     return _natural_end(fold, before)
-
-
-def _over(begun: Sequence[DiagramPoint], start: float, natural: bool) -> str:
-    """Why a diagram ends with the points that are there already; "" where it goes on."""
-    if len(begun) > 1 and natural and begun[-1].is_special:
-        return _natural_end(begun[-1].special[-1], begun[-2].orbit)
-    if len(begun) > 1 and not natural and begun[-1].orbit.gain == start:
-        return f"gain reached {start:.6g}, the end of the range"
-    return ""
 
 
 def _natural_end(fold: SpecialPoint[HuntingOrbit], before: HuntingOrbit) -> str:
@@ -299,12 +280,6 @@ class DiagramTask:
     start: float | None
     options: Options
     natural: bool
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """By the names of the command line."""
-        how = self.options
-        return {"from": self.start, "tol": how.tol, "solver": how.solver, "natural": self.natural}
 
 
 @dataclass(frozen=True)
@@ -345,8 +320,7 @@ def keep(
     words = words or Words()
     branch = beside or branch_of(task.servo, model, points, ended)
     with together():
-        run = {**task.settings, "special_before": [i for i, point in enumerate(points) for _ in point.special]}
-        save_branch(branch, out / f"{model}.npz", run=run, said=words.orbits)
+        save_branch(branch, out / f"{model}.npz", said=words.orbits)
         with whole_text(out / f"{model}.csv") as stream:
             table(stream, [*shown().columns({name: () for name in CSV_COLUMNS})])
             stream.writelines(words.of(point) for point in points)
@@ -361,46 +335,3 @@ def _lines(rows: Sequence[Sequence[Any]]) -> str:
     columns = shown().columns(dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False)))
     table(whole, [*columns])(zip(*columns.values(), strict=True))
     return whole.getvalue().partition("\n")[2]  # without the header
-
-
-class Left(NamedTuple):
-    """What an earlier run has left: its points, why they end, and its lopsided pairs."""
-
-    points: list[DiagramPoint]
-    ended: str
-    lopsided: tuple[Branch, ...] = ()
-
-
-def saved_points(task: DiagramTask, model: Model, out: Path) -> Left:
-    """The points that an earlier run of the same task has left; none where there is no file.
-
-    Without a start asked for, it is theirs.
-    Raises InputError: the file is damaged, or is of another task.
-    """
-    path = out / f"{model}.npz"
-    if not path.exists():
-        return Left([], "")
-    branch, run = load_run(path)
-    before = run.get("special_before", [])
-    asked = {key: value for key, value in task.settings.items() if value is not None}
-    another = [f"{key} = {run.get(key)}, not {value}" for key, value in asked.items() if run.get(key) != value]
-    another += ["another servo"] * (branch.servo != task.servo) + ["another model"] * (branch.model != model)
-    if not branch.orbits or "from" not in run or not isinstance(before, list) or len(before) != len(branch.special):
-        another = ["it does not say how it was computed"]
-    if another:
-        raise InputError(
-            f"resume: {str(path)!r} is of another run ({'; '.join(another)}); give what it was computed with, or leave "
-            "--resume out for a new start"
-        )
-    special: dict[int, list[SpecialPoint[HuntingOrbit]]] = {}
-    for point, i in zip(branch.special, before, strict=True):
-        special.setdefault(i, []).append(point)
-    points = [_point(orbit, special.get(i, [])) for i, orbit in enumerate(branch.orbits)]
-    points[-1] = replace(points[-1], missed=branch.missed)  # behind which of them is not written, and tells nothing
-    return Left(points, branch.ended, branch.lopsided)
-
-
-def _point(orbit: HuntingOrbit, special: list[SpecialPoint[HuntingOrbit]]) -> DiagramPoint:
-    """As it was before it was written: an orbit that is a special point is the same object."""
-    same = [found.orbit for found in special if (found.orbit.gain, found.orbit.period) == (orbit.gain, orbit.period)]
-    return DiagramPoint(same[0] if same else orbit, tuple(special))

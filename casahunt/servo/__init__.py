@@ -20,7 +20,6 @@ simulate.py       the motion from any initial state
 sampled/          the loop as built: its motion, and quantisation told apart from stiction
 linear/           the loop without dry friction: response, poles, margins, with delay or as built
 refused.py        what is refused before any cycle is sought: no problem, times too far apart, proofs
-strategies.py     ways to one end, tried in turn; what a refusal says of them
 cold_start.py     the cycles at one gain from motions or a scan, no branch followed
 find_fold.py      from a servo to the largest gain at which it hunts
 lopsided.py       the pairs of lopsided cycles that branch off from the symmetric one

@@ -152,7 +152,7 @@ def csv_row(orbit: HuntingOrbit, special: str, lopsided: int = 0) -> list[Any]:
 
 # Hunting cycles and branches of them on disk (orbits/archive.py): the problem is written as model, servo and gain
 
-__all__ = ["load_branch", "load_orbit", "load_run", "save_branch", "save_orbit"]
+__all__ = ["load_branch", "load_orbit", "save_branch", "save_orbit"]
 
 INTERRUPTED = "interrupted"
 """Why a branch or a curve ends that is not at its end."""
@@ -197,7 +197,7 @@ def load_orbit(path: str | Path) -> HuntingOrbit:
 
 
 def save_branch(
-    branch: Branch, path: str | Path, *, run: Mapping[str, Any] | None = None, said: dict[Any, Any] | None = None
+    branch: Branch, path: str | Path, *, said: dict[Any, Any] | None = None
 ) -> None:
     """Write a branch to `path` (npz).
 
@@ -205,8 +205,6 @@ def save_branch(
     ----------
     branch, path
         what, and where to.
-    run
-        how it was computed, as JSON can say it: `load_run` gives it back.
     said
         what a file of the same branch, shorter, has put into words already; what is new is added.
 
@@ -232,7 +230,6 @@ def save_branch(
         **record_of(branch.servo),
         **_content(branch),
         "lopsided": [_content(pair) for pair in branch.lopsided],
-        "run": dict(run or {}),
     }
     write_archive(path, "branch", content, said=said)
 
@@ -281,14 +278,8 @@ def load_branch(path: str | Path) -> Branch:
     >>> again.gains.tolist(), again.ended
     ([0.1], 'one point')
     """
-    return load_run(path)[0]
-
-
-def load_run(path: str | Path) -> tuple[Branch, dict[str, Any]]:
-    """A branch, and what `save_branch` was told about its run; empty where nothing was.  Raises as `load_branch`."""
     archive = Archive(path, "branch")
-    run = archive.metadata.get("run", {})
-    return archive.checked(lambda: _branch(archive)), run if isinstance(run, dict) else {}
+    return archive.checked(lambda: _branch(archive))
 
 
 def _branch(archive: Archive) -> Branch:

@@ -5,7 +5,7 @@
     otherwise       the fold from nothing (find_fold.py): above it there is none; below it a walk down from there,
                     on the side that was asked for
 
-The ways stand in the tables `STABLE` and `UNSTABLE`, in the order in which they are tried.
+The ways stand in the tables `STABLE` and `UNSTABLE`.
 
 "There is none" is said only with the fold below the gain, which continuation/fold.py locates on the branch and confirms
 as an optimum, or with a proof (denial.py).  Where there is neither, the sentence is "not found": what was tried.
@@ -14,7 +14,7 @@ as an optimum, or with a proof (denial.py).  Where there is neither, the sentenc
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -40,7 +40,6 @@ from .parts.verbs import check_present, loop_cycle, unstable_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times, stiff_at
 from .servo import Servo
-from .strategies import Strategy, first_of
 
 BranchName = Literal["stable", "unstable", "lopsided"]
 BRANCHES: tuple[BranchName, ...] = ("stable", "unstable", "lopsided")
@@ -188,6 +187,11 @@ class _OrbitSearch:
         return not self.stiff and self.options.solver != "ipopt"
 
 
+Ways = tuple[tuple[str, Callable[[_OrbitSearch], HuntingOrbit | str | None]], ...]
+"""Names, and ways from the search to the cycle, to a sentence that says how it ended without one, or None where there
+was nothing to try."""
+
+
 def _from_motions(s: _OrbitSearch) -> HuntingOrbit | str:
     """The stable cycle where motions at this gain lead to one that is certainly it."""
     s.met = stable_at(s.servo, s.model, s.gain, options=s.options)
@@ -254,32 +258,48 @@ def _from_the_fold(s: _OrbitSearch) -> HuntingOrbit:
     return _down_from(_fold_above(s.servo, s.model, s.gain, s.options, s.met), s.gain, s.branch, s.options)
 
 
-STABLE: tuple[Strategy[_OrbitSearch, HuntingOrbit], ...] = (
-    Strategy(
-        "motions at this gain", "the controller's damping lets motions be computed", "5 ms; LuGre 30 ms",
-        _from_motions, lambda s: not s.stiff,
-    ),
-    Strategy("down from the fold", "always", "0.1 s; LuGre 1 s; from nothing up to minutes", _from_the_fold),
-)  # fmt: skip
-# Multipliers of 1e5 and more leave no way that is sure but round the fold.
-UNSTABLE: tuple[Strategy[_OrbitSearch, HuntingOrbit], ...] = (
-    Strategy(
-        "inside the stable one", "Switch; motions can be computed, and IPOPT is not to work alone", "8 ms",
-        _inside_the_stable_one, lambda s: s.model == "switch" and s.by_newton,
-    ),
-    Strategy(
-        "round the fold, from next to it", "motions can be computed, and IPOPT is not to work alone",
-        "20 ms; LuGre 0.2 s", _from_next_to_the_fold, lambda s: s.by_newton,
-    ),
-    Strategy(
-        "round the fold, from this gain", "motions can be computed, and no way up was endless", "30 ms; LuGre 0.3 s",
-        _from_here, lambda s: s.walked < MOST_WALKED,
-    ),
-    Strategy(
-        "down from the fold", "no way up was endless", "0.1 s; LuGre 1 s; next to the sharpest folds minutes",
-        _from_the_fold, lambda s: s.walked < MOST_WALKED,
-    ),
-)  # fmt: skip
+# In the order in which they are tried, the quick ones first: 5 ms, LuGre 30 ms; 0.1 s, LuGre 1 s, from nothing minutes.
+STABLE: Ways = (
+    ("motions at this gain", lambda s: None if s.stiff else _from_motions(s)),
+    ("down from the fold", _from_the_fold),
+)
+# Multipliers of 1e5 and more leave no way that is sure but round the fold.  8 ms; 20 ms, LuGre 0.2 s; 30 ms; as above.
+UNSTABLE: Ways = (
+    ("inside the stable one", lambda s: _inside_the_stable_one(s) if s.model == "switch" and s.by_newton else None),
+    ("round the fold, from next to it", lambda s: _from_next_to_the_fold(s) if s.by_newton else None),
+    ("round the fold, from this gain", lambda s: _from_here(s) if s.walked < MOST_WALKED else None),
+    ("down from the fold", lambda s: _from_the_fold(s) if s.walked < MOST_WALKED else None),
+)
+
+
+def first_of(ways: Ways, search: _OrbitSearch, what: str) -> HuntingOrbit:
+    """What the first way that finds one has found.  Raises NoOrbit: a way denied that there is one, or all have failed.
+
+    A denial, NoOrbit without a status, ends the search: what is shown to be absent is not sought any further.  Where
+    all have failed, the refusal is the sentence of the one that came farthest (a cycle met and not computed tells more
+    than "not found"), and names the others that were tried; what: its beginning where no way has a sentence of its own.
+    """
+    ended: list[tuple[str, NoOrbit | str]] = []
+    for name, way in ways:
+        try:
+            found = way(search)
+        except NoOrbit as refusal:
+            if refusal.status is None:
+                raise
+            ended.append((name, refusal))
+            continue
+        if isinstance(found, str):
+            ended.append((name, found))
+        elif found is not None:
+            return found
+    met = [each for _, each in ended if isinstance(each, NoOrbit)]
+    lead = next((each for each in reversed(met) if each.status is not Status.NOT_FOUND), met[-1] if met else None)
+    others = [(name, each.plain if isinstance(each, NoOrbit) else each) for name, each in ended if each is not lead]
+    if lead is None:
+        named = others[0][1] if len(others) == 1 else "; ".join(f"{name} {how}" for name, how in others)
+        raise NoOrbit(f"{what} {named}", Status.NOT_FOUND)
+    also = "tried besides: " + "; ".join(f"{name}: {how}" for name, how in others) if others else ""
+    raise NoOrbit(lead.plain, lead.status, evidence="; ".join(filter(None, (lead.evidence, also))))
 
 
 def _fold_above(servo: Servo, model: Model, gain: float, options: Options, met: AtOneGain) -> HuntingFold:

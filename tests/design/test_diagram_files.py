@@ -1,10 +1,9 @@
-"""A diagram and a fold curve go on from the points that were computed before an interrupt, a signal or a kill."""
+"""Of a diagram and a fold curve the points are kept that were computed before an interrupt, a signal or a kill."""
 
 from __future__ import annotations
 
 import csv
 import json
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +12,7 @@ import pytest
 from command_line import contents, run
 from file_support import ROOT, posix
 
-from casahunt import load_branch, save_branch
+from casahunt import load_branch
 from casahunt.design.diagram import diagram_points
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold_curve as command_fold_curve
@@ -32,27 +31,20 @@ def stopping(points: int):
     return stopped
 
 
-@pytest.mark.parametrize(("natural", "stops"), [(False, [1, 1, 3]), (True, [1, 2])], ids=["arclength", "natural"])
-def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, undrawn, monkeypatch, natural, stops):
-    """Nothing twice, nothing left out: the fold of the report, once, and back to the gain where it began."""
-    command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", *["--natural"] * natural]
-    table, before = tmp_path / "switch.csv", b""
-    for i, points in enumerate(stops):
-        with monkeypatch.context() as patch:
-            patch.setattr(command_diagram, "diagram_points", stopping(points))
-            code, _, err = run(capsys, *command, *["--resume"] * (i > 0))
-        assert code == 130 and "the points computed so far are in" in err
-        assert table.read_bytes().startswith(before)
-        before = table.read_bytes()
-        assert len(load_branch(tmp_path / "switch.npz").orbits) == sum(stops[: i + 1])
-    untouched = contents(tmp_path)
-    for other in (["--tol", 1e-7], ["--solver", "newton"], ["--from", 0.61], ["--set", "friction.static=0.55"]):
-        code, _, err = run(capsys, *command, *other, "--resume")
-        assert code == 2 and "is of another run" in err and contents(tmp_path) == untouched
+@pytest.mark.parametrize(("natural", "points"), [(False, 5), (True, 3)], ids=["arclength", "natural"])
+def test_a_diagram_keeps_its_points(capsys, tmp_path, undrawn, monkeypatch, natural, points):
+    """What was computed before an interrupt is what the whole run begins with."""
+    command = ["diagram", "--model", "switch", "--from", 0.6, "--quiet", *["--natural"] * natural, "--out"]
+    with monkeypatch.context() as patch:
+        patch.setattr(command_diagram, "diagram_points", stopping(points))
+        code, _, err = run(capsys, *command, tmp_path / "part")
+    assert code == 130 and "the points computed so far are in" in err
+    assert len(load_branch(tmp_path / "part" / "switch.npz").orbits) == points
+    assert set(contents(tmp_path / "part")) == {"switch.csv", "switch.npz"}
 
-    assert run(capsys, *command, "--resume")[0] == 0
-    assert table.read_bytes().startswith(before)
-    with table.open(newline="") as stream:
+    assert run(capsys, *command, tmp_path / "whole")[0] == 0
+    assert (tmp_path / "whole" / "switch.csv").read_bytes().startswith((tmp_path / "part" / "switch.csv").read_bytes())
+    with (tmp_path / "whole" / "switch.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     folds = [float(row["gain"]) for row in rows if row["special"] == "fold"]
     assert folds == [pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)]
@@ -60,24 +52,6 @@ def test_a_diagram_goes_on_where_it_was_interrupted(capsys, tmp_path, undrawn, m
     top = gains.index(folds[0])
     assert gains[:top] == sorted(set(gains[:top])) and gains[top:] == sorted(set(gains[top:]), reverse=True)
     assert gains[0] == 0.6 and rows[-1]["special" if natural else "gain"] == ("fold" if natural else "0.6")
-
-    done = table.read_bytes()
-    assert run(capsys, *command, "--resume")[0] == 0
-    assert table.read_bytes() == done and set(contents(tmp_path)) == {"switch.csv", "switch.npz"}
-
-    # In one go: other steps behind the interruption, the same branch; what is located does not depend on the steps.
-    assert run(capsys, *command, "--out", tmp_path / "whole")[0] == 0
-    with (tmp_path / "whole" / "switch.csv").open(newline="") as stream:
-        whole = list(csv.DictReader(stream))
-    assert rows[: stops[0]] == whole[: stops[0]]
-    for name in ("gain", "amplitude_rad", "period_s"):
-        located, again = ({r["special"]: float(r[name]) for r in run_ if r["special"]} for run_ in (rows, whole))
-        assert located == pytest.approx(again, rel=1e-9 if name == "gain" else 2e-6)
-    shutil.rmtree(tmp_path / "whole")
-
-    save_branch(load_branch(tmp_path / "switch.npz"), tmp_path / "switch.npz")  # as Python users write one
-    code, _, err = run(capsys, *command, "--resume")
-    assert code == 2 and "it does not say how it was computed" in err
 
 
 def test_a_fold_curve_keeps_its_points(capsys, tmp_path, monkeypatch):
@@ -111,7 +85,7 @@ def test_a_fold_curve_keeps_its_points(capsys, tmp_path, monkeypatch):
 
 @posix
 def test_a_signal_ends_a_process_with_its_points(tmp_path):
-    """SIGKILL after two points: the files are whole, and the run can be taken up."""
+    """SIGKILL after two points: the files are whole."""
     out = tmp_path / "out"
     words = "diagram", "--model", "switch", "--from", "0.6", "--out", str(out), "--details"
     command = [sys.executable, "-m", "casahunt", *words]
@@ -131,13 +105,13 @@ def test_a_signal_ends_a_process_with_its_points(tmp_path):
 @posix
 @pytest.mark.slow
 def test_two_runs_after_a_kill(tmp_path):
-    """The lock of a killed run holds nobody up; of two that take it up at once one is refused, and nothing is mixed."""
+    """The lock of a killed run holds nobody up; of two that begin at once one is refused, and nothing is mixed."""
     out = tmp_path / "out"
     words = "diagram", "--model", "switch", "--from", "0.6", "--out", str(out), "--details"
     command = [sys.executable, "-m", "casahunt", *words]
 
-    def started(*more: str) -> subprocess.Popen[str]:
-        return subprocess.Popen([*command, *more], cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    def started() -> subprocess.Popen[str]:
+        return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     first = started()
     try:
@@ -145,13 +119,12 @@ def test_two_runs_after_a_kill(tmp_path):
     finally:
         first.kill()
         first.communicate()
-    before = (out / "switch.csv").read_text()
-    runs = [started("--resume") for _ in range(2)]
+    runs = [started() for _ in range(2)]
     ends = sorted((child.wait(), *child.communicate()) for child in runs)
-    # The second may have come when the first was done: then it has found nothing left to do.
+    # The second may have come when the first was done.
     assert [code for code, *_ in ends] in ([0, 2], [0, 0])
     if ends[1][0] == 2:
         assert ends[1][1] == "" and "another run is writing into this folder" in ends[1][2]
     table = (out / "switch.csv").read_text()
-    assert table.startswith(before) and table.count(",fold,") == 1
+    assert table.count(",fold,") == 1
     assert set(contents(out)) == {"switch.csv", "switch.npz", *command_diagram.PICTURES}

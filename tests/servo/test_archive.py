@@ -12,7 +12,6 @@ import pytest
 from archived import ORBITS, assert_same, computed, refusal
 
 from casahunt import Branch, Options, Servo, SpecialPoint, find_orbit, walk
-from casahunt.design.diagram import DiagramTask, saved_points
 from casahunt.hybrid.examples import belt
 from casahunt.orbits import load_orbit as load_cycle
 from casahunt.orbits.archive import VERSION, Archive
@@ -40,10 +39,9 @@ def test_files_of_an_earlier_version():
     now = find_orbit(Servo(), "switch", 0.1)
     assert orbit.period == pytest.approx(now.period, rel=3 * orbit.period_error + now.period_error)
     assert cycle.period == pytest.approx(12.001031294830579, rel=1e-9)  # problems/belt.py
-    points, ended, lopsided = saved_points(DiagramTask(Servo(), None, Options(tol=1e-3), False), "switch", OLD)
-    assert lopsided == ()
-    fold = next(special for point in points for special in point.special if special.kind == "fold")
-    assert len(points) == 3 and "the end of the range" in ended and (fold.at, fold.vary) == (None, "")
+    branch = load_branch(OLD / "switch.npz")
+    fold = next(special for special in branch.special if special.kind == "fold")
+    assert len(branch.orbits) == 3 and "the end of the range" in branch.ended and (fold.at, fold.vary) == (None, "")
     assert fold.value == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-3)
 
 
@@ -62,8 +60,8 @@ def test_a_branch_that_grows(tmp_path):
     special = (SpecialPoint("fold", beside, "a fold"), SpecialPoint('my "own"', inside, "größer als 1"))
     for k in (1, 2, 3):
         branch = Branch("switch", Servo(), tuple(orbits[:k]), f"point {k}", special[: k - 1])
-        save_branch(branch, tmp_path / "grown.npz", run={"k": k}, said=said)
-        save_branch(branch, tmp_path / "alone.npz", run={"k": k})
+        save_branch(branch, tmp_path / "grown.npz", said=said)
+        save_branch(branch, tmp_path / "alone.npz")
         files = (Archive(tmp_path / f"{name}.npz", "branch") for name in ("grown", "alone"))
         grown, alone = ((each.metadata, each.numbers) for each in files)
         assert grown[0] == alone[0] and np.array_equal(grown[1], alone[1])

@@ -7,13 +7,12 @@ import pytest
 from casahunt import NoOrbit, Servo, Status, find_fold, find_orbit
 from casahunt.servo import find_fold as fold
 from casahunt.servo import find_orbit as find
-from casahunt.servo import strategies
-from casahunt.servo.strategies import Strategy, first_of
+from casahunt.servo.find_orbit import first_of
 
 TABLES = {"STABLE": find.STABLE, "UNSTABLE": find.UNSTABLE}
 
 
-def says(name, answer, applies=strategies.always):
+def says(name, answer):
     """A strategy that finds, ends with a sentence, or refuses with (sentence, status)."""
 
     def run(asked):
@@ -22,14 +21,14 @@ def says(name, answer, applies=strategies.always):
             raise NoOrbit(*answer)
         return answer
 
-    return Strategy(name, "always", "nothing", run, applies)
+    return name, run
 
 
 def test_the_first_that_finds_wins():
     asked: list[str] = []
     table = (
-        says("a", "in vain"), says("b", ("stuck", Status.NOT_CONVERGED)), says("c", 1, lambda _: False),
-        says("d", None), says("e", 2), says("f", 3),
+        says("a", "in vain"), says("b", ("stuck", Status.NOT_CONVERGED)), says("d", None), says("e", 2),
+        says("f", 3),
     )  # fmt: skip
     assert first_of(table, asked, "") == 2
     assert asked == ["a", "b", "d", "e"]
@@ -62,14 +61,6 @@ def test_what_a_refusal_says(table, sentence, status):
     with pytest.raises(NoOrbit) as refused:
         first_of(table, [], "what")
     assert (str(refused.value), refused.value.status) == (sentence, status)
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_the_tables_name_their_strategies(name):
-    rows = TABLES[name]
-    assert len({row.name for row in rows}) == len(rows)
-    for row in rows:
-        assert row.name and row.when and row.cost and "_" not in row.name
 
 
 def test_a_refusal_lists_motions_and_fold(monkeypatch):

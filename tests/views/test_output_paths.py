@@ -140,7 +140,6 @@ def test_every_file_of_every_command_is_known():
 
 RUNS = {
     "diagram": ["diagram", "--model", "switch", "--from", 0.6],
-    "resumed": ["diagram", "--model", "switch", "--from", 0.6, "--resume"],
     "tune": ["tune"],
 }
 THEIRS = {
@@ -247,7 +246,6 @@ def test_pictures_say_who_drew_them(tmp_path):
         (["tune", "--set", "controller.lead_time=0"], 2),
         (["tune", "--margin", "-1"], 2),
         (["diagram", "--from", "0.8", "--model", "switch"], 1),
-        (["diagram", "--from", "100", "--resume"], 2),
         (["diagram", "--tol", "1"], 2),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -19,13 +19,12 @@ from ...continuation import FOLD, SpecialPoint, follow
 from ...continuation import Branch as AnyBranch
 from ...design.diagram import (
     SIGNS,
+    DiagramPoint,
     DiagramTask,
-    Left,
     Words,
     branch_of,
     diagram_points,
     keep,
-    saved_points,
     starting_gain,
 )
 from ...errors import InputError, NoOrbit
@@ -96,9 +95,6 @@ def add(commands: Any) -> None:
     add_vary(picture, "that is varied")
     picture.add_argument("--to", metavar="X", help="where the branch of a loop of parts ends (default: far up)")
     add_out(picture, _results, default="casahunt-diagram", help="folder to write into")
-    picture.add_argument(
-        "--resume", action="store_true", help="go on behind the points that an interrupted run has left in the folder"
-    )
 
 
 def _results(options: argparse.Namespace) -> dict[str, bytes]:
@@ -125,11 +121,8 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     results = _results(options)
     with folder(options.out, results) as out:
-        there = {model: saved_points(task, model, out) if options.resume else Left([], "") for model in models}
         # What an earlier run has left makes room when this one has its first point, and not before.
-        taken_up = [model for model in models if there[model].points]
-        stale = {name: sign for name, sign in results.items() if Path(name).stem not in taken_up}
-        found = _Branches(task, out, there, stale, progress(options), options.details)
+        found = _Branches(task, out, dict(results), progress(options), options.details)
         try:
             for model in models:
                 found.add(model)
@@ -156,7 +149,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options) -> int:
     """The branch of a loop in one of its parameters, written when it is there; returns the exit code."""
-    left_out(options, "they go with the diagram of a servo", "natural", "resume")
+    left_out(options, "they go with the diagram of a servo", "natural")
     start = None if options.start is None else finite("from", options.start, *kinds_of(vary))
     to = None if options.to is None else finite("to", options.to, *kinds_of(vary))
     began, stream = time.perf_counter(), progress(options)
@@ -205,8 +198,6 @@ class _Branches:
 
     task: DiagramTask
     out: Path
-    there: dict[Model, Left]
-    """By model: what an earlier run has left."""
     stale: dict[str, bytes]
     """Files that an earlier run may have left, and what stands in each."""
     stream: Progress | None
@@ -218,7 +209,7 @@ class _Branches:
     @property
     def computed(self) -> bool:
         """Whether the folder holds a point of this diagram."""
-        return not self.stale or any(left.points for left in self.there.values())
+        return not self.stale
 
     def make_room(self) -> None:
         """Set aside what an earlier run has left."""
@@ -229,7 +220,7 @@ class _Branches:
     def add(self, model: Model) -> None:
         """Compute the branch of a model, and say what is missing of it."""
         try:
-            branch = self.branch(model, self.begins(model))
+            branch = self.branch(model, self.task.start or self.own_start(model))
         except NoOrbit as error:
             start = self.instead(model)
             if start is None:
@@ -250,11 +241,6 @@ class _Branches:
         self.failures.append(str(failure))
         complain("casahunt diagram", failure, details=self.details)
 
-    def begins(self, model: Model) -> float:
-        """The gain that the branch of a model begins at: as asked for, as begun, or its own."""
-        points = self.there[model].points
-        return self.task.start or (points[0].orbit.gain if points else self.own_start(model))
-
     def own_start(self, model: Model) -> float:
         """The gain that the servo has for itself."""
         effort.at(lambda: f"{model}: looking for the gain to start from")
@@ -272,27 +258,20 @@ class _Branches:
     def branch(self, model: Model, start: float) -> Branch:
         """Compute the branch of a model from a gain."""
         task = replace(self.task, start=start)
-        return _one_branch(task, model, self.there[model], self.make_room, self.out, self.stream)
+        return _one_branch(task, model, self.make_room, self.out, self.stream)
 
 
 def _one_branch(
     task: DiagramTask,
     model: Model,
-    there: Left,
     make_room: Callable[[], None],
     out: Path,
     stream: Progress | None,
 ) -> Branch:
-    """Compute a branch, from the points that are there on; what is found is on disk before more is computed."""
-    found, ended, words = list(there.points), there.ended, Words()
-    if found:
-        say(stream, f"{model:7s} {len(found)} points are there already, up to gain {found[-1].orbit.gain:.8g}")
-    if found and ended != INTERRUPTED:
-        beside = replace(branch_of(task.servo, model, found, ended), lopsided=there.lopsided)
-        return keep(task, model, found, ended, out, words, beside)
-    points = diagram_points(
-        task.servo, model, start=task.start, options=task.options, natural=task.natural, begun=tuple(found)
-    )
+    """Compute a branch; what is found is on disk before more is computed."""
+    found: list[DiagramPoint] = []
+    words = Words()
+    points = diagram_points(task.servo, model, start=task.start, options=task.options, natural=task.natural)
     lines: list[tuple[Callable[[Progress | None, str], None], str]] = []  # about points that are not on disk yet
 
     def written() -> None:
