@@ -68,8 +68,7 @@ if TYPE_CHECKING:
     from .servo.outcome import Outcome
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
-    from .servo.sampled.cause import Cause, cause_of
-    from .servo.sampled.check import AsBuilt, as_built
+    from .servo.sampled.check import AsBuilt, Cause, as_built, cause_of
     from .servo.sampled.motion import SampledMotion, simulate_sampled
     from .servo.servo import Servo, load, load_drive
     from .servo.simulate import simulate

@@ -15,12 +15,10 @@ from typing import TYPE_CHECKING
 from .lazy import lazily
 
 if TYPE_CHECKING:
-    from .views.pictures.basin import basin
     from .views.pictures.branches import diagram, multipliers
     from .views.pictures.equilibria import equilibria
-    from .views.pictures.event_map import cobweb
-    from .views.pictures.fold import elasticities
-    from .views.pictures.fold_curve import fold_curves, fold_map
+    from .views.pictures.event_map import basin, cobweb
+    from .views.pictures.fold_curve import elasticities, fold_curves, fold_map
     from .views.pictures.identify import fitted_records
     from .views.pictures.loop import bode
     from .views.pictures.orbits import phase_portrait, time_traces

@@ -48,10 +48,9 @@ from casahunt import (  # noqa: E402
 from casahunt.servo.drive import BANDS, with_remedy  # noqa: E402
 from casahunt.servo.outcome import BY_SEVERITY  # noqa: E402
 from casahunt.servo.parts import loop_of  # noqa: E402
-from casahunt.servo.sampled.as_run import DRIVE_PARTS  # noqa: E402
-from casahunt.servo.sampled.cause import told_apart  # noqa: E402
-from casahunt.servo.sampled.check import motions_of  # noqa: E402
+from casahunt.servo.sampled.check import motions_of, told_apart  # noqa: E402
 from casahunt.servo.sampled.motion import turning_points  # noqa: E402
+from casahunt.servo.sampled.plant import DRIVE_PARTS  # noqa: E402
 from casahunt.servo.stable_range import stable_range  # noqa: E402
 from casahunt.views.commands.remedies import OWN  # noqa: E402
 from scripts.random_servos import draw  # noqa: E402

@@ -33,8 +33,8 @@ sys.path.insert(0, str(ROOT))
 
 from casahunt import Drive, Friction, Pid, Servo  # noqa: E402
 from casahunt.servo.parts import loop_of  # noqa: E402
-from casahunt.servo.sampled.as_run import as_run  # noqa: E402
 from casahunt.servo.sampled.loop import Sampled, SampledLoop  # noqa: E402
+from casahunt.servo.sampled.plant import as_run  # noqa: E402
 from scripts.peers.sampled_motion import SampledServo  # noqa: E402
 
 Array = np.ndarray

@@ -29,7 +29,7 @@ from casahunt.design.record import file as record_file
 from casahunt.design.record.file import read_record
 from casahunt.errors import InputError
 from casahunt.files import bounded
-from casahunt.orbits import npz_arrays
+from casahunt.orbits import archive as npz_arrays
 from casahunt.servo import servo as servo_file
 
 

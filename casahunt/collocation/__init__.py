@@ -9,14 +9,11 @@ substitution.py   the same as expressions, for one interval by itself
 ensemble_points.py fields and stages of many members, over arrays
 joints.py         closed-form phases and events, compiled, with their exact Jacobians
 node_system.py    the linear system left when the stages are eliminated
-linearisation.py  the equations at one point: residuals, Newton steps, tangents
 transcription.py  cycle + mesh -> equations, condensed Jacobian, layout of the unknowns
 graphs.py         the same equations as graphs for optimisation, with Jacobian and Hessian
 newton.py         Newton's method, and when a solution is one
 ipopt.py          IPOPT: a root, the largest parameter, a small cost
-solve.py          which of the two solves, alone or one after the other
 mesh.py           the same solution on another mesh
-low_order.py      intervals whose halves do not tell their error, cut in four
 error_estimate.py the error of what is read from a solution, by an adjoint
 batched_newton.py solutions on meshes of parts, corrected many at once
 remesh.py         the mesh that makes it as small as asked for

@@ -41,7 +41,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import Status
-from .linearisation import Linearisation
+from .node_system import Linearisation
 from .transcription import Setting, Transcription
 
 FIRST_WAY = 1e-6

@@ -47,8 +47,7 @@ from .elimination import Eliminated, elimination
 from .ensemble_points import eliminate_many, fields_at
 from .interval import points_map
 from .joints import Joints, joint_map
-from .linearisation import Linearisation
-from .node_system import NodeSystem, node_system
+from .node_system import Linearisation, NodeSystem, node_system
 from .scheme import Kind, scheme
 
 Array = np.ndarray

@@ -19,7 +19,6 @@ equilibrium_crossings.py where eigenvalues of equilibria pass the imaginary axis
 equilibrium_branch.py equilibria of a mode, followed in a parameter
 birth.py            the cycle that is born at a Hopf bifurcation
 terminations.py     where cycles end: shrunk, grown, at an equilibrium; and through a rest
-broken_symmetry.py  half of a symmetric cycle made whole where a parameter breaks the symmetry
 branch.py           a branch on its way, and as it is handed out
 closed_branch.py    where a branch closes
 following.py        a branch of a user's system, with what is met on the way

@@ -19,8 +19,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import sizes_of_states
+from ..collocation.node_system import Linearisation
 from ..collocation.transcription import Setting, Transcription
 from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem

@@ -18,7 +18,7 @@ from ..checks import choice_of
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
-from .broken_symmetry import as_whole_as_needed
+from .branching import as_whole_as_needed
 from .curve import parameter_value
 from .fold import Fold, fold_between
 from .fold_check import confirmed

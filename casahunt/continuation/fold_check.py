@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..collocation.error_estimate import left_on_halved
-from ..collocation.ipopt import Maximum, maximise_parameter
+from ..collocation.ipopt import Maximum, maximise_parameter, solve
 from ..collocation.mesh import on_halved_mesh
-from ..collocation.solve import solve
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options

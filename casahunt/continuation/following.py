@@ -31,7 +31,7 @@ from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
 from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
 from .bifurcations import monitors_of
 from .branch import Branch, Run
-from .broken_symmetry import as_whole_as_needed
+from .branching import as_whole_as_needed
 from .closed_branch import came_round, met_itself, unseen_turns
 from .crossings import Crossings, Passed
 from .curve import CurvePoint, curve_point, in_asked_scheme, parameter_value, solved_at

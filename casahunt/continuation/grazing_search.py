@@ -9,7 +9,7 @@ from ..checks import choice_of, number
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
-from .broken_symmetry import as_whole_as_needed
+from .branching import as_whole_as_needed
 from .curve import parameter_value
 from .following import follow
 from .grazing_contact import contacts, events_of

@@ -40,8 +40,8 @@ import numpy as np
 from ..collocation.graphs import graphs, lagrangian_hessian
 from ..collocation.interval import interval_map
 from ..collocation.ipopt import Maximum
-from ..collocation.linearisation import Linearisation
 from ..collocation.newton import RESIDUAL_LIMIT, size_of_step
+from ..collocation.node_system import Linearisation
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import Caller, alone, caller, kept
 from ..errors import Status

@@ -25,7 +25,7 @@ from ..orbits.closure import Plane
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
-from .broken_symmetry import keeps_symmetry
+from .branching import keeps_symmetry
 from .curve import parameter_value
 from .fold import Fold
 from .grazing_contact import contact_of

@@ -3,7 +3,7 @@
 From a point of the curve (curve.py), a step of length ds:
 
     predictor   of the curve
-    corrector   the equations under  tangent . (y - predicted) = 0, by Newton or by IPOPT (collocation/solve.py)
+    corrector   the equations under  tangent . (y - predicted) = 0, by Newton or by IPOPT (collocation/ipopt.py)
     adaptation  mesh, phase sequence and error estimate (orbits/adapt.py), under the same row
 
 The step grows and shrinks with the iterations of the corrector and with the angle between successive tangents, and

@@ -23,13 +23,11 @@ simulated_phases.py the phases that the motion itself has
 adapt.py     solve, judge, estimate, refine, until the tolerance holds
 fold_side.py on which side of a fold a cycle lies
 ensemble.py  cycles of many problems near one whose cycle is known
-npz_arrays.py arrays of a file, unpacked within limits
 archive.py   orbits in files
 system_orbit.py  a cycle of a user's system, as its user reads it
 returning.py a motion followed until it comes back
 family.py    the cycles of a user's system at one p
 marched_mesh.py  from a motion that is not yet the orbit to the orbit
-saved_cycle.py cycles of a user's system in files
 first_return.py  where a motion first comes back: the guess of a cycle next to a state
 cycle_search.py the cycle that a motion of a user's system settles on
 """
@@ -46,11 +44,10 @@ if TYPE_CHECKING:
     from .closure import Closure
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
-    from .family import Cycles
+    from .family import Cycles, load_orbit
     from .floquet import Multipliers
     from .marched_mesh import orbit_from_motion
     from .orbit import Arc, Orbit
-    from .saved_cycle import load_orbit
     from .state_sensitivity import StateSensitivity, state_sensitivity
     from .system_orbit import SystemOrbit
 

@@ -22,10 +22,10 @@ import numpy as np
 
 from ..collocation.admissibility import Admissibility, check_admissible, judged_on_halves, stands_still
 from ..collocation.error_estimate import Estimate
+from ..collocation.ipopt import ipopt_then_newton, solve
 from ..collocation.mesh import halved, phase_breaks, quartered_where, shape, transfer
 from ..collocation.newton import Solution, Solver, newton, size_of_step
 from ..collocation.remesh import COARSENING, better_breaks, shape_limit
-from ..collocation.solve import ipopt_then_newton, solve
 from ..collocation.transcription import Setting, Transcription
 from ..errors import NoOrbit, Status
 from ..hybrid.problem import Problem

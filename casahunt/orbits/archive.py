@@ -4,11 +4,20 @@ A file holds two arrays: `metadata`, UTF-8 bytes of one JSON object, and `number
 scales one after the other.  The metadata carry a schema name and version, the problem as it describes itself, the
 method and, for every arc, where its numbers stand and their shapes.  Loading checks all of it and says what is wrong
 with a damaged or foreign file.  Who knows the problem poses it again from its description (`Pose`).
+
+The arrays of an npz file, unpacked within limits: what a file holds is not what it takes on the disk.
+
+    npz = zip of NAME.npy, each with its size, its checksum and the way it is packed
+
+The sizes that are stated are looked at first, no more than these is unpacked, whatever follows, and only what numpy
+writes: stored or deflated, since what is packed otherwise cannot be unpacked bit by bit.
 """
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -22,8 +31,47 @@ from ..errors import InputError, Status
 from ..files import bounded, whole_file
 from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle
-from . import npz_arrays
 from .orbit import Arc, Orbit
+
+LARGEST_ARRAYS = {"metadata": 3e7, "numbers": 2e8}
+"""Bytes of an array by its name: those of 6000 cycles of four states at the least tolerance, six times the longest
+curve that the command line computes.  Reading takes three times as much memory, metadata made for that 25 times."""
+FRAME = 1e4
+"""Bytes around an array at most: names, checksums, its type and shape."""
+
+
+def unpacked(content: bytes, name: str, dtypes: Mapping[str, type]) -> dict[str, Array] | None:
+    """The arrays of a file, each of one dimension.
+
+    Returns arrays by name; None where the file has others.
+    Raises InputError: it is no npz file, is damaged, or would take more memory than `LARGEST_ARRAYS`.
+    """
+    if not content.startswith(b"PK"):  # every npz file is a zip file, and every zip file begins so
+        raise InputError(f"{name} is no npz file")
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if not {f"{key}.npy" for key in dtypes} <= set(archive.namelist()):
+                return None
+            return {key: _array(archive, key, dtype) for key, dtype in dtypes.items()}
+    except Exception as error:  # whatever zipfile, zlib and numpy make of bytes that are not as they were written
+        raise InputError(f"{name} is damaged: {str(error) or 'it ends too early'}") from None
+
+
+def _array(archive: zipfile.ZipFile, key: str, dtype: type) -> Array:
+    """One array of the file, its size looked at before it is unpacked, its checksum verified before numpy sees it."""
+    entry, most = archive.getinfo(f"{key}.npy"), LARGEST_ARRAYS[key]
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{key} is packed as numpy packs nothing")
+    if entry.file_size > most + FRAME:
+        raise ValueError(f"{key} would take {entry.file_size / 1e6:.0f} MB, and may take {most / 1e6:.0f}")
+    with archive.open(entry) as stream:
+        unpacked = stream.read(entry.file_size + 1)
+    array = np.lib.format.read_array(io.BytesIO(unpacked), allow_pickle=False)
+    if array.ndim != 1 or array.dtype != dtype:
+        raise ValueError(f"{key} is an array of {array.dtype} with {array.ndim} dimensions")
+    return array
+
+
 
 Array = np.ndarray
 T = TypeVar("T")
@@ -204,7 +252,7 @@ def write_archive(path: str | Path, kind: str, content: Mapping[str, Any], *, sa
     if not writer.finite or not np.isfinite(numbers).all():
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
     for what, array in (("metadata", text), ("numbers", numbers)):
-        if array.nbytes > (most := npz_arrays.LARGEST_ARRAYS[what]):  # nobody could read them
+        if array.nbytes > (most := LARGEST_ARRAYS[what]):  # nobody could read them
             raise InputError(f"cannot write {str(path)!r}: its {what} take more than {most / 1e6:.0f} MB")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
@@ -251,8 +299,8 @@ class Archive:
     def __init__(self, path: str | Path, kind: str) -> None:
         self.path = path
         name = repr(str(path))
-        found = bounded(path, name, sum(npz_arrays.LARGEST_ARRAYS.values()) + npz_arrays.FRAME)
-        arrays = npz_arrays.arrays(found, name, {"metadata": np.uint8, "numbers": np.float64})
+        found = bounded(path, name, sum(LARGEST_ARRAYS.values()) + FRAME)
+        arrays = unpacked(found, name, {"metadata": np.uint8, "numbers": np.float64})
         if arrays is None:
             raise InputError(f"{name} is an npz file, but not one of {SCHEMA}: it has no metadata")
         text, numbers = arrays["metadata"].tobytes(), arrays["numbers"]

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ..checks import choice_of, of_kind, require, shown, whole_number
-from ..collocation.linearisation import Linearisation
+from ..collocation.node_system import Linearisation
 from ..collocation.scheme import Kind
 from ..collocation.transcription import Setting, Transcription
 from ..errors import InputError

@@ -14,7 +14,7 @@ Symbols: y unknowns of the node system.
 
 Whether a cycle is one of many at the same parameters, and in what they differ.
 
-    J dy = 0 at a solution of the equations G(u) = 0 (collocation/linearisation.py) at fixed parameters
+    J dy = 0 at a solution of the equations G(u) = 0 (collocation/node_system.py) at fixed parameters
 
 At a fold there is no solution beside it: along the null vector G grows with the square of the way.  Of a family each
 point of a way along it becomes one by Newton steps of least length, J^+ G.  What is kept there (a total, an energy) or
@@ -31,8 +31,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..collocation.admissibility import stands_still
-from ..collocation.linearisation import Linearisation
 from ..collocation.newton import RESIDUAL_LIMIT, STEP_TOLERANCE, size_of_step
+from ..collocation.node_system import Linearisation
 from ..collocation.transcription import Setting, Transcription
 from . import floquet
 from .map_chain import collocation_chain

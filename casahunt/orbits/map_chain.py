@@ -25,7 +25,7 @@ import numpy as np
 
 from ..collocation.batched_newton import Corrected
 from ..collocation.interval import point_map
-from ..collocation.linearisation import Linearisation
+from ..collocation.node_system import Linearisation
 from ..collocation.transcription import Setting, Transcription
 from ..compiled import alone
 from ..errors import NoOrbit, Status

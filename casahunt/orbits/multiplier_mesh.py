@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..collocation.batched_newton import Corrected, Member, solve_batch
-from ..collocation.linearisation import Linearisation
+from ..collocation.ipopt import solve
 from ..collocation.mesh import divided
 from ..collocation.newton import Solver
-from ..collocation.solve import solve
+from ..collocation.node_system import Linearisation
 from ..collocation.transcription import Setting, Transcription
 from . import floquet
 from .map_chain import MapChain, collocation_chain, refined_chain

@@ -18,9 +18,9 @@ import numpy as np
 from .. import effort
 from ..collocation.error_estimate import Estimate
 from ..collocation.joints import flow_at
-from ..collocation.linearisation import Linearisation
 from ..collocation.mesh import phase_breaks
 from ..collocation.newton import Solution, Solver
+from ..collocation.node_system import Linearisation
 from ..collocation.scheme import Kind, scheme
 from ..collocation.transcription import Setting, Transcription, transcribe
 from ..errors import Status

@@ -10,9 +10,8 @@ import pytest
 from test_convergence import P_KEPLER, circle_guess
 
 from casahunt.collocation import newton as newton_module
-from casahunt.collocation.ipopt import Maximum, ipopt, maximise_parameter, minimise
+from casahunt.collocation.ipopt import POLISHING, Maximum, ipopt, ipopt_then_newton, maximise_parameter, minimise, solve
 from casahunt.collocation.newton import ROUNDED, newton
-from casahunt.collocation.solve import POLISHING, ipopt_then_newton, solve
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation.optimum import optimum
 from casahunt.errors import Status

@@ -11,7 +11,7 @@ import pytest
 
 from casahunt import NoOrbit, Options
 from casahunt.collocation.graphs import graphs
-from casahunt.collocation.solve import solve
+from casahunt.collocation.ipopt import solve
 from casahunt.collocation.transcription import Setting, transcribe
 from casahunt.continuation import fold_check, special_points_between
 from casahunt.continuation.fold_check import confirmed

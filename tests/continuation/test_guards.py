@@ -12,7 +12,7 @@ from test_elsewhere import BRUSSELATOR
 from test_grazing_curve import DAMPED
 
 from casahunt import Servo, find_fold, find_orbit
-from casahunt.collocation.solve import Solution
+from casahunt.collocation.ipopt import Solution
 from casahunt.continuation import (
     FOLD,
     SUPERSTABLE,

@@ -9,10 +9,9 @@ import pytest
 
 from casahunt import NoOrbit, Options, find_fold
 from casahunt.collocation.admissibility import check_admissible
-from casahunt.collocation.ipopt import maximise_parameter
-from casahunt.collocation.linearisation import Linearisation
+from casahunt.collocation.ipopt import maximise_parameter, solve
 from casahunt.collocation.mesh import on_halved_mesh
-from casahunt.collocation.solve import solve
+from casahunt.collocation.node_system import Linearisation
 from casahunt.continuation import fold_check as folds
 from casahunt.continuation import locating
 from casahunt.continuation import optimum as conditions

@@ -10,8 +10,8 @@ import pytest
 
 from casahunt import Options
 from casahunt.collocation.admissibility import check_admissible
-from casahunt.collocation.linearisation import Linearisation
 from casahunt.collocation.mesh import shape, transfer
+from casahunt.collocation.node_system import Linearisation
 from casahunt.continuation.walk import walk
 from casahunt.orbits import find_cycle
 from casahunt.orbits.adapt import refined, solve_adaptively

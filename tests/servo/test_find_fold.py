@@ -171,7 +171,7 @@ def test_the_largest_gain_is_not_sought_on_any_mesh(monkeypatch):
     """IPOPT takes minutes and gigabytes on large ones; this one would have nine intervals."""
     below = find_orbit(Servo(), "switch", 0.646, options=Options(tol=1e-3))
     alone = Options(tol=1e-10, solver="ipopt")
-    monkeypatch.setattr("casahunt.collocation.solve.OPTIMAL_INTERVALS", 8)
+    monkeypatch.setattr("casahunt.collocation.ipopt.OPTIMAL_INTERVALS", 8)
     with pytest.raises(NoOrbit, match="not solved to the tolerance; try another tolerance"):
         next_fold(below, "gain", alone)
     monkeypatch.undo()

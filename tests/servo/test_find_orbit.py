@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, Servo, Status, cli, find_fold, find_orbit
-from casahunt.collocation.linearisation import Linearisation
+from casahunt.collocation.node_system import Linearisation
 from casahunt.continuation.walk import walk
 from casahunt.servo import find_fold as folds
 from casahunt.servo import find_orbit as searching

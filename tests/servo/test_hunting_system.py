@@ -12,7 +12,7 @@ import pytest
 
 from casahunt import effort
 from casahunt.continuation import follow, largest
-from casahunt.continuation.broken_symmetry import _whole
+from casahunt.continuation.branching import _whole
 from casahunt.continuation.special_points import GRAZING
 from casahunt.continuation.vanishing import solved_at
 from casahunt.errors import NoOrbit

@@ -11,7 +11,8 @@ import pytest
 
 from casahunt import NoOrbit, Options, Orbit, Servo, Status, find_fold, find_orbit
 from casahunt.cli import main
-from casahunt.collocation import ipopt, newton, solve
+from casahunt.collocation import ipopt, newton
+from casahunt.collocation import ipopt as solve
 from casahunt.design.sensitivity import fold_sensitivities
 from casahunt.orbits import adapt
 from casahunt.orbits.orbit import unknowns_of

@@ -29,9 +29,8 @@ from ...errors import InputError
 from ..drive import Drive
 from ..parts.loop import Loop
 from ..parts.part import Part
-from ..sampled.as_run import as_run
 from ..sampled.controller import NOT_FINITE, READ, RUN, numbers_of, sample_of
-from ..sampled.plant import plant_of
+from ..sampled.plant import as_run, plant_of
 from .open_loop import not_linear, slopes_of, smooth
 
 Array = np.ndarray

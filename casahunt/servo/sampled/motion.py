@@ -49,8 +49,8 @@ from ..parts.plain_loop import LoopResult, loop_asked
 from ..servo import Servo
 from ..simulate import start_of
 from ..trajectory import told_first
-from .as_run import as_run
 from .loop import SampledLoop
+from .plant import as_run
 
 TURNED_BACK = 0.25
 """Part of the range of the position that it moves back by at a turning point, or more."""

@@ -13,7 +13,7 @@ from .simulate import HEADS
 
 if TYPE_CHECKING:
     from ...servo.drive import Drive
-    from ...servo.sampled.cause import Cause
+    from ...servo.sampled.check import Cause
     from ...servo.sampled.motion import SampledMotion
 
 REMEDIES = {

@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     drive = drive_of(options)
     answer = basin_answer(found, how.tol, drive.count if drive else 0.0)
     record = found.to_dict(table=False) | record_of(asked[0])
-    give(options, record, answer, table=tables_of([found]), picture=("basin.basin", found))
+    give(options, record, answer, table=tables_of([found]), picture=("event_map.basin", found))
     if not found.confirmed:
         complain(
             "casahunt basin",

@@ -60,6 +60,6 @@ def run(options: argparse.Namespace) -> int:
     )  # fmt: skip
     give(
         options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),
-        picture=("fold.elasticities", [fold], [slopes]),
+        picture=("fold_curve.elasticities", [fold], [slopes]),
     )  # fmt: skip
     return 0

@@ -29,8 +29,8 @@ from ...servo.outcome import SETTLES
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of as parts_of
 from ...servo.parts.table import remedy_of
-from ...servo.sampled.as_run import DRIVE_PARTS
 from ...servo.sampled.check import AsBuilt, as_built
+from ...servo.sampled.plant import DRIVE_PARTS
 from ...servo.servo import Servo, flatten
 from ..answers.answer import PLAIN_DIGITS, Answer, at_gain
 from ..answers.remedy_columns import columns_meant, today

@@ -51,7 +51,7 @@ def of_drive(
 
     numbers: of the command line: set_point, position, velocity, integral, bristle, start.
     """
-    from ...servo.sampled.cause import cause_of  # not read for the continuous loop
+    from ...servo.sampled.check import cause_of  # not read for the continuous loop
     from ...servo.sampled.motion import simulate_sampled
 
     left_out(options, "of the loop as built --csv has a row for each sample", "step")

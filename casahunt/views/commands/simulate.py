@@ -36,7 +36,7 @@ from ...servo.other_end import OtherEnd, other_end
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_of as loop_of_servo
 from ...servo.parts.table import remedies_for, with_remedy
-from ...servo.sampled.as_run import DRIVE_PARTS
+from ...servo.sampled.plant import DRIVE_PARTS
 from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory

@@ -9,9 +9,7 @@ state.py      what is asked: a servo or a loop, as an address and back
 numbers.py    numbers and sentences as they are shown
 kinds.py      the stages of a servo and of a loop of parts
 worker.py     a process that answers the newest question
-figures.py    the figures, empty
 page.py       the page as text; page.html, page.css, page.js
-conversation.py  what one page asks and is told
 server.py     who may ask, and who answers
 notebook.py   the page from Python
 """

@@ -3,10 +3,8 @@
 plotting.py      what they share: the only import of matplotlib, figures, looks, files
 orbits.py        time traces, phase portraits
 branches.py      amplitude, period and multiplier against the gain
-fold.py          elasticities of a fold
 fold_curve.py    the gains with and without hunting against another parameter
 loop.py          Bode pictures
-basin.py         where motions stick on both sides of the border of settling
 event_map.py     cobweb picture of the event map
 uncertainty.py   histogram of sampled fold gains
 equilibria.py    stick region, generalised Jacobian

@@ -12,7 +12,7 @@ from ...design.tune.tuning import Tuning
 from ...errors import NoOrbit
 from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
-from .fold import elasticities
+from .fold_curve import elasticities
 from .plotting import ALONE, NEUTRAL, SMALL, Array, Line2D, in_units_of_the_axis, panels, png
 
 START = 0.1

@@ -10,8 +10,8 @@ import pytest
 from built_case import SERVO
 
 from casahunt import Drive, Friction, Pid, Servo, cause_of, simulate_sampled
-from casahunt.servo.sampled import cause
-from casahunt.servo.sampled.cause import smallest_dead_band, told_apart
+from casahunt.servo.sampled import check as cause
+from casahunt.servo.sampled.check import smallest_dead_band, told_apart
 from casahunt.servo.sampled.motion import Ending, judge, turning_points
 from scripts.peers.sampled_motion import SampledServo
 

@@ -16,7 +16,7 @@ import pytest
 
 from casahunt import InputError, Servo
 from casahunt.servo.servo import LARGEST_TOML
-from casahunt.views.explore.conversation import Conversation
+from casahunt.views.explore.server import Conversation
 from casahunt.views.explore.state import presets, state_of_address, state_of_servo
 from casahunt.views.explore.worker import DONE
 
