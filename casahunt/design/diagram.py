@@ -249,10 +249,6 @@ def _fold_behind(before: HuntingOrbit, ended: str, options: Options) -> Generato
     except NoOrbit as error:
         return f"{ended}; that this is a fold is not shown: {error}"
     yield DiagramPoint(fold.orbit, (fold,))
-    return _natural_end(fold, before)
-
-
-def _natural_end(fold: SpecialPoint[HuntingOrbit], before: HuntingOrbit) -> str:
     return f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at gain {before.gain:.10g}"
 
 

@@ -212,13 +212,7 @@ def orbit_ensemble(
         parts.append(part)
         if report is not None:
             report(sum(len(p.how) for p in parts))
-    return _ensemble(orbit, names, table, parts, multipliers)
-
-
-def _ensemble(
-    orbit: Orbit, names: tuple[str, ...], table: Array, parts: list[_OrbitBatch], multipliers: bool
-) -> OrbitEnsemble:
-    """The batches as one."""
+    # The batches as one
     numbers = np.concatenate([np.zeros((4, 0)), *(part.numbers for part in parts)], axis=1)
     leading = np.concatenate([np.zeros((2, 0), complex), *(part.leading for part in parts)], axis=1)
     leading = leading if multipliers else np.zeros((2, 0), complex)

@@ -140,7 +140,10 @@ def fixed_points(
     grid[0], grid[-1] = low, high
     known = [p for p in map(state.at, grid) if p is not None]
     for left, right in zip(known, known[1:], strict=False):
-        _search(state, left, right)
+        # Look between two neighbours, which are no fixed points themselves, for fixed points and jumps
+        waiting = [(left, right)]
+        while waiting:
+            waiting += _halves(state, *waiting.pop())
     for p in known:
         if p.excess == 0:
             state.fixed.append(_fixed(state, p))
@@ -155,13 +158,6 @@ def fixed_points(
         tuple(state.unresolved),
         tuple(state.failures),
     )
-
-
-def _search(state: _Scan, left: MapPoint, right: MapPoint) -> None:
-    """Look between two neighbours, which are no fixed points themselves, for fixed points and jumps."""
-    waiting = [(left, right)]
-    while waiting:
-        waiting += _halves(state, *waiting.pop())
 
 
 def _halves(state: _Scan, left: MapPoint, right: MapPoint) -> list[tuple[MapPoint, MapPoint]]:

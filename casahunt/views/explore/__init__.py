@@ -2,7 +2,7 @@
 
     page (browser) <-- websocket --> server <-- pipe --> worker: one process for each page, with an engine of its own
 
-Bokeh draws and tornado carries; both are imported by figures.py and server.py alone, when the page is asked for.  The
+Bokeh draws and tornado carries; both are imported when the page is asked for.  The
 controls are the browser's own: they have names for a screen reader, and the keyboard moves them.
 
 state.py      what is asked: a servo or a loop, as an address and back

@@ -77,8 +77,9 @@ def _filled(style: str, scripts: str, frozen: str) -> str:
         for f in PANELS
     )
     options = "".join(f'<option value="{escape(name)}">{escape(name)}</option>' for name in presets())
+    # The figures as JSON: {name: item for Bokeh.embed.embed_item}; the same for every page
     return Template((FOLDER / "page.html").read_text(encoding="utf-8")).substitute(
-        style=style, presets=options, figures=figures, items=figure_items(), frozen=frozen, scripts=scripts,
+        style=style, presets=options, figures=figures, items=_items(), frozen=frozen, scripts=scripts,
         largest=int(LARGEST_TOML),
     )
 
@@ -318,14 +319,6 @@ _LINES = {
     "friction": ("friction", "velocity", "torque", "velocity [rad/s]", "friction [N m]"),
 }
 """By figure: the source, its columns, the labels of the axes."""
-
-
-def figure_items() -> str:
-    """The figures as JSON: {name: item for Bokeh.embed.embed_item}; the same for every page.
-
-    Raises InputError: Bokeh is not installed; says how to install it.
-    """
-    return _items()
 
 
 @cache

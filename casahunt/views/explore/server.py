@@ -1,7 +1,7 @@
 """The server of the page: it sends a handful of files, and answers each page by a worker of its own.
 
     GET /, /page.js, /page.css, /bokeh.js   what is in a table, by name: no path of an address becomes one of a file
-    websocket /answers                      a conversation (conversation.py), in JSON
+    websocket /answers                      a conversation, in JSON
 
 Who may connect: by default this machine alone, since the server listens at 127.0.0.1.  A page of another site, open in
 the same browser, may not: its Origin is another one, and where it has made its own name point here, the Host is.  The
