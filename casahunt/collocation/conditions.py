@@ -1,7 +1,7 @@
 """What the phases of a cycle say of solutions: their states, and conditions, features and events there.
 
 Of one member by the functions themselves, which take arrays of states; of many, whose parameters differ, operation
-after operation at the points of all of them (vectorised.py).
+after operation at the points of all of them (ensemble_points.py).
 
 Symbols: B members, n states, d stages, N intervals, E elements, P phases, m points.
 """

@@ -12,7 +12,7 @@ as it matters, which no local monitor can know.
 
 Three things can make that sum too small.  The refined mesh has an error itself: of each term a part (`left_on_halved`),
 without regard to signs, since terms that cancel on one mesh need not on the next.  In stiff modes and at kinks that may
-be several times the term: the few intervals that matter are cut in four there (low_order.py), and of what that changes
+be several times the term: the few intervals that matter are cut in four there, and of what that changes
 half is added.  The others arise where the field changes suddenly inside an interval.  Gauss collocation is far more
 accurate at the nodes (h^2d) than inside (h^(d+1)): r_e, a small number, no longer says how wrong the inside is, whose
 square may be larger.  And what happens between two points of the refined mesh, such as a change in the first hundredth
@@ -35,7 +35,7 @@ An interval's map from its start to its end, stages eliminated, is known better 
 
     x+ = r + A x + B dT + C dlambda      from one part to the next,      r = r_2 + A_2 r_1,  A = A_2 A_1,  and so on,
 
-and the residual r of the parts is what the interval contributes to the error (error_estimate.py).  Two parts suffice
+and the residual r of the parts is what the interval contributes to the error.  Two parts suffice
 where the solution is smooth.  In stiff modes, and where the field has kinks, something may happen within a part of an
 interval that its halves hardly see: there they say 3e-7, and four, eight and thirty-two parts say 1.2e-6.  It is a few
 intervals of a mesh that matter, so these are cut in four; what changes then tells how far the halves could be accepted.

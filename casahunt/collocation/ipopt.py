@@ -5,9 +5,9 @@ placed by permutation and an empty `hess_lag`, which is legitimate: the problem 
 IPOPT's own "success" is not an answer: a little past a fold residuals are as small as it asks for, though there is no
 root.  Its point is judged by the step that Newton's method would still make there.
 
-Which solver solves: Newton (newton.py) or IPOPT (ipopt.py), alone or one after the other.
+Which solver solves: Newton (newton.py) or IPOPT, alone or one after the other.
 
-A root of the equations, under a border row or at a fixed lambda; or the extremum of lambda (fold_system.py).
+A root of the equations, under a border row or at a fixed lambda; or the extremum of lambda (newton.py).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     G(u, lambda) = 0,    border . (u - u_start, lambda - lambda_start) = 0,
 
 where the border row holds lambda fixed, or measures arclength; on the condensed node system (transcription.py).  At an
-extremum of lambda the way along the border row is one more unknown (fold_system.py):
+extremum of lambda the way along the border row is one more unknown:
 
     linearise -> step -> small enough already? -> done
         ^                  | no

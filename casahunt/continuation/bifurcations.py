@@ -9,7 +9,7 @@
 x_k is the k-th largest x of the nontrivial multipliers.  Sorted, they are continuous along a branch whatever the
 multipliers do, and where r more of them are beyond 1 than before, r of the x_k have passed it: two that do so at once
 are seen as one is, and of |mu| none leaves the circle unseen.  One that leaves while another one enters at the same
-real place makes x_k turn back next to 1: lines from both sides show it (stations.py); where both do so at one place, or
+real place makes x_k turn back next to 1: lines from both sides show it; where both do so at one place, or
 two pairs, that is missed, and said.
 
 The value is (x - 1)/(1 + |x|), which does not drown in multipliers of 1e10.  Re mu of a complex pair passes 1 where

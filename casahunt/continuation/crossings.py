@@ -3,7 +3,7 @@
     f_k = f(orbit_k)    a monitor along the branch, at the arclengths s_k
     f_k f_k+1 < 0       a special point lies between them: located (locating.py), or missed and said so
 
-What hides inside a step is looked for there (stations.py).  A sign counts where the value is larger than its error; an
+What hides in a step is looked for there (bifurcations.py).  A sign counts where the value is larger than its error; an
 orbit of which it is not known is passed over, and the sign before it stands against that behind it.  A step is looked
 at when the one behind it is known, too.
 

@@ -7,7 +7,7 @@ Two ways that share nothing but the collocation equations:
 * as an optimisation problem: maximise lambda subject to the transcription, with the exact Hessian: by Newton's method
   on its conditions (optimum.py); by IPOPT where that is named, or where the conditions are not seen to hold.
   Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
-  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (fold_system.py).
+  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (newton.py).
 
 fold_check.py does both, and refuses where they disagree.
 """

@@ -7,7 +7,7 @@ A cycle keeps its shape far longer than its size: along a branch sizes, duration
 another, so that it is their logarithms that polynomials tell.  A parameter that is not moved in units of its own value
 may be zero, and stands as lambda itself.
 
-The mesh moves along (moving_mesh.py): x are the states at the collocation points of intervals that start at the same
+The mesh moves along: x are the states at the collocation points of intervals that start at the same
 parts of the way, and the logarithms of the lengths of those are linear in s.
 
 Symbols: n states, N intervals, P phases.

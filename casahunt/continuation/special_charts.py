@@ -188,7 +188,7 @@ class SpecialOrbit:
     across : phi_s; at a fold the second derivative of lambda along the branch: < 0 where the parameter is largest, > 0
         where it is smallest, 0 at a cusp.
     turns : whether the curve turns back in the second parameter here.
-    how : "followed" step by step, or in a "batch" with others (folds_ahead.py).
+    how : "followed" step by step, or in a "batch" with others.
 
     Examples
     --------

@@ -3,7 +3,7 @@
     phi(s, c) = 0  (special_charts.py), followed by plane_curve.py from a special point that one parameter has led to
 
 The curve may turn back in the second parameter: at a cusp of folds, or where flips exist on one side only.  Folds go
-ahead in batches (folds_ahead.py) as far as those lead.
+ahead in batches (special_charts.py) as far as those lead.
 """
 
 from __future__ import annotations

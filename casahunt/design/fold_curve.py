@@ -75,7 +75,7 @@ class FoldPoint(Result):
         it is the smallest, 0 at a cusp.
     status : as everywhere.
     turns : whether the curve turns back in q here: a cusp.
-    how : "batch" where it was computed together with others (folds_ahead.py); "followed" where step by step, and
+    how : "batch" where it was computed together with others (special_charts.py); "followed" where step by step, and
         confirmed alone.
     """
 

@@ -36,7 +36,7 @@ def curve_border(t: Transcription, u: Array, weights: Array) -> Array:
 
 
 def row_along(t: Transcription, u: Array, setting: Setting, lin: Linearisation | None = None) -> Array:
-    """The weights that measure the way along the curve at a point of it, without lambda, as at a fold (fold_system.py).
+    """The weights that measure the way along the curve at a point of it, without lambda, as at a fold (newton.py).
 
     lin: the equations linearised there, where that is known.
     Returns (n + 2,) of length one, its last entry zero: the tangent itself.

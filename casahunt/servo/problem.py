@@ -1,7 +1,7 @@
 """The hunting servo as a problem for the engine (hybrid/problem.py), and its orbits as a servo's user reads them.
 
 A problem is (model, servo, gain): p is the vector of `Servo.names`, the gain K is what is followed, and the cycles
-are those of hunting.py.  An orbit of it is a `HuntingOrbit`: `model`, `servo` and `gain` are views of its problem.
+are those of the system below.  An orbit of it is a `HuntingOrbit`: `model`, `servo`, `gain` are views of its problem.
 
 The hunting servo as a system: one inertia, its friction, a PID controller and the integrator, as parts (parts/).
 
@@ -29,7 +29,7 @@ The report's own form of the Switch servo is in scripts/report.
 Report: Hensen, van de Molengraft and Steinbuch, DCT 2001.021, sections 3.1 and 3.2.
 
 In the terms of the engine: x = (x1, x2, x3 [, x4]), p = servo.PARAMETERS or PID_PARAMETERS, whose length tells which.
-Half a cycle closes by its mirror image, S = -I, the whole of it by itself (problem.py).
+Half a cycle closes by its mirror image, S = -I, the whole of it by itself.
 """
 
 from __future__ import annotations
@@ -243,7 +243,7 @@ class Hunting(Cycles):
 
     @property
     def system(self) -> System:  # type: ignore[override]
-        """That of hunting.py; its numbers are those of any servo."""
+        """`system_of`; its numbers are those of any servo."""
         return system_of(self.model, len(self.names))
 
     @property

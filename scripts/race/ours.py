@@ -119,7 +119,7 @@ SHARES = (
         "checks that a root is a motion",
         (
             "admissibility.py",
-            "hunting.py",
+            "problem.py",
             "sequences.py",
             "restart.py",
             "phases.py",

@@ -1,6 +1,6 @@
 """LuGre friction as a part of a loop: it reads the rate v, gives the friction, and has the bristles' deflection.
 
-    z' = v - sigma0 |v| z/g(v),   F = sigma0 z + sigma1 z' + sigma2 v;   the kink |v| splits it in modes (hunting.py)
+    z' = v - sigma0 |v| z/g(v),   F = sigma0 z + sigma1 z' + sigma2 v;   the kink |v| splits it in modes (problem.py)
 """
 
 from __future__ import annotations
