@@ -29,7 +29,6 @@ reset.py                 remedies: an integrator that is reset
 error_filter.py          remedy: a filtered error
 feedforward.py           remedy: friction compensated by its estimate
 dither.py                remedy: dither, by its averaged friction curve
-plain.py                 remedies: gain, derivative and integral action
 table.py                 all remedies
 plain_loop.py            a servo as a loop
 file.py                  a loop in a file

@@ -8,10 +8,10 @@ from ...axis_units import shown
 from ...checks import choice_of
 from ...errors import InputError
 from ..units import PARAMETER_UNITS, kinds_of
-from . import dead_band, dither, error_filter, feedforward, freeze, leak, plain, reset
+from . import dead_band, dither, error_filter, feedforward, freeze, leak, reset
 from .loop import Loop
 from .part import Part
-from .remedy import Remedy
+from .remedy import Remedy, at_the_set_point
 
 REMEDIES: tuple[Remedy, ...] = (
     *dead_band.REMEDIES,
@@ -21,7 +21,10 @@ REMEDIES: tuple[Remedy, ...] = (
     *error_filter.REMEDIES,
     *feedforward.REMEDIES,
     *dither.REMEDIES,
-    *plain.REMEDIES,
+    # more gain, more derivative action, less integral action
+    Remedy("gain", "gain", "V/rad", at_the_set_point, scale="own", first=1.0, last=1e4),
+    Remedy("derivative", "kd", "s", at_the_set_point, scale="own", first=1.0, last=1e4),
+    Remedy("integral", "ki", "1/s", at_the_set_point, sense=-1, scale="own", first=1.0, last=1e-6),
 )
 REMEDY_NAMES = tuple(dict.fromkeys(remedy.name for remedy in REMEDIES))
 NOT_IN_THE_MODEL = ("backlash", "delay", "noise", "quantisation", "sampling")
