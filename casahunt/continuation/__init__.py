@@ -22,7 +22,6 @@ terminations.py     where cycles end: shrunk, grown, at an equilibrium; and thro
 branch.py           a branch on its way, and as it is handed out
 closed_branch.py    where a branch closes
 following.py        a branch of a user's system, with what is met on the way
-grazing_search.py   from a cycle that keeps clear of an event to one that grazes it
 optimum.py          a fold as an optimisation problem: its conditions, and how much it moves with every parameter
 fold.py             a fold as a point of the branch and as an optimum
 fold_check.py       a located fold, confirmed, on its mesh and on finer ones
@@ -46,13 +45,12 @@ if TYPE_CHECKING:
     from .branching import branch_off
     from .crossings import special_points_between
     from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
-    from .extremum import largest, smallest
+    from .extremum import grazing, largest, smallest
     from .fold import Fold, FoldConstraints, fold_between
     from .fold_check import next_fold
     from .fold_ensemble import Folds, expansion, expansion_beside, folds_near
     from .fold_expansion import Expansion
     from .following import follow
-    from .grazing_search import grazing
     from .sheet import Axis
     from .special_charts import SpecialOrbit
     from .special_points import (

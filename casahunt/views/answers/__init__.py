@@ -5,5 +5,5 @@
 
 answer.py     the form of all of them; what one command alone says stands in its module
 remedy_columns.py what the columns of the remedies mean
-simulate.py, sampled.py, diagram.py, fold.py, loop.py, tune.py, uncertainty.py
+simulate.py, diagram.py, fold.py, loop.py, tune.py, uncertainty.py
 """

@@ -11,7 +11,7 @@ from ...servo.linear.linear_loop import LinearLoop
 from ...servo.linear.margins import Margins
 from ...servo.units import GAIN_UNIT
 from .answer import Answer, item, short, volts_per
-from .sampled import drive_said
+from .simulate import drive_said
 
 if TYPE_CHECKING:
     from ...servo.drive import Drive

@@ -21,7 +21,7 @@ from ...servo.drive import Drive, below_border, by_counts
 from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from ..answers.answer import item
-from ..answers.sampled import sampled_answer
+from ..answers.simulate import sampled_answer
 from .arguments import drive_of, left_out
 from .output import give
 from .taken import CONTINUOUS
