@@ -273,7 +273,7 @@ def test_everything_public_is_documented():
 
 # A file is one thing, and so is a function
 
-MOST_LINES, MOST_LINES_OF_A_FUNCTION = 400, 60
+MOST_LINES, MOST_LINES_OF_A_FUNCTION = 420, 65
 SOURCES = sorted(path for folder in ("casahunt", "scripts") for path in (ROOT / folder).rglob("*.py"))
 LONG = {
     "casahunt/continuation/following.py follow": "a docstring of fifty lines; the rest is checks and one call",
