@@ -10,7 +10,7 @@ from pathlib import Path
 from casahunt import Servo, pictures, remedies
 from casahunt.servo import parts
 from casahunt.servo.parts import REMEDIES, Part, Remedy
-from casahunt.servo.units import unit_of
+from casahunt.servo.units import kinds_of
 
 ABOUT = """Parts of a loop
 ===============
@@ -22,14 +22,6 @@ to take :doc:`another one </howto/remedies>`.
    :maxdepth: 1
 
 """
-UNITS = {
-    "torque_limit": "N m", "unwinding_time": "s", "static_back": "N m", "coulomb_back": "N m",
-    "viscous_back": "N m s/rad", "load_torque": "N m", "spring": "N m/rad", "derivative_filter": "s",
-    "position_gain": "1/s", "velocity_gain": "s", "reset_time": "s", "load_inertia": "kg m2",
-    "shaft_stiffness": "N m/rad", "shaft_damping": "N m s/rad", "load_damping": "N m s/rad",
-    **{remedy.size: remedy.unit for remedy in REMEDIES if remedy.part is not None},
-}  # fmt: skip
-"""Of parameters that a servo file does not have."""
 SERVO, GAIN = Servo(), 0.04
 """Table 1's servo, and the gain at which sets of rest positions are drawn [V/rad]."""
 
@@ -69,10 +61,12 @@ def _page(title: str, about: str, own: dict[str, Part], cures: list[Remedy]) -> 
     lines = [title, "=" * len(title), "", "::", ""]
     lines += [f"   {line}".rstrip() for line in inspect.cleandoc(about).split("\n")]
     if own:
-        lines += ["", ".. list-table::", "   :header-rows: 1", "", *_row("part", "states", "parameters, by default")]
+        lines += ["", ".. list-table::", "   :header-rows: 1", ""]
+        lines += _row("part", "in a file", "states", "parameters, by default")
     for key, part in own.items():
-        numbers = [f"``{name}`` = {value:.6g} {_unit(name)}".rstrip() for name, value in part.parameters.items()]
-        lines += _row(f"``{key}``", *map(_listed, ([f"``{name}``" for name in part.states], numbers)))
+        numbers = [f"``{name}`` = {value:.6g} {kinds_of(name)[0]}".rstrip() for name, value in part.parameters.items()]
+        states = [f"``{name}``" for name in part.states]
+        lines += _row(f"``{key}``", f'``"{part.name}"``', *map(_listed, (states, numbers)))
     for name in dict.fromkeys(remedy.name for remedy in cures):
         remedy = next(remedy for remedy in cures if remedy.name == name)
         unit = f" [{remedy.unit}]" if remedy.unit else ""
@@ -102,14 +96,6 @@ def _keep(page: Path, text: str) -> None:
     """Write a page, unless it is there already as it should be."""
     if not page.exists() or page.read_text(encoding="utf-8") != text:
         page.write_text(text, encoding="utf-8")
-
-
-def _unit(name: str) -> str:
-    """The unit of a parameter; "" for a number."""
-    try:
-        return UNITS[name] if name in UNITS else unit_of(name)
-    except StopIteration:
-        return ""
 
 
 def _row(*cells: str) -> list[str]:

@@ -27,7 +27,16 @@ from casahunt import (
     simulate,
     simulate_sampled,
 )
-from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES, SWITCH, Loop, transfer_function
+from casahunt.servo.parts import (
+    INERTIA,
+    INTEGRATOR,
+    PID_BY_GAINS,
+    PID_BY_TIMES,
+    REMEDIES,
+    SWITCH,
+    Loop,
+    transfer_function,
+)
 from tests.servo.strangers import FORGETS_WHERE_IT_STANDS, OBSERVING_PI, STANDING_LEAK, THREE_MASSES
 
 FRICTION = {"static": 0.8, "coulomb": 0.55, "stribeck_velocity": 0.08, "viscous": 0.02}
@@ -61,6 +70,12 @@ SLOW = "remedies", "basin", "fold_curve"
 def test_every_verb_answers(verb, name):
     if (verb, name) != ("remedies", "standing leak"):  # two leaks of one integrator do not go together
         assert VERBS[verb](LOOPS[name])
+
+
+def test_every_remedy_goes_to_another_process():
+    for remedy in (*REMEDIES, FORGETS_WHERE_IT_STANDS):
+        sent = pickle.loads(pickle.dumps(remedy))
+        assert (sent.name, sent.part, sent.rests) == (remedy.name, remedy.part, remedy.rests)
 
 
 def test_three_masses_with_stiff_shafts_are_one_inertia():

@@ -9,12 +9,13 @@ smooth, so that nothing sticks and the servo comes to rest at its set point alon
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 
 from .part import Law, Part, PartMode
-from .remedy import Remedy
+from .remedy import Corners, Remedy
 
 
 def _mean(x: Any, s: Any, p: Any) -> Any:
@@ -35,7 +36,12 @@ DITHERED = Part(
     )),),
 )  # fmt: skip
 
+
+def _rests(size: float, p: Mapping[str, float]) -> Corners:
+    return ((0.0, 0.0),)
+
+
 REMEDIES = (
-    Remedy("dither", "dither", "rad/s", lambda size, p: ((0.0, 0.0),), DITHERED, instead="Switch friction",
+    Remedy("dither", "dither", "rad/s", _rests, DITHERED, instead="Switch friction",
            scale="stribeck_velocity", first=0.05, last=100.0, needs=("switch",)),
 )  # fmt: skip

@@ -16,6 +16,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ...axis_units import quantity
 from ...errors import NoOrbit
 from ...servo.drive import Drive, below_border, by_counts
 from ...servo.parts.loop import Loop
@@ -117,6 +118,7 @@ def checked_lines(
     if not isinstance(found, str) and not math.isnan(found.dead_band):
         count = found.worst.drive.count
         counts = f" ({found.dead_band / count:.3g} counts)" if count else ""
-        text += f"; with a dead band of the integrator of {found.dead_band:.4g} rad{counts} every motion comes to rest"
+        band = quantity(found.dead_band, "rad")
+        text += f"; with a dead band of the integrator of {band}{counts} every motion comes to rest"
     lines = [f"  {what:16s} {text}"]
     return [f"{heading}, with Switch friction", *lines] if heading else lines
