@@ -50,7 +50,7 @@ def test_python_example(capsys):
 
 
 def test_servo_file_example():
-    times, gains, linear = map(tomllib.loads, blocks("toml", SERVO_FILE))
+    times, gains, linear, _ = map(tomllib.loads, blocks("toml", SERVO_FILE))  # the last: test_complete_axes.py
     assert servo_of_tables(linear, "the page") == ball_screw.BY_HAND
     for tree in (times, gains):
         assert {f"{section}.{key}" for section, table in tree.items() for key in table} <= set(KEYS)
