@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ..axis_units import quantity
 from ..checks import choice_of as one_of
 from ..continuation import Expansion, expansion
 from ..errors import InputError, NoOrbit, Status
@@ -29,6 +30,7 @@ from ..servo.find_fold import find_fold
 from ..servo.friction import MODELS, Model
 from ..servo.parts.loop import Loop
 from ..servo.parts.plain_loop import loop_asked
+from ..servo.parts.table import unit_of
 from ..servo.servo import Servo, a_servo
 from .sensitivity import fold_sensitivities
 
@@ -130,7 +132,8 @@ def are_servos(servo: Servo | Loop, names: Sequence[str], rows: Array) -> Array:
 
 def said(values: Mapping[str, float]) -> str:
     """Values of parameters in words."""
-    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+    each = ((name, quantity(value, unit_of(name), ".6g").rstrip()) for name, value in values.items())
+    return ", ".join(f"{name} = {text}" for name, text in each)
 
 
 def vectors(servo: Servo | Loop, names: Sequence[str], rows: Array) -> Array:

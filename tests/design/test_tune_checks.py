@@ -96,8 +96,8 @@ def test_servos_of_the_set_whose_fold_is_not_known_are_named(unscanned, monkeypa
     found = tune(servo, "switch", uncertainty=Uncertainty({"servo.inertia": (0.025, 0.028)}))
     shown = found.verification
     assert not shown.ok and not shown.against
-    assert any("no fold was computed at servo.inertia = 0.028: not today" in said for said in shown.unverified)
-    assert any("in the search for the worst friction: at servo.inertia = 0.028" in said for said in shown.unverified)
+    assert any("no fold was computed at servo.inertia = 0.028 kg m2: not today" in said for said in shown.unverified)
+    assert any("in the search for the worst friction: at servo.inertia = 0.028 kg" in said for said in shown.unverified)
 
 
 @pytest.mark.slow

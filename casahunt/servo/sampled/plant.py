@@ -36,35 +36,41 @@ from ..parts.table import remedy_of, with_remedy
 from ..parts.wiring import UNGIVEN
 from .steps import LAST_COEFFICIENTS, LEAST_SIZE, POWERS_OF_A_STEP, STEP_ORDER, PlantMode
 
-ON_ITS_ZERO = 1e-14
-"""A polynomial, of order one, that is so near to zero at its start begins on it."""
+ON_ITS_ZERO, ROUNDED_SLOPE = 1e-14, 1e-9
+"""A polynomial, of order one, that is so near to zero at its start begins on it; its slope there, as a part of its
+other coefficients, that may be rounding of forces."""
 
 
 def first_rise(polynomial: Array) -> float:
     """The first place in [0, 1] at which a polynomial, by its coefficients, goes from below zero to above; inf: none.
 
-    0 where it begins above zero, or on it and rises.  It is looked at in sixteen parts, and at its tops.
+    0 where it begins above zero, or on it and rises.  It is looked at in sixteen parts, and at its tops; one that
+    begins on zero without that zero, which it may leave and come back to within one of the parts.
     """
-    values = _places(polynomial.size) @ polynomial
-    if values[0] > ON_ITS_ZERO:
+    if polynomial[0] > ON_ITS_ZERO:
         return 0.0
-    begins = 0
-    if abs(values[0]) <= ON_ITS_ZERO:
-        moves = np.flatnonzero(values[1:])
-        if not moves.size or values[1 + moves[0]] > 0:
-            return 0.0 if moves.size else math.inf
-        begins = 1 + int(moves[0])
-    above = np.flatnonzero(values[begins + 1 :] >= 0)
-    last = begins + 1 + int(above[0]) if above.size else values.size
-    inner = values[begins : last + 1]
-    for k in begins + 1 + np.flatnonzero((inner[1:-1] > inner[:-2]) & (inner[1:-1] > inner[2:])):
+    if polynomial[0] >= -ON_ITS_ZERO:
+        rest = polynomial[1:]
+        return first_rise(rest / np.abs(rest).max()) if rest.any() else math.inf
+    values = _places(polynomial.size) @ polynomial
+    above = np.flatnonzero(values[1:] >= 0)
+    last = 1 + int(above[0]) if above.size else values.size
+    inner = values[: last + 1]
+    for k in 1 + np.flatnonzero((inner[1:-1] > inner[:-2]) & (inner[1:-1] > inner[2:])):
         top = _top(polynomial, LOOKED_AT[k - 1], LOOKED_AT[k + 1])
         if k < last and _value(polynomial, top) > 0:
             return _zero(polynomial, LOOKED_AT[k - 1], top)
     return math.inf if last == values.size else _zero(polynomial, LOOKED_AT[last - 1], LOOKED_AT[last])
 
 
-@lru_cache(maxsize=8)
+def _without_rounding(polynomial: Array) -> Array:
+    """One that begins on zero, with a slope that is rounding beside its bend: the bend tells which way it goes."""
+    if abs(polynomial[0]) > ON_ITS_ZERO or abs(polynomial[1]) > ROUNDED_SLOPE * np.abs(polynomial[2:]).max():
+        return polynomial
+    return np.array([0.0, 0.0, *polynomial[2:]])
+
+
+@lru_cache(maxsize=64)
 def _places(size: int) -> Array:
     return np.vander(LOOKED_AT, size, increasing=True)
 
@@ -265,8 +271,8 @@ class Plant:
                     break
                 self._pass(self._beyond())
                 continue
-            step = self._step if self._mode.has_series else self._marched
-            taken, way = step(lasts - now)
+            left = lasts - now
+            taken, way = self._step(left, at_once > 1) if self._mode.has_series else self._marched(left)
             now = lasts if taken == lasts - now else now + taken
             at_once = at_once + 1 if taken == 0 else 0
             if way is None:
@@ -290,8 +296,12 @@ class Plant:
             self.x = np.array(way.reset(ca.DM(self.x), ca.DM(self.p))).ravel()
         self._enter(way.successor(self.x, self.p))
 
-    def _step(self, longest: float) -> tuple[float, Any]:
-        """(time, exit at its end) of one step, of `longest` seconds at most."""
+    def _step(self, longest: float, again: bool) -> tuple[float, Any]:
+        """(time, exit at its end) of one step, of `longest` seconds at most.
+
+        again: modes have come and gone at this place, where the rate of an event may be rounding: a motor that breaks
+        away stops at once, and breaks away.
+        """
         mode = self._mode
         C, ends, E, seen = mode.found
         h = min(longest, mode.next)
@@ -308,7 +318,8 @@ class Plant:
                 continue
             hidden, met = before < TOO_SMALL_TO_SHOW, -1
             if most >= 0 and not (hidden and behind > SHOWS):
-                tau, met = min((first_rise(row), i) for i, row in enumerate(E))
+                rows = [_without_rounding(row) for row in E] if again else E
+                tau, met = min((first_rise(row), i) for i, row in enumerate(rows))
                 met = met if tau <= 1 else -1
             if met >= 0:
                 ends = tau**POWERS_OF_A_STEP @ C

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.integrate import quad
 
+import problems
 from casahunt import Friction, Servo
-from casahunt.servo.parts import loop_of
-from casahunt.servo.sampled.plant import Plant, plant_of
+from casahunt.servo.parts import load_loop, loop_of
+from casahunt.servo.sampled.plant import Plant, first_rise, plant_of
 
 J, FS, FC, VS, SIGMA2 = 0.012, 0.4, 0.3, 0.05, 0.02
 FRICTION = Friction(static=FS, coulomb=FC, stribeck_velocity=VS, viscous=SIGMA2)
@@ -80,3 +83,26 @@ def test_what_has_stopped_has_no_sign(v):
 def test_a_reversal_goes_on_to_the_other_side():
     x, v, stops = slips(0.0, 0.1, -6.0, 1e-3)
     assert len(stops) == 1 and v < 0 and math.copysign(1.0, v) == -1
+
+
+def test_a_polynomial_that_leaves_zero_and_comes_back_at_once_rises_where_it_comes_back():
+    """-a t + b t^2: at a/b, however soon; one that begins on zero and rises does so there."""
+    for a, b in ((2e-4, 0.031), (1e-9, 1.0), (0.3, 0.31)):
+        assert first_rise(np.array([0.0, -a, b, 0.0])) == pytest.approx(a / b, rel=1e-12)
+    assert first_rise(np.array([0.0, 1e-3, -1.0])) == 0.0
+    assert first_rise(np.array([0.0, -1.0, 0.5])) == math.inf and first_rise(np.zeros(4)) == math.inf
+
+
+def test_a_motor_that_breaks_away_where_its_rate_is_rounding_moves():
+    """A ringing load pulls it off: v = pull' t^2/(2 J) at first, pull' = k w + d w' by the load; v' is a rounding."""
+    axis = load_loop(Path(problems.__file__).with_name("belt_axis.toml"))
+    state = {"x1": 3.1169853548191835e-05, "load_angle": 2.5994138151376754e-05, "load_rate": -0.002165096021109549}
+    for name in ("stick", "slip-"):
+        plant = Plant(plant_of(axis)[0], state | {"held": -49.96694637052056})
+        plant._enter(name)
+        t = 2e-5
+        plant(-49.96694637052056, t)
+        k, d, w = axis.value("shaft_stiffness"), axis.value("shaft_damping"), state["load_rate"]
+        bends = (k * (state["x1"] - state["load_angle"]) - d * w) / axis.value("load_inertia")
+        v = plant.x[plant.names.index("x2")]
+        assert v == pytest.approx((k * w + d * bends) * t**2 / 2 / axis.value("inertia"), rel=0.02)
