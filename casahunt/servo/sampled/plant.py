@@ -63,9 +63,12 @@ def first_rise(polynomial: Array) -> float:
     return math.inf if last == values.size else _zero(polynomial, LOOKED_AT[last - 1], LOOKED_AT[last])
 
 
-def _without_rounding(polynomial: Array) -> Array:
-    """One that begins on zero, with a slope that is rounding beside its bend: the bend tells which way it goes."""
-    if abs(polynomial[0]) > ON_ITS_ZERO or abs(polynomial[1]) > ROUNDED_SLOPE * np.abs(polynomial[2:]).max():
+def _without_rounding(polynomial: Array, whole: float) -> Array:
+    """One that begins on zero, with a slope that is rounding beside its bend: the bend tells which way it goes.
+
+    whole: so many times as long as the step is what the bend is measured by.
+    """
+    if abs(polynomial[0]) > ON_ITS_ZERO or abs(polynomial[1]) > ROUNDED_SLOPE * whole * np.abs(polynomial[2:]).max():
         return polynomial
     return np.array([0.0, 0.0, *polynomial[2:]])
 
@@ -271,8 +274,8 @@ class Plant:
                     break
                 self._pass(self._beyond())
                 continue
-            left = lasts - now
-            taken, way = self._step(left, at_once > 1) if self._mode.has_series else self._marched(left)
+            left, again = lasts - now, lasts if at_once > 1 else 0.0
+            taken, way = self._step(left, again) if self._mode.has_series else self._marched(left)
             now = lasts if taken == lasts - now else now + taken
             at_once = at_once + 1 if taken == 0 else 0
             if way is None:
@@ -296,11 +299,11 @@ class Plant:
             self.x = np.array(way.reset(ca.DM(self.x), ca.DM(self.p))).ravel()
         self._enter(way.successor(self.x, self.p))
 
-    def _step(self, longest: float, again: bool) -> tuple[float, Any]:
+    def _step(self, longest: float, again: float) -> tuple[float, Any]:
         """(time, exit at its end) of one step, of `longest` seconds at most.
 
-        again: modes have come and gone at this place, where the rate of an event may be rounding: a motor that breaks
-        away stops at once, and breaks away.
+        again: how long all steps together are, where modes have come and gone at this place, 0 elsewhere: the rate of
+        an event may be rounding there, by which a motor that breaks away stops at once, and breaks away.
         """
         mode = self._mode
         C, ends, E, seen = mode.found
@@ -318,7 +321,7 @@ class Plant:
                 continue
             hidden, met = before < TOO_SMALL_TO_SHOW, -1
             if most >= 0 and not (hidden and behind > SHOWS):
-                rows = [_without_rounding(row) for row in E] if again else E
+                rows = [_without_rounding(row, again / h) for row in E] if again else E
                 tau, met = min((first_rise(row), i) for i, row in enumerate(rows))
                 met = met if tau <= 1 else -1
             if met >= 0:
