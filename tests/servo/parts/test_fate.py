@@ -20,7 +20,7 @@ from casahunt.servo.parts import (
     verbs,
 )
 from casahunt.servo.parts.ahead import measured
-from casahunt.servo.parts.fate import LEFT_OF_A_SWING, Swing, fate
+from casahunt.servo.parts.fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing, fate
 from casahunt.servo.parts.verbs import loop_cycle
 
 RESTS = {"inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 14.2, "shaft_damping": 0.003, "motor_gain": 1.0,
@@ -119,8 +119,9 @@ def test_from_far_away_a_small_cycle_is_seen_as_well_as_from_beside_it():
     screw = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR, DERIVATIVE_FILTER), FAR)
     seen = fate(screw, screw.at_rest(-1.0), measured(screw, screw.at_rest(-1.0), 1.0))
     assert seen.pattern == 2 and seen.turns.size < 100
-    assert seen.swing.amplitude == pytest.approx(8.61750159e-05, rel=1e-5)
-    assert seen.swing.period == pytest.approx(9.3744312475, rel=1e-5)
+    near = 5 * NEARLY_THERE  # how near to its cycle a motion is followed
+    assert seen.swing.amplitude == pytest.approx(8.61750159e-05, rel=near)
+    assert seen.swing.period == pytest.approx(9.3744312475, rel=near)
 
 
 def test_a_cycle_is_found_whose_load_rings_hundreds_of_times_while_the_motor_sticks():
