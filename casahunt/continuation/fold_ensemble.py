@@ -220,7 +220,8 @@ def _expanded(known: Expansion, tol: float) -> Expansion:
         return flat
     found, settings = from_expansion(flat, p, tol, stations=0)
     values = settings.p[:, known.problem.names.index(known.vary)]
-    z = np.column_stack([found.u, np.log(values / known.problem.value(known.vary))])
+    with np.errstate(invalid="ignore"):  # a neighbour that failed may have come to any value: it is left out below
+        z = np.column_stack([found.u, np.log(values / known.problem.value(known.vary))])
     with np.errstate(invalid="ignore", divide="ignore"):  # of a neighbour that failed
         z[:, -1 - P : -1] = np.log(z[:, -1 - P : -1])
     z_0 = np.append(known.u, 0.0)
