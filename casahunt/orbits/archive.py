@@ -252,8 +252,9 @@ def write_archive(path: str | Path, kind: str, content: Mapping[str, Any], *, sa
     if not writer.finite or not np.isfinite(numbers).all():
         raise InputError(f"cannot write {str(path)!r}: what it is to hold is NaN or infinite in places")
     for what, array in (("metadata", text), ("numbers", numbers)):
-        if array.nbytes > (most := LARGEST_ARRAYS[what]):  # nobody could read them
-            raise InputError(f"cannot write {str(path)!r}: its {what} take more than {most / 1e6:.0f} MB")
+        if array.nbytes > LARGEST_ARRAYS[what]:  # nobody could read them
+            most = LARGEST_ARRAYS[what] / 1e6
+            raise InputError(f"cannot write {str(path)!r}: its {what} take more than {most:.0f} MB")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
     with whole_file(path) as stream:

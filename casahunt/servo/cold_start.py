@@ -145,17 +145,15 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> A
         met = _at_once(replace(q, options=replace(options, solver="newton"), beside=near))
     if met is not None:
         return met
-    # (a motion close to a stable fixed point of the event map or None, the scan where one was made). The LuGre cycle
-    # lies close to the Switch cycle, whose map costs a tenth
-    start = q.rigid_cycle
+    # A motion close to a stable fixed point of the event map: the LuGre cycle lies close to the Switch cycle, whose map
+    # costs a tenth.  Where none is seen so, a scan looks everywhere.
+    start, seen = q.rigid_cycle, None
     if q.P.model == "lugre":
         start = start or scan(q.P.rigid).upper
         start = near_stable(q.P, start.start) if start is not None else None
-    if start is not None:
-        start, seen = start, None
-    else:
+    if start is None:
         seen = scan(q.P)
-        start, seen = seen.upper, seen
+        start = seen.upper
     # How P/a falls at the start does not tell where the solver has gone from there: next to a fold, to the other side.
     return AtOneGain(None if start is None else _solved_from(start, q), False, seen)
 

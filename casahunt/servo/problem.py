@@ -1,9 +1,8 @@
 """The hunting servo as a problem for the engine (hybrid/problem.py), and its orbits as a servo's user reads them.
 
-A problem is (model, servo, gain): p is the vector of `Servo.names`, the gain K is what is followed, and the cycles
-are those of the system below.  An orbit of it is a `HuntingOrbit`: `model`, `servo`, `gain` are views of its problem.
-
-The hunting servo as a system: one inertia, its friction, a PID controller and the integrator, as parts (parts/).
+One inertia, its friction, a PID controller and the integrator, as parts (parts/).  A problem is (model, servo, gain):
+p is the vector of `Servo.names`, the gain K is what is followed, and an orbit is a `HuntingOrbit`, whose `model`,
+`servo`, `gain` are views of its problem.
 
 Controller (see controller.py):   m = -(kp x1 + kd x2 + ki x3),   J x2' = m - F,   x1' = x2,   x3' = x1.
 
@@ -21,15 +20,12 @@ LuGre friction, states (x1, x2, x3, x4 = z), the kink |x2| split off as a mode (
   Half cycle: from x1 = 0 in mid-slip ("centre", always transversal) to the next one: slip, ring-down
   of alternating short slides, then the long stick and the take-off in the last phase.
 
-Events are scaled to order one: velocities by vs, torques by Fs, x1 by Fs/kp.
+Half a cycle closes by its mirror image, S = -I, the whole of it by itself.  Events are scaled to order one: velocities
+by vs, torques by Fs, x1 by Fs/kp.  Parameters are called by the last part of their names in a servo file: p.static is
+friction.static, Fs; p.sign is s.
 
-Parameters are called by the last part of their names in a servo file: p.static is friction.static, Fs; p.sign is s.
-The report's own form of the Switch servo is in scripts/report.
-
-Report: Hensen, van de Molengraft and Steinbuch, DCT 2001.021, sections 3.1 and 3.2.
-
-In the terms of the engine: x = (x1, x2, x3 [, x4]), p = servo.PARAMETERS or PID_PARAMETERS, whose length tells which.
-Half a cycle closes by its mirror image, S = -I, the whole of it by itself.
+Report: Hensen, van de Molengraft and Steinbuch, DCT 2001.021, sections 3.1 and 3.2; its own form of the Switch servo
+is in scripts/report.
 """
 
 from __future__ import annotations
