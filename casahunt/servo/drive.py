@@ -21,6 +21,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..axis_units import Units
 from ..checks import choice_of, floated, moderate, require, sensible, shown
 from ..errors import InputError
@@ -58,6 +60,8 @@ class Drive:
     sample_time : T [s], > 0.
     delay : from a sample to the torque that it makes [s], >= 0, `LONGEST_DELAY` samples at most.
     encoder : counts per revolution; 0: the position is read exactly.
+    noise, seed : standard deviation of the reading [rad], independent from sample to sample, normal, before it is
+        counted; which noise it is, a whole number >= 0: the same seed is the same noise.
     quantise_torque : step of the torque [N m]; 0: it has none.
     derivative : "difference" of two readings by T, or that "filtered".
     filter_time : of the filtered derivative [s]; None: a tenth of kd/kp.
@@ -83,6 +87,8 @@ class Drive:
     sample_time: float
     delay: float = 0.0
     encoder: float = 0.0
+    noise: float = 0.0
+    seed: int = 0
     quantise_torque: float = 0.0
     derivative: str = "difference"
     filter_time: float | None = None
@@ -102,7 +108,7 @@ class Drive:
 
     def __post_init__(self) -> None:
         sensible("drive.sample_time", self.sample_time)
-        for key in ("delay", "encoder", "quantise_torque", *SIZES):
+        for key in ("delay", "encoder", "noise", "quantise_torque", *SIZES):
             sensible(f"drive.{key}", getattr(self, key), zero=True)
         if self.delay > LONGEST_DELAY * self.sample_time:
             longest = LONGEST_DELAY * self.sample_time
@@ -118,7 +124,11 @@ class Drive:
             if self.derivative != "filtered":
                 raise InputError('drive.filter_time: must be left out unless derivative = "filtered"')
         self._check_remedies()
+        whole = int(require("drive.seed", self.seed, at_least=0))
+        if whole != self.seed:
+            raise InputError(f"drive.seed = {shown(self.seed)}: must be a whole number")
         floated(self)
+        object.__setattr__(self, "seed", whole)
 
     def _check_remedies(self) -> None:
         for key in RESETS:
@@ -153,6 +163,14 @@ class Drive:
     def exact(self) -> Drive:
         """The same drive without any quantisation."""
         return dataclasses.replace(self, encoder=0.0, quantise_torque=0.0)
+
+    def quiet(self) -> Drive:
+        """The same drive without noise."""
+        return dataclasses.replace(self, noise=0.0)
+
+    def noises(self, samples: int) -> np.ndarray:
+        """(samples,) what its readings are off by [rad], before they are counted."""
+        return self.noise * np.random.default_rng(self.seed).standard_normal(samples)
 
 
 DRIVE_KEYS = tuple(field.name for field in dataclasses.fields(Drive))

@@ -47,6 +47,7 @@ _OF_PARTS = {
     "derivative_filter": "s",
     "sample_time": "s",
     "delay": "s",
+    "noise": "rad",
     "quantise_torque": "N m",
     "filter_time": "s",
     "error_filter_time": "s",

@@ -142,11 +142,11 @@ int motion(const Axis *a, double *y, int *sign, int *at, double *t, double longe
     return many;
 }
 
-/* As built: every T a drive reads e = q floor((theta_d + x)/q + 1/2) - theta_d and holds its torque from `late` samples
+/* As built: every T a drive reads e = q floor((theta_d + x + noise)/q + 1/2) - theta_d and holds its torque from `late` samples
    and `part` seconds later on; backward differences, the sum by rectangles of the present reading, a torque limit
    without anti-windup.  (x1, torque) of each of the samples into out; returns how many. */
 long built(const Axis *a, double T, double q, double theta_d, long late, double part, double *y, long samples, double tol,
-           double far, double *out) {
+           double far, const double *noise, double *out) {
     Axis plant = *a;
     double sum = 0, lag = 0, p = 0, rate = 0, before = 0, waiting[1024] = {0}, size[N], t, scratch[64 * (N + 1)];
     int sign = 2, at = 0;
@@ -156,7 +156,7 @@ long built(const Axis *a, double T, double q, double theta_d, long late, double 
     plant.way = 0;
     for (int n = 0; n < N; n++) size[n] = fabs(y[n]);
     for (long k = 0; k < samples; k++) {
-        double x = a->seen ? y[PHI] : y[X], e = (q > 0 ? q * floor((theta_d + x) / q + 0.5) : theta_d + x) - theta_d;
+        double x = (a->seen ? y[PHI] : y[X]) + noise[k], e = (q > 0 ? q * floor((theta_d + x) / q + 0.5) : theta_d + x) - theta_d;
         if (!k) before = lag = e;
         sum += T * e;
         if (a->Tf > 0) lag = (lag + T / a->Tf * e) / (1 + T / a->Tf);

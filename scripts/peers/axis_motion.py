@@ -62,19 +62,19 @@ class Fate:
 class AxisMotion:
     """One motion of the axis of these numbers, by the names of `NAMES`."""
 
-    def __init__(self, numbers: Mapping[str, float], state: Array, scale: float) -> None:
+    def __init__(self, numbers: Mapping[str, float], state: Array, scale: float, tol: float = TOL) -> None:
         self.numbers = (ctypes.c_double * len(NAMES))(*(numbers[name] for name in NAMES))
         self.y, self.size = np.array(state, float), np.abs(state) + 1e-12 * np.abs(state).max()
         self.sign, self.at, self.time = ctypes.c_int(2), ctypes.c_int(0), ctypes.c_double(0.0)
-        self.start, self.gone = float(np.abs(self.y[[0, 3]]).max()), GONE * scale
+        self.start, self.gone, self.tol = float(np.abs(self.y[[0, 3]]).max()), GONE * scale, tol
 
-    def on(self, stops: int, until: float, tol: float = TOL) -> Array:
+    def on(self, stops: int, until: float) -> Array:
         """Time and state (m, 9) of the next stops."""
         out, phases = np.zeros((stops, STATES + 1)), ctypes.c_long(MOST_PHASES)
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (self.y, self.size, out)]
         many = compiled().motion(
             self.numbers, pointers[0], ctypes.byref(self.sign), ctypes.byref(self.at), ctypes.byref(self.time),
-            ctypes.c_double(until), ctypes.c_double(tol), pointers[1], ctypes.c_double(self.gone), stops,
+            ctypes.c_double(until), ctypes.c_double(self.tol), pointers[1], ctypes.c_double(self.gone), stops,
             ctypes.byref(phases), pointers[2],
         )  # fmt: skip
         return out[: max(many, 0)]
@@ -102,25 +102,27 @@ class AxisMotion:
                 return Fate("rests" if rests else "irregular" if far.size > LATE else "unclear", turns, times)
             if turns.size and np.abs(turns[-1]) > GROWN * self.start:
                 return Fate("grows", turns, times)
+            if np.ptp(stops[:, 1]) <= REPEATS * self.gone:  # where it breaks away by rounding alone, it stays
+                return Fate("rests", turns, times)
             look *= 2
-        return Fate("irregular", turns, times)
+        return Fate("irregular" if turns.size > LEAST else "unclear", turns, times)
 
 
 def built(
-    numbers: Mapping[str, float], drive: Mapping[str, float], state: Array, samples: int, far: float, tol: float = TOL
+    numbers: Mapping[str, float], drive: Mapping[str, float], state: Array, noise: Array, far: float, tol: float = TOL
 ) -> Array:
     """(m, 2) x1 and torque of the axis as a drive runs it, at its samples, as long as it is not farther than `far`.
 
-    drive: sample_time, delay, count and set_point.
+    drive: sample_time, delay, count and set_point; noise: (m,) what the readings are off by.
     """
     T, late = drive["sample_time"], int(drive["delay"] / drive["sample_time"] + 1e-9)
     part = max(drive["delay"] - late * T, 0.0)
-    y, out = np.array(state, float), np.zeros((samples, 2))
+    y, noise, out = np.array(state, float), np.ascontiguousarray(noise, float), np.zeros((noise.size, 2))
     known = (ctypes.c_double * len(NAMES))(*(numbers[name] for name in NAMES))
     many = compiled().built(
         known, *map(ctypes.c_double, (T, drive["count"], drive["set_point"])), ctypes.c_long(late),
-        ctypes.c_double(part), y.ctypes.data_as(ctypes.c_void_p), ctypes.c_long(samples), ctypes.c_double(tol),
-        ctypes.c_double(far), out.ctypes.data_as(ctypes.c_void_p),
+        ctypes.c_double(part), y.ctypes.data_as(ctypes.c_void_p), ctypes.c_long(noise.size), ctypes.c_double(tol),
+        ctypes.c_double(far), noise.ctypes.data_as(ctypes.c_void_p), out.ctypes.data_as(ctypes.c_void_p),
     )  # fmt: skip
     return out[: max(many, 0)]
 

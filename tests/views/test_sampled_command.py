@@ -66,7 +66,7 @@ def test_every_option_arrives(capsys, built):
     words = {"delay": 0.002, "encoder": 4096.0, "quantise_torque": 0.01, "derivative": "filtered", "filter_time": 0.01,
              "integration": "trapezoid", "leak": 0.5, "sample_time": 0.002, "hysteresis": 0.004, "enter_ratio": 0.7,
              "dwell": 0.6, "reset": 0.8, "reset_at_stop": -0.5, "error_dead_band": 0.001, "remaining_gain": 0.1,
-             "error_filter_time": 0.003, "compensated": 0.2}  # fmt: skip
+             "error_filter_time": 0.003, "compensated": 0.2, "noise": 1e-5, "seed": 3}  # fmt: skip
     none = {"dead_band": 0.0, "shifted_dead_band": 0.0}
     given = [part for key, value in words.items() for part in (f"--{key.replace('_', '-')}", value)]
     _, out, _ = run(capsys, "simulate", built, "--gain", 1, "--time", 1, *given, "--json", "--quiet")

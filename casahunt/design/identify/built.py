@@ -114,7 +114,7 @@ def _beside(first: Data, last: Data, orbit: Any, servo: Any, model: Model | None
     times, states = orbit.sample(20 * ABOUT)
     three = np.concatenate([times[:-1] + k * orbit.period for k in range(3)])
     cycle = _swings(three, np.tile(states[0, :-1], 3), s)[0].mean(axis=0)
-    drive = replace(first.drive, encoder=2 * math.pi / first.count if first.count else 0.0)
+    drive = replace(first.drive.quiet(), encoder=2 * math.pi / first.count if first.count else 0.0)
     seen = simulate_sampled(
         servo, first.gain, drive, model=model, set_point=0.0, position=-orbit.amplitude, time=whole,
     )  # fmt: skip

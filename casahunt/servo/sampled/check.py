@@ -9,9 +9,11 @@ at the error of half a count q/2 or at that of hunting by stiction, about (Fs - 
 longer than `MOST_CHECKED` samples: a motion that rests is proven to (loop.py), of others the end is judged.
 What still hunts gets the dead band of the integrator that ends it at the set points of this check.
 
-Why a drive hunts: stiction, which the continuous loop has too, or quantisation; and the dead band that ends it.
+Why a drive hunts: stiction, which the continuous loop has too, noise of the reading, or quantisation; and the dead band
+that ends it.
 
-The same motion is computed without any quantisation.  Quantisation is the cause
+The same motion is computed without noise, where there is any, and without any quantisation.  What was left out is the
+cause
 
     where that motion comes to rest or dies out,
     or where it hunts, but by more than `OTHERWISE` with another amplitude, in another mean time of two swings, or with
@@ -58,7 +60,8 @@ UNENDED = {
     "growing": "it leaves the set point for good",
 }
 BY_CAUSE = {
-    "quantisation": "by quantisation", "stiction": "by stiction", "not certain": "by what, is not certain",
+    "noise": "by noise of the reading", "quantisation": "by quantisation", "stiction": "by stiction",
+    "not certain": "by what, is not certain",
 }  # fmt: skip
 
 
@@ -179,7 +182,7 @@ READINGS_BEYOND = 3
 WIDEST = 8.0
 """Dead bands in units of the largest error of the hunting, at most."""
 
-Kind = Literal["stiction", "quantisation", "not certain"]
+Kind = Literal["stiction", "noise", "quantisation", "not certain"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -188,9 +191,9 @@ class Cause(Result):
 
     Attributes
     ----------
-    kind : "stiction", "quantisation", or "not certain".
+    kind : "stiction", "noise", "quantisation", or "not certain".
     sentence : what supports it.
-    without : what the motion does without quantisation.
+    without : what the motion does without noise, or where that is not the cause, without quantisation.
     counts : amplitude of the hunting in counts; nan without an encoder.
     dead_band : the smallest one of the integrator that ends it [rad]; nan where none was found.
 
@@ -223,7 +226,7 @@ def cause_of(motion: SampledMotion) -> Cause | None:
 
     Returns
     -------
-    Cause; None where it does not hunt, or its drive quantises nothing.
+    Cause; None where it does not hunt, or its drive has neither noise nor quantisation.
 
     Examples
     --------
@@ -233,27 +236,33 @@ def cause_of(motion: SampledMotion) -> Cause | None:
     'quantisation'
     """
     seen, drive = motion.verdict, motion.drive
-    if seen.kind != "hunting" or not drive.quantises:
+    others: dict[Kind, Drive] = {"noise": drive.quiet()} if drive.noise else {}
+    others |= {"quantisation": drive.quiet().exact()} if drive.quantises else {}
+    if seen.kind != "hunting" or not others:
         return None
-    without = again(motion, drive.exact()).verdict
-    kind, sentence = told_apart(seen, without)
-    counts = seen.amplitude / drive.count if drive.encoder else math.nan
+    for of, other in others.items():
+        without = again(motion, other).verdict
+        kind, sentence = told_apart(seen, without, of)
+        if kind != "stiction":
+            break
+        seen = without
+    counts = motion.verdict.amplitude / drive.count if drive.encoder else math.nan
     return Cause(kind, sentence, without, counts, smallest_dead_band(motion))
 
 
-def told_apart(seen: Outcome, without: Outcome) -> tuple[Kind, str]:
-    """Kind and sentence, from the verdicts on the same motion with and without quantisation."""
+def told_apart(seen: Outcome, without: Outcome, of: Kind = "quantisation") -> tuple[Kind, str]:
+    """Kind and sentence, from the verdicts on the same motion with and without what may be the cause."""
     if without.kind in SETTLES:
-        return "quantisation", f"without quantisation the same loop does not hunt: {without.sentence}"
+        return of, f"without {of} the same loop does not hunt: {without.sentence}"
     if without.kind != "hunting":
-        return "not certain", f"without quantisation the same loop is {without.kind}: {without.sentence}"
+        return "not certain", f"without {of} the same loop is {without.kind}: {without.sentence}"
     off = max(abs(seen.mean_period / without.mean_period - 1), abs(seen.amplitude / without.amplitude - 1))
-    hunts = f"without quantisation it hunts with {quantity(without.amplitude, 'rad')} and {without.period:.4g} s"
+    hunts = f"without {of} it hunts with {quantity(without.amplitude, 'rad')} and {without.period:.4g} s"
     hunts = f"{hunts}, {off:.1%} different in the mean"
     if seen.unevenness - without.unevenness > OTHERWISE:
         low, high = min(seen.lasts), max(seen.lasts)
-        return "quantisation", f"{hunts}, and swings that take {without.lasts[-1]:.4g} s, not {low:.4g} to {high:.4g} s"
-    return ("quantisation" if off > OTHERWISE else "stiction"), hunts
+        return of, f"{hunts}, and swings that take {without.lasts[-1]:.4g} s, not {low:.4g} to {high:.4g} s"
+    return (of if off > OTHERWISE else "stiction"), hunts
 
 
 def smallest_dead_band(motion: SampledMotion) -> float:

@@ -6,8 +6,9 @@ At t_k = k T the controller reads an angle and forms a torque u_k (controller.py
 
 Where the torque moves nothing of the plant, and the reading stays, all samples up to a breakaway or a new mode of the
 controller are one array.  The loop rests for ever, and that is a proof, where so it is and the torques on their way and
-all that the controller can still ask for leave it there.  LuGre friction never sticks: it is followed by its samples,
-as slips are, some in a row.
+all that the controller can still ask for leave it there.  Readings with noise never stay: each stick is followed by its
+samples, and what is known at its end are the torques between which it stays stuck.  LuGre friction never sticks: it is
+followed by its samples, as slips are, some in a row.
 
 Symbols: T sample time [s], u, m torques [N m].
 
@@ -19,6 +20,7 @@ Samples in a row, compiled, in which neither the plant nor the controller change
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -63,12 +65,12 @@ def _compiled(
     assert found is not None  # the mode has a series
     step, n, parameters = found[0], stepped[3], stepped[4]
     Y_size, numbers = sample.step.size1_in(0), sample.step.size1_in(2)
-    x, Y, W = ca.SX.sym("x", n), ca.SX.sym("Y", Y_size), ca.SX.sym("W", waiting)
+    x, Y, W, off = ca.SX.sym("x", n), ca.SX.sym("Y", Y_size), ca.SX.sym("W", waiting), ca.SX.sym("off")
     a_last, moved_last = ca.SX.sym("a"), ca.SX.sym("moved")
     q, theta_d, smallest, part, sign = (ca.SX.sym(name) for name in ("q", "theta_d", "smallest", "part", "sign"))
     sides = ca.SX.sym("sides", len(sample.edges) + 1)
     p, own = ca.SX.sym("p", parameters), ca.SX.sym("own", numbers)
-    a = q * ca.floor((theta_d + x[seen]) / q + 0.5) - theta_d if reads_counts else x[seen]
+    a = q * ca.floor((theta_d + x[seen] + off) / q + 0.5) - theta_d if reads_counts else x[seen] + off
     moved = a != a_last
     after, u, events = sample.step(Y, ca.vertcat(a, a_last, moved, ca.sign(a - a_last)), own)
     good = [
@@ -90,12 +92,14 @@ def _compiled(
         well = ca.logic_and(well, each)
     Z, more = ca.vertcat(x, Y, W, a_last, moved_last), ca.vertcat(q, theta_d, smallest, part, sign, sides)
     Z_after = ca.vertcat(state, after, torques[1:], a, moved)
-    one = ca.Function("sample", [Z, more, p, own], [Z_after, u, well])
-    sizes, several = [Z.numel(), more.numel(), parameters, numbers], []
+    one = ca.Function("sample", [Z, off, more, p, own], [Z_after, u, well])
+    sizes, several = [more.numel(), parameters, numbers], []
     for count in TRIED_AT_ONCE:
-        inputs = [ca.MX.sym("Z", sizes[0]), *(ca.MX.sym(f"i{i}", size) for i, size in enumerate(sizes[1:]))]
-        rows = one.mapaccum("samples", count)(inputs[0], *(ca.repmat(each, 1, count) for each in inputs[1:]))
-        several.append(caller(ca.Function("samples", inputs, rows), sizes, [(count, sizes[0]), (count, 1), (count, 1)]))
+        first, noise = ca.MX.sym("Z", Z.numel()), ca.MX.sym("noise", count)
+        same = [ca.MX.sym(f"i{i}", size) for i, size in enumerate(sizes)]
+        rows = one.mapaccum("samples", count)(first, noise.T, *(ca.repmat(each, 1, count) for each in same))
+        several.append(caller(ca.Function("samples", [first, noise, *same], rows), [Z.numel(), count, *sizes],
+                              [(count, Z.numel()), (count, 1), (count, 1)]))  # fmt: skip
     return tuple(several)
 
 
@@ -110,6 +114,7 @@ class Sampled:
     torque : (m,) u [N m].
     stops : times of the stops [s].
     rests_from : sample from which it is known to rest for ever; -1 where it is not.
+    held : torques [N m] between which it stays stuck at the end, for ever; nan where something moves.
     """
 
     names: tuple[str, ...]
@@ -117,6 +122,7 @@ class Sampled:
     torque: Array
     stops: Array
     rests_from: int
+    held: tuple[float, float]
 
 
 class SampledLoop:
@@ -137,9 +143,10 @@ class SampledLoop:
         if len(found) != 1 or found[0] not in self.plant.names or np.count_nonzero(read) != 1:
             raise InputError(f"{loop.name}: its angle is no state that an encoder could read")
         self._seen = self.plant.names.index(found[0])
-        self.controller = Controller(loop, run_by_the_drive, drive, set_point, self.x, given)
+        first = self.x + float(drive.noises(1)[0])
+        self.controller = Controller(loop, run_by_the_drive, drive, set_point, first, given)
         self.names = (*self.plant.names[: self._many], *self.controller.names)
-        self.T = drive.sample_time
+        self.T, self._noises = drive.sample_time, drive.noises if drive.noise else np.zeros
         late, self._part = divmod(drive.delay, self.T)
         self.waiting = [0.0] * (int(late) + 1)
         """Torques on their way, the one that acts at the sample first."""
@@ -151,6 +158,8 @@ class SampledLoop:
 
     def run(self, samples: int, farthest: float) -> Sampled:
         """The motion; it ends early where the angle is more than `farthest` [rad] from the set point."""
+        noise = self._noises(samples)
+        self.noise, noisy = np.append(noise, np.zeros(max(TRIED_AT_ONCE))), bool(noise.any())
         self.states, self.torque = np.empty((samples + 1, len(self.names))), np.empty(samples)
         stops: list[float] = []
         k, rests_from = 0, -1
@@ -158,7 +167,8 @@ class SampledLoop:
         effort.at(lambda: f"followed to sample {k} of {samples}")
         few, single, wait = True, 0, 0
         while k < samples and abs(self.x) <= farthest:
-            if (wait == 0 or self.plant.still) and self.controller.stays(self.x) and self.plant.left_alone(self._seen):
+            stays = not noisy and (wait == 0 or self.plant.still) and self.controller.stays(self.x)
+            if stays and self.plant.left_alone(self._seen):
                 if self.rests():
                     rests_from, k = k, self._stuck(k, samples, for_ever=True)
                     break
@@ -175,7 +185,11 @@ class SampledLoop:
             self._sample(k, stops)
             k, few = k + 1, True
         self._keep(k)
-        return Sampled(self.names, self.states[: k + 1].T, self.torque[:k], np.array(stops), rests_from)
+        held = math.nan, math.nan
+        if self.plant.left_alone(self._seen):
+            _, lows, highs = self.plant.ahead(self.T, 1)
+            held = float(lows[0]), float(highs[0])
+        return Sampled(self.names, self.states[: k + 1].T, self.torque[:k], np.array(stops), rests_from, held)
 
     def _keep(self, k: int) -> None:
         self.states[k, : self._many] = self.plant.x[: self._many]
@@ -184,7 +198,7 @@ class SampledLoop:
     def _sample(self, k: int, stops: list[float]) -> None:
         """One sample, whatever it does."""
         self._keep(k)
-        u = self.controller.sample(self.x)
+        u = self.controller.sample(self.x + self.noise[k])
         self.torque[k] = u
         self.waiting.append(u)
         now = k * self.T
@@ -202,6 +216,7 @@ class SampledLoop:
         n, plant, controller = self._many, self.plant, self.controller
         given = (
             (*plant.x, *controller.Y, *self.waiting, controller.a, controller.moved),
+            self.noise[k : k + TRIED_AT_ONCE[not few]],
             (controller.q, controller.theta_d, controller.step, self._part, plant.mode.mode.sign, *controller.sides),
             plant.p, controller.p,
         )  # fmt: skip

@@ -11,7 +11,8 @@ in the second half of the motion; swings S_i = |T_{i+1} - T_i|.
 
     at rest     it is stuck with nothing to integrate and a torque within static friction: proven (loop.py); LuGre,
                 which never is: in the second half of the motion it moves by less than bristles bend, Fs/sigma0, and the
-                integral does not wind up to a breakaway
+                integral does not wind up to a breakaway; with noise, which proves nothing for ever: stuck all through
+                the second half, by torques that go on as they have would not move it for as long again
     hunting     swings and the times that they take repeat within `PATTERN_WITHIN` (and half a count of the encoder)
                 after a pattern of p swings, p even, over two patterns, and do not drift: the period is the pattern's.
                 Counts that do not lie the same way on both sides make patterns longer than two swings.
@@ -49,7 +50,7 @@ from ..parts.plain_loop import LoopResult, loop_asked
 from ..servo import Servo
 from ..simulate import start_of
 from ..trajectory import told_first
-from .loop import SampledLoop
+from .loop import Sampled, SampledLoop
 from .plant import as_run
 
 TURNED_BACK = 0.25
@@ -100,7 +101,7 @@ class Ending:
     rests_since: when it came to rest for ever [s], nan where it did not; far: whether it was given up far away; waits:
     what is said of a servo that is stuck; count: of the encoder [rad], or 0; unit: (Fs - Fc)/kp [rad], the size of
     hunting by stiction; bends: Fs/sigma0 of LuGre friction that holds [rad], or 0; step: the error that changes the
-    torque by one of its steps [rad], or 0.
+    torque by one of its steps [rad], or 0; noise: of a reading [rad], or 0.
     """
 
     rests_since: float
@@ -110,11 +111,12 @@ class Ending:
     unit: float
     bends: float = 0.0
     step: float = 0.0
+    noise: float = 0.0
 
     @property
     def grain(self) -> float:
         """Swings that are smaller show no decay [rad]: nothing is read of them, or acts on them."""
-        return max(self.count, self.step)
+        return max(self.count, self.step, self.noise)
 
 
 def judge(times: Array, x: Array, end: Ending) -> Outcome:
@@ -124,6 +126,7 @@ def judge(times: Array, x: Array, end: Ending) -> Outcome:
     """
     if not math.isnan(end.rests_since):
         text = "it is stuck, and its torque stays within static friction"
+        text += ", if it goes on as it has, for as long again: noise proves no rest for ever" if end.noise else ""
         where = quantity(x[-1], "rad", "+.4g")
         return Outcome("at rest", f"since {end.rests_since:.6g} s {text}: {where} beside the set point")
     if end.far:
@@ -146,7 +149,8 @@ def judge(times: Array, x: Array, end: Ending) -> Outcome:
         text = f"within {quantity(largest, 'rad', '.2g')} of the set point since {times[-half.size]:.4g} s"
         return Outcome("decaying", f"{text}{end.waits}", swings=last)
     late = S[t[:-1] >= times[-1] / 2]
-    falling = max(FALLING, min(late.size - 1, ENDLESS))  # of a chatter some few are smaller by chance
+    # of a chatter, or with noise, some few are smaller by chance
+    falling = ENDLESS if end.noise else max(FALLING, min(late.size - 1, ENDLESS))
     falls = S.size > falling and bool((np.diff(S[-falling - 1 :]) < 0).all())
     if falls and S[-1] >= end.grain:  # of less nothing is read, or acts, and the integral goes on
         at_last = quantity(S[-1], "rad", ".3g")
@@ -199,6 +203,8 @@ LONGEST_MOTION = 5_000_000
 """Of a motion: 200 megabytes."""
 AT_A_STOP = ("dwell", "reset_at_stop")
 """Remedies that wait for a reading to stay."""
+STOOD_AGAIN = 2.5
+"""From the middle of the second half of a time to its end, once more as long later, in halves of it."""
 FAR_AWAY = 1e3
 """A servo that never comes back is not followed beyond so many times its first distance, or Fs/kp."""
 
@@ -216,7 +222,7 @@ class SampledMotion(LoopResult):
     states : (n, m), those of the controller as they are before the sample.
     torque : (m - 1,) what each sample asks for [N m].
     stops : times at which it stops [s].
-    rests_since : from when on it is known to rest for ever [s]; nan where it is not.
+    rests_since : from when on it is known to rest for ever [s], with noise: for as long again; nan where it is not.
     far : whether it was given up far away from the set point.
     wall_s : time to compute it [s].
 
@@ -281,7 +287,7 @@ class SampledMotion(LoopResult):
         kp = torque_gain(self.loop, "kp")
         unit, step = (static - coulomb) / kp, self.drive.quantise_torque / kp
         bends = static / self.loop.value("stiffness") if self._bristles_hold(kp) else 0.0
-        end = Ending(self.rests_since, self.far, self._waits(), self.drive.count, unit, bends, step)
+        end = Ending(self.rests_since, self.far, self._waits(), self.drive.count, unit, bends, step, self.drive.noise)
         return judge(self.times, self.states[0], end)
 
     def _bristles_hold(self, kp: float) -> bool:
@@ -294,7 +300,7 @@ class SampledMotion(LoopResult):
         if abs(w[-1] - middle) <= abs(middle - w[0]) / 2:
             return True
         bent = abs(float(self.torque[-1])) + (self.loop.value("stiffness") + kp) * abs(float(self.states[0, -1]))
-        return not self.drive.quantises and bent < self.static
+        return not (self.drive.quantises or self.drive.noise) and bent < self.static
 
     def _waits(self) -> str:
         """What is said of a servo that ends stuck."""
@@ -396,14 +402,29 @@ def followed(loop: Loop, drive: Drive, set_point: float, time: float, start: Map
     motion = SampledLoop(as_run(loop, drive), drive, set_point, start)
     farthest = FAR_AWAY * max(abs(start.get("x1", 0.0)), static_of(loop)[0] / torque_gain(loop, "kp"))
     found = motion.run(samples, farthest)
+    rests_from = _stands_from(found) if drive.noise else found.rests_from
     names = told_first(found.names)
     states, n = found.states[[found.names.index(name) for name in names]], found.states.shape[1]
     return SampledMotion(
         loop=loop, drive=drive, set_point=set_point, names=names, times=T * np.arange(n), states=states,
         torque=found.torque, stops=found.stops,
-        rests_since=T * found.rests_from if found.rests_from >= 0 else float("nan"),
+        rests_since=T * rests_from if rests_from >= 0 else float("nan"),
         far=bool(abs(motion.x) > farthest), wall_s=clock.perf_counter() - began,
     )  # fmt: skip
+
+
+def _stands_from(found: Sampled) -> int:
+    """From which sample on a motion with noise stands still, and by its torques, if they go on as they have, will for
+    as long again; -1 where they do not show it."""
+    x, u = found.states[0], found.torque
+    since = int(np.flatnonzero(np.diff(x))[-1]) + 1 if np.ptp(x) else 0
+    if since > x.size // 2:
+        return -1
+    early, late = np.array_split(u[since:], 2)
+    mean = late.mean()
+    ahead = mean + STOOD_AGAIN * (mean - early.mean())
+    least, most = min(mean, ahead) + late.min() - mean, max(mean, ahead) + late.max() - mean
+    return since if found.held[0] < least and most < found.held[1] else -1
 
 
 def again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> SampledMotion:

@@ -42,7 +42,7 @@ def loop_answer(
     for loop, margins in zip(loops, built, strict=bool(built)):
         plain.append(f"gain {_stated(loop.gain)} as built: {_as_built(margins)}")
     if drive is not None:
-        said = "; ".join(drive_said(drive.exact()))
+        said = "; ".join(drive_said(drive.exact().quiet()))
         left = "what is not linear in it is left out; a picture (--plot) shows both"
         plain.append(item("as built", f"the sampled loop, {said}; {left}"))
     return Answer([*plain, NOT_SAID], _details(loops, limits))

@@ -209,6 +209,8 @@ def drive_said(drive: Drive) -> Iterator[str]:
     if drive.encoder:
         per = "" if shown().linear else f"{drive.encoder:g} "
         yield f"{per}counts of {quantity(drive.count, 'rad')}"
+    if drive.noise:
+        yield f"noise of {quantity(drive.noise, 'rad', 'g')} in each reading"
     if drive.quantise_torque:
         yield f"{word('torque')} by {quantity(drive.quantise_torque, 'N m', 'g')}"
     yield f"derivative by {drive.derivative}"

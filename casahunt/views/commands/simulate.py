@@ -78,6 +78,8 @@ def add(commands: Any) -> None:
     group.add_argument("--sample-time", metavar="S", help="of the controller in s; 0: the continuous loop")
     group.add_argument("--delay", metavar="S", help="from a sample to its torque in s (default 0)")
     group.add_argument("--encoder", metavar="COUNTS", help="per revolution (default: the position is read exactly)")
+    group.add_argument("--noise", metavar="RAD", help="standard deviation of the reading (default: none)")
+    group.add_argument("--seed", metavar="N", help="which noise, a whole number (default 0)")
     group.add_argument("--quantise-torque", metavar="NM", help="step of the torque in N m (default: none)")
     group.add_argument("--derivative", metavar="WAY", help=f"{' (default) or '.join(DERIVATIVES)}")
     group.add_argument("--filter-time", metavar="S", help="of the filtered derivative in s (default kd/kp/10)")

@@ -73,12 +73,26 @@ def test_above_the_fold_the_reading_goes_to_and_fro_by_one_count():
     assert high - low == 1
 
 
+FINE = Drive(sample_time=1e-3, encoder=40000, derivative="filtered")
+
+
 def test_with_a_fine_encoder_it_is_stiction():
-    fine = simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-3, encoder=40000, derivative="filtered"), time=30.0)
+    fine = simulate_sampled(SERVO, 1.0, FINE, time=30.0)
     exact = simulate_sampled(SERVO, 1.0, fine.drive.exact(), time=30.0)
     assert told_apart(fine.verdict, exact.verdict)[0] == "stiction"
     short = simulate_sampled(SERVO, 1.0, fine.drive.exact(), time=3.0)
     assert short.verdict.kind == "undecided" and told_apart(fine.verdict, short.verdict)[0] == "not certain"
+
+
+@pytest.mark.slow
+def test_noise_is_asked_about_before_quantisation():
+    """Of 3 mrad half of its torque is by noise; 1 urad does nothing."""
+    causes = [
+        cause_of(simulate_sampled(SERVO, 1.0, replace(FINE, noise=noise), time=60.0)) for noise in (1e-6, 3e-3)
+    ]
+    assert [cause.kind for cause in causes] == ["stiction", "noise"]
+    assert causes[0].sentence.startswith("without quantisation")
+    assert causes[1].sentence.startswith("without noise")
 
 
 def test_a_set_point_on_a_count_leaves_it_at_rest():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from built_case import SERVO
 
 from casahunt import Drive, InputError, effort, find_orbit, simulate_sampled
 from casahunt.servo.drive import REMEDIES, SHARES
+from casahunt.servo.sampled.motion import Ending, judge
 from scripts import sampled
 
 CASES = range(1, 50, 5)
@@ -103,6 +105,8 @@ DRIVES = (
     Drive(sample_time=1e-3, encoder=2000, dwell=0.5),
     Drive(sample_time=1e-3, encoder=200, reset_at_stop=0.5),
     Drive(sample_time=1e-3, shifted_dead_band=1e-3, compensated=0.3, error_dead_band=1e-3, remaining_gain=0.5),
+    Drive(sample_time=1e-3, noise=1e-4),
+    Drive(sample_time=1e-3, noise=1e-3, seed=3, encoder=2000, delay=1.5e-3, dwell=0.5, derivative="filtered"),
 )
 
 
@@ -137,6 +141,37 @@ def test_what_rests_for_ever_rests_sample_by_sample(drive):
     states = slow.run(50000, math.inf).states
     k = round(motion.rests_since / 1e-3)
     assert np.ptp(states[0, k:]) == 0 and not states[1, k:].any()
+
+
+def test_rest_with_noise_is_as_far_as_its_torque_lets_one_tell():
+    """A dead band of many deviations keeps the sum, and it stays in many more samples; a sum of noise wanders off."""
+    keeps, wanders = (
+        simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-3, noise=1e-5, dead_band=band), time=30.0)
+        for band in (0.02, 0.0)
+    )
+    assert keeps.verdict.kind == "at rest" and "noise proves no rest for ever" in keeps.verdict.sentence
+    longer = simulate_sampled(SERVO, 1.0, keeps.drive, time=60.0)
+    assert np.ptp(longer.states[0, round(keeps.rests_since / 1e-3) :]) == 0
+    assert wanders.verdict.kind == "hunting"
+
+
+def test_a_torque_on_its_way_to_breakaway_is_no_rest_with_noise():
+    """Stuck 1 urad beside the set point it winds up for 0.4/(33.6 1e-6) s; of 20 s all are stuck, and some as many."""
+    drive = Drive(sample_time=1e-3, noise=1e-9)
+    near, far = (
+        simulate_sampled(SERVO, 1.0, drive, set_point=0.0, position=x, time=20.0).verdict for x in (1e-6, 4.5e-4)
+    )
+    assert near.kind == "at rest" and far.kind == "undecided"
+    assert simulate_sampled(SERVO, 1.0, drive, set_point=0.0, position=4.5e-4, time=40.0).stops.size
+
+
+def test_of_swings_with_noise_some_are_smaller_by_chance():
+    """Twelve in a row, each smaller than the one before, are not; the last four are."""
+    rng = np.random.default_rng(2)
+    sizes = np.concatenate([1 + 0.1 * rng.standard_normal(8), [1.0, 0.97, 0.94, 0.91, 0.88]])
+    x = np.cumsum(sizes * (-1.0) ** np.arange(13))
+    kinds = [judge(np.arange(13.0), x, Ending(np.nan, False, "", 0.0, 0.0, noise=noise)).kind for noise in (0.0, 1e-3)]
+    assert kinds == ["decaying", "undecided"]
 
 
 def test_a_leak_that_does_not_hold_it_is_no_rest():
@@ -185,6 +220,30 @@ def test_torques_are_multiples_and_readings_are_counts():
     assert motion.states[2, 1:] == pytest.approx(w, abs=1e-12)
 
 
+@pytest.mark.parametrize("encoder", [0, 2000])
+def test_noise_is_added_before_a_reading_is_counted(encoder):
+    """It is what numpy's generator of this seed draws."""
+    drive = Drive(sample_time=1e-3, encoder=encoder, noise=1e-3, seed=5)
+    motion = simulate_sampled(SERVO, 1.0, drive, time=5.0)
+    read = 1.0 + motion.states[0, :-1] + 1e-3 * np.random.default_rng(5).standard_normal(5000)
+    q = drive.count
+    e = (q * np.floor(read / q + 0.5) if q else read) - 1.0
+    assert np.ptp(e) > 0.01
+    assert motion.states[2, 1:] == pytest.approx(np.cumsum(1e-3 * e), abs=1e-12)
+
+
+@pytest.mark.slow
+def test_with_noise_it_moves_as_another_program_says():
+    """Two masses, filters, delay and counts, from the first sample to the last."""
+    if shutil.which("cc") is None:
+        pytest.skip("needs cc")
+    from scripts.axes import Axis, as_built
+
+    seen = [as_built(Axis(51, number)) for number in (0, 6, 13)]
+    assert {outcome for outcome, _, _ in seen} == {"right"}
+    assert all("noise 0:" not in said for _, said, _ in seen)
+
+
 def test_a_delay_of_whole_samples_shifts_the_torque():
     """A motion from rest under a delay of three samples is the one without, three samples later, as long as it is
     stuck: at the start nothing acts."""
@@ -205,6 +264,9 @@ def test_the_continuous_cycle_is_its_limit():
 @pytest.mark.parametrize("change, words", [
     ({"sample_time": 0.0}, "drive.sample_time = 0: must be greater than 0"),
     ({"encoder": 0.5}, "drive.encoder = 0.5: must be at least 1"),
+    ({"noise": -1e-3}, "drive.noise = -0.001: must be at least 0"),
+    ({"seed": 1.5}, "drive.seed = 1.5: must be a whole number"),
+    ({"seed": -1}, "drive.seed = -1: must be at least 0"),
     ({"delay": 2.0}, "drive.delay = 2: must be at most 1"),
     ({"derivative": "filterd"}, "did you mean 'filtered'"),
     ({"integration": "tustin"}, "unknown drive.integration 'tustin'"),
