@@ -83,10 +83,10 @@ SAME, ALIKE, FAR, LONGER = 1e-6, 0.1, 1e4, 4
 """Of motions as built; farther away, in Fs/kp, none is followed; so many times as long, one that is said to rest is."""
 BUILT_FOR, MOST_SAMPLES, STARTED = 1e3, 200_000, 0.3
 """1/bandwidth, and samples, of a motion as built; its start, in Fs/kp."""
-SIZES, MANY_STARTS, FOLLOWED = (0.97, 1.03, 2.0), tuple(np.geomspace(3e-3, 3.0, 12).tolist()), 5e3
+SIZES, MANY_STARTS, FOLLOWED = (0.97, 1.03, 2.0), tuple(np.geomspace(3e-3, 3.0, 12).tolist()), (5e3, 2e5)
 SEEN_TO, SLIPS_SOON = 1e-10, 0.99
 """So much of a remedy as at its border; starts, in Fs/kp, at rest without torque or with so much of Fs; how long they
-are followed, in 1/bandwidth; error of a step there, where all that is asked is whether it hunts."""
+are followed, and where that does not tell, in 1/bandwidth; error of a step there."""
 REMEDIES = {
     "leak": lambda n, size: {"leak": size},
     "gain": lambda n, size: {name: size * n[name] for name in ("kp", "kd", "ki")},
@@ -316,7 +316,10 @@ def mended(axis: Axis) -> tuple[str, str, float]:
                 for state in (axis.state(axis.loop.at_rest(-off * axis.scale)), axis.about_to_slip(n, off * axis.scale))
             ]  # fmt: skip
             motions = [AxisMotion(n, state, axis.scale, SEEN_TO) for state in states]
-            said = Counter(motion.fate(FOLLOWED / axis.bandwidth).verdict for motion in motions)
+            said = Counter[str]()
+            for motion in motions:
+                fates = (motion.fate(many / axis.bandwidth).verdict for many in FOLLOWED)
+                said[next((verdict for verdict in fates if verdict not in ("unclear", "grows")), "unclear")] += 1
             hunts, rest = said["hunts"] + said["irregular"] > 0, said["rests"] == len(states)
             outcome = "earlier" if rest else "right"
             if factor > 1:

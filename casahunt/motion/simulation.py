@@ -44,8 +44,9 @@ BESIDE_TIMES, BESIDE_AGREES = 10.0 ** np.arange(12, -301, -1), 0.1
 HALVED_DIGITS, AS_ITS_RATE, NO_SPEED = 50, 0.5, 1e-6
 """Steps beside an event, from the rounding of the states on and each twice the one before; part of what its rate says
 by which it has to change on them; part of what its rate is the sum of, to which that is zero."""
-LOOK_TOLERANCE = 1e-4
-"""Error of an interval in a look: it shows sizes, and where to begin."""
+LOOK_TOLERANCE, CUT_AT_AN_EVENT = 1e-4, 1e-9
+"""Error of an interval in a look: it shows sizes, and where to begin; part of its time behind the last event by which
+one that is cut short may end by rounding."""
 
 
 def simulate(
@@ -245,6 +246,8 @@ def look(
             if most == MARCHED_AT_MOST:
                 raise
             phases = follow_for(*asked, ended.time, LOOK_TOLERANCE, _after(events))
+            if len(phases) > 1 and phases[-1].duration <= CUT_AT_AN_EVENT * ended.time:
+                phases.pop()  # in which a state that begins at zero has the size of rounding
         times, states = sampled(form, phases, p, kind, 4)
         found = np.maximum(np.max(np.abs(states), axis=1), least)
         found = np.where(found > 0, found, 1.0)

@@ -95,6 +95,8 @@ class AxisMotion:
                     return Fate("hunts", known, at, float(np.abs(known[-n:]).max()), period, n)
             if len(stops) < look:
                 far = np.abs(turns)
+                if not self.sign.value and (not times.size or self.time.value > 2 * times[-1]):
+                    return Fate("rests", turns, times)  # stuck for longer than all before
                 shrank = far.size < LEAST or far[-2:].max() < SHRANK * far[-8:-6].max()
                 if far.size >= LEAST and SHRANK * far[-2:].max() > far[-8:-6].max():
                     return Fate("grows", turns, times)

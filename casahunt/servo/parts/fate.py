@@ -23,7 +23,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import casadi as ca
 import numpy as np
 
 from ... import effort
@@ -37,7 +36,7 @@ from .turns import PATTERN, grows, may_settle, settles, shrinks, width
 
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
-LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 16
+LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 40
 """Periods of the first look at a motion; each next one is twice as long."""
 WORK_OF_A_FATE = 2e5
 """Work (effort.py) of a motion; most take a tenth."""
@@ -276,16 +275,14 @@ class _Watched:
         return most, mirror < 0
 
     def stands(self, since: int) -> bool:
-        """Whether no state moved in the second half of the last look, nor would at its last rate, or it is at the set
-        point."""
+        """Whether no state moved in the second half of the last look, or it is at the set point."""
         looked = self.phases[since:]
         ends = np.cumsum([segment.duration for segment in looked])
         times = np.concatenate([end - (1 - s.breaks) * s.duration for end, s in zip(ends, looked, strict=True)])
         many, states = len(self.system.states), np.vstack([segment.nodes for segment in looked])
-        late, mode = states[times >= ends[-1] / 2, :many].T, self.system.vector_form.modes[looked[-1].mode]
-        rate = np.array(ca.DM(mode.field(ca.DM(looked[-1].end), ca.DM(self.system.values(None)), mode.sign))).ravel()
-        moved = np.maximum(np.ptp(late, axis=1), np.abs(rate[:many]) * ends[-1] / 2)  # one step may be all of it
-        return bool(np.all(moved <= MOVES_NOT * self.scale[:many])) or self._is_there(late)
+        begins = max(int(np.searchsorted(times, ends[-1] / 2)) - 1, 0)  # one step may be all of it
+        late = states[begins:, :many].T
+        return bool(np.all(np.ptp(late, axis=1) <= MOVES_NOT * self.scale[:many])) or self._is_there(late)
 
     def swing(self) -> Swing:
         """The hunting that it has come to."""

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 from belt_support import stops
 
 from casahunt.errors import ComesToRest, HuntsIrregularly
+from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts import (
     BY_DIRECTION,
     DERIVATIVE_FILTER,
     INERTIA,
     INTEGRATOR,
+    LEAK,
     PID_BY_GAINS,
     SWITCH,
     TORQUE_LIMIT,
@@ -20,8 +24,10 @@ from casahunt.servo.parts import (
     verbs,
 )
 from casahunt.servo.parts.ahead import measured
-from casahunt.servo.parts.fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing, fate
+from casahunt.servo.parts.fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing, fate, on_the_cycle
 from casahunt.servo.parts.verbs import loop_cycle
+from scripts.axes import Axis
+from scripts.peers.axis_motion import AxisMotion
 
 RESTS = {"inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 14.2, "shaft_damping": 0.003, "motor_gain": 1.0,
          "kp": 6.0, "ki": 60.0, "kd": 0.12, "gain": 1.0, "static": 0.25, "coulomb": 0.18, "stribeck_velocity": 0.2,
@@ -151,3 +157,37 @@ def test_a_cycle_that_has_become_unstable_is_no_hunting():
                "viscous": 0.000574, "kp": 1.025, "kd": 0.0512, "ki": 2.349}  # fmt: skip
     with pytest.raises(ComesToRest, match="each of 13 starts.* unstable, and motions leave it"):
         loop_cycle(Loop((TWO_MASSES, BY_DIRECTION, PID_BY_GAINS, INTEGRATOR), numbers))
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs cc")
+def test_swings_that_shrink_to_a_twelfth_are_waited_for_though_each_lasts_twelve_times_as_long():
+    """Axis 3 of seed 41 at gain 1.25, from 0.5 urad; a C program goes the same way down from 50."""
+    axis = Axis(41, 3)
+    hunting = Swing.of(loop_cycle(axis.loop))
+    axis.loop = axis.loop.replace(gain=1.25)
+    near, far = (axis.loop.at_rest(-x) for x in (5.4e-7, 5.4e-5))
+    assert fate(axis.loop, near, hunting).kind in SETTLES
+    axis.n |= {name: 1.25 * axis.n[name] for name in ("kp", "kd", "ki")}
+    down = AxisMotion(axis.n, axis.state(far), axis.scale)
+    down.gone = 0.0
+    there = down.on(2, 3e3)[:, 1]
+    assert there == pytest.approx(fate(axis.loop, far, hunting).turns[:2], rel=1e-3)
+    assert np.abs(there[1]) == pytest.approx(np.abs(there[0]) / 12, rel=0.1)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs cc")
+def test_a_look_that_is_cut_short_at_a_breakaway_tells_no_size_of_the_slip():
+    """Axis 22 of seed 41: the 150 intervals of the look end with the stick; beside it the velocity is 1e-24 rad/s."""
+    axis = Axis(41, 22)
+    found = loop_cycle(axis.loop)
+    on = axis.motion(on_the_cycle(found), 200 * found.period)
+    assert on.amplitude == pytest.approx(found.amplitude, rel=1e-6)
+    assert on.period == pytest.approx(found.period, rel=1e-6)
+
+
+def test_a_leak_that_holds_a_servo_is_seen_to_hold_it():
+    """Whatever the rounding of its rates makes of a long time."""
+    axis = Axis(41, 22)
+    held = axis.loop.with_parts(LEAK, leak=4.68)
+    start = held.at_rest(-0.00324)
+    assert fate(held, start, Swing(start, 0.0027, 0.93)).kind == "at rest"
