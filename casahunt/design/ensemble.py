@@ -285,13 +285,13 @@ def orbit_ensemble(
     >>> [f"{amplitude:.5f}" for amplitude in found.amplitudes]  # rad
     ['0.01771', '0.01724']
     """
-    at: Any = loop_asked(servo, model, gain), None, None
-    at = at if isinstance(servo, Loop) else (servo, model, gain)
+    loop_asked(servo, model, gain)  # refuses what is neither
+    at: Any = servo, model, gain
     known_orbit: Any = orbit if orbit is not None else find_orbit(*at, options=options)
     branch: BranchName = "unstable" if known_orbit.multipliers.leading.real > 1 else "stable"
     return orbits_near(
         known_orbit, names, rows, options=options, multipliers=multipliers, executor=executor, report=report,
-        alone=partial(_cycle_alone, at[0], branch),
+        alone=partial(_cycle_alone, servo, branch),
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from ..servo.find_fold import find_fold
 from ..servo.friction import MODELS, Model, steepest
 from ..servo.parts.loop import Loop
 from ..servo.parts.verbs import check_present
-from ..servo.servo import Servo, a_servo, flatten
+from ..servo.servo import Servo, a_servo
 from .sensitivity import NAMES
 
 Array = np.ndarray
@@ -275,7 +275,7 @@ class _FoldCurveTask:
     def fold(self, c: float) -> Any:
         """The orbit at its fold, from nothing.  Raises NoOrbit."""
         there: Any = self.at(c)
-        if isinstance(there, Loop) and self.axis.vary not in there.parameters:
+        if self.axis.vary not in there.names:
             raise NoOrbit(f"there is no such part of {there.name}", Status.NOT_FOUND)
         return find_fold(there, cast(Any, self.model), vary=self.fold_in, options=self.options).orbit
 
@@ -357,7 +357,7 @@ def _first(task: _FoldCurveTask) -> tuple[Specials, float, SpecialOrbit]:
     The end next to the servo's own value, or else the other.
     """
     axis = task.axis
-    own = flatten(task.servo)[axis.vary] if isinstance(task.servo, Servo) else task.servo.value(axis.vary)
+    own = task.servo.value(axis.vary)
     order = (0.0, 1.0) if abs(own - axis.start) <= abs(own - axis.end) else (1.0, 0.0)
     complaints = []
     for c in order:

@@ -150,9 +150,7 @@ class Given:
             low, high = self.uncertainty.box(servo)
             ends = [(low[i], high[i]) for i, name in enumerate(self.uncertainty.parameters) if name in names]
         corners = [servo_at(servo, names, np.array(at)) for at in itertools.product(*ends)]
-        if isinstance(servo, Loop):
-            return max(abs(at_the_start(corner, "demand", -max(TASK_STEPS))) for corner in corners)
-        return float(max(corner.torque_gains(1.0)[0] for corner in corners) * max(TASK_STEPS))
+        return max(abs(at_the_start(corner, "demand", -max(TASK_STEPS))) for corner in corners)
 
     def largest_gain(self, servo: Any) -> float:
         """The gain with which the largest step begins with the largest torque that is allowed; inf without a limit."""

@@ -22,6 +22,7 @@ from ...servo.drive import Drive
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.sampled_loop import Lag
 from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo
 from ...servo.units import unit_of
 
@@ -184,22 +185,21 @@ def cost_of(cost: str, servo: Servo | Loop, gain: float) -> float:
     if cost == "gain":
         return gain
     if cost == "high-frequency":
-        if not isinstance(servo, Loop):
-            return gain * servo.controller.shape[1]
-        return gain * at_the_start(servo, "kd", 0.0) / servo.value("motor_gain")
+        loop = loop_asked(servo, None, 1.0, usual="switch")
+        return gain * at_the_start(loop, "kd", 0.0) / loop.value("motor_gain")
     rate = -float(np.max(linear_loop(servo, gain).poles.real))
     return math.log(50) / rate if rate > 0 else math.inf
 
 
-def at_the_start(loop: Loop, signal: str, position: float) -> float:
-    """A signal of a loop of gain 1 V/rad that stands still beside its set point [rad].
+def at_the_start(servo: Servo | Loop, signal: str, position: float) -> float:
+    """A signal of a servo of gain 1 V/rad that stands still beside its set point [rad].
 
     Raises InputError: no part gives it.
     """
-    if not any(signal in part.gives for part in loop.present):
-        parts = " and ".join(repr(part.name) for part in loop.present if "demand" in part.gives)
+    one = loop_asked(servo, None, 1.0, usual="switch")
+    if not any(signal in part.gives for part in one.present):
+        parts = " and ".join(repr(part.name) for part in one.present if "demand" in part.gives)
         raise InputError(f"{signal}: {parts or 'no part'} gives none, so that nothing can be said of it")
-    one = loop.replace(gain=1.0)
     start = one.at_rest(position)
     return float(one.signal(signal, one.mode_at(**start), np.array(list(start.values()))[:, None])[0])
 

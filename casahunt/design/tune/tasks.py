@@ -7,6 +7,7 @@ from typing import Any
 
 from ...results import Result
 from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.trajectory import Trajectory
 from .demands import at_the_start
 
@@ -48,9 +49,8 @@ class SimulatedTask(Result):
 
 def gives_way_at(servo: Any, gain: float) -> float:
     """How far beside the set point the torque of the controller alone is that of static friction [rad]."""
-    if isinstance(servo, Loop):
-        return float(servo.value("static") / abs(gain * at_the_start(servo, "demand", -1.0)))
-    return float(servo.friction.static / servo.torque_gains(gain)[0])
+    loop = loop_asked(servo, None, 1.0, usual="switch")
+    return float(loop.value("static") / abs(gain * at_the_start(loop, "demand", -1.0)))
 
 
 def stated(servo: Any, gain: float, amplitude: float) -> dict[str, dict[str, Any]]:

@@ -29,9 +29,8 @@ def run(options: argparse.Namespace) -> int:
     gains = [positive("gain", text, GAIN_UNIT) for text in options.gain or ()] or [stated_gain(options)]
     parts, drive = loop_of(options, gains[0]), drive_of(options)
     servo = servo_of(options) if parts is None else parts
-    each = [(servo, gain) if isinstance(servo, Servo) else (servo.replace(gain=gain), None) for gain in gains]
-    loops = [linear_loop(*at) for at in each]
-    built = [margins(*at, drive=drive) for at in each] if drive is not None else []
+    loops = [linear_loop(servo, gain) for gain in gains]
+    built = [margins(servo, gain, drive=drive) for gain in gains] if drive is not None else []
     record: dict[str, Any] = {"loops": loops}
     limits = None
     if isinstance(servo, Servo):

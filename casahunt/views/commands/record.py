@@ -40,15 +40,7 @@ from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
 from ...servo.units import GAIN_UNIT
 from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, rhythm
-from .arguments import (
-    add_command,
-    finite,
-    how_of,
-    loop_of,
-    model_of,
-    positive,
-    servo_of,
-)
+from .arguments import add_command, asked_of, finite, how_of, positive
 from .console import complain
 from .output import give
 from .progress import progress, tell
@@ -83,11 +75,10 @@ def run(options: argparse.Namespace) -> int:
     """
     if options.file.endswith(".toml"):
         raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
-    model, loop = model_of(options), loop_of(options)
+    servo, model = asked_of(options)
     gain = None if options.gain is None else positive("gain", options.gain, GAIN_UNIT)
     given = options.set_point
     set_point = None if given is None else moderate("set-point", finite("set-point", given, "rad"))
-    servo = None if loop is not None else servo_of(options)
     how, reading = how_of(options), reading_of(options)
     began = time.perf_counter()
     stream = progress(options)
@@ -102,9 +93,7 @@ def run(options: argparse.Namespace) -> int:
     orbit: Orbit | None = None
     failure = None
     try:
-        if loop is not None:
-            orbit = find_orbit(loop, options=how)
-        elif servo is not None and gain is not None:
+        if gain is not None or model is None:  # a loop has its own
             orbit = find_orbit(servo, model, gain, options=how)
     except NoOrbit as error:
         failure = str(error)

@@ -121,7 +121,22 @@ class Control(NamedTuple):
 
 def controls_of(state: State) -> list[Control]:
     """The controls of a state, in order."""
-    made = _of_a_loop(state) if state.is_loop else _of_a_servo(state)
+    loop = state.problem.loop
+    owners = dict.fromkeys(LOADS.parameters, ("Load", LOADS))
+    if state.is_loop and loop is not None:
+        each = [(name, part) for part in loop.parts for name in part.parameters if name != GAIN]
+        owners = {name: (part.name.capitalize(), part) for name, part in each}
+    elif state.remedy:
+        remedy = remedy_called(state.remedy, state.model)
+        assert remedy.part is not None
+        owners |= dict.fromkeys(own_numbers(remedy), ("Remedy", remedy.part))
+    made = [
+        _ranged(key, value, *owners[key], state.values)
+        if key in owners
+        else _logarithmic(key, value, GROUPS[key.partition(".")[0]], _unit(key), zero=key in ZEROS)
+        for key, value in state.values.items()
+        if key not in HIDDEN and (key not in LUGRE_ALONE or state.model == "lugre")
+    ]
     order = list(dict.fromkeys([*GROUPS.values(), *(control.group for control in made)]))
     return sorted(made, key=lambda control: order.index(control.group))
 
@@ -143,38 +158,6 @@ def choices_of(state: State) -> dict[str, dict[str, Any]]:
             "chosen": state.remedy,
         },
     }  # fmt: skip
-
-
-def _of_a_servo(state: State) -> list[Control]:
-    parts: dict[str, Part] = {}
-    if state.remedy:
-        remedy = remedy_called(state.remedy, state.model)
-        assert remedy.part is not None
-        parts = dict.fromkeys(own_numbers(remedy), remedy.part)
-    made = []
-    for key, value in state.values.items():
-        if key in HIDDEN or (key in LUGRE_ALONE and state.model != "lugre"):
-            continue
-        if key in LOADS.parameters:
-            made.append(_ranged(key, value, "Load", LOADS, state.values))
-        elif key in parts:
-            made.append(_ranged(key, value, "Remedy", parts[key], state.values))
-        else:
-            group = GROUPS[key.partition(".")[0]]
-            made.append(_logarithmic(key, value, group, _unit(key), zero=key in ZEROS))
-    return made
-
-
-def _of_a_loop(state: State) -> list[Control]:
-    loop = state.problem.loop
-    assert loop is not None
-    owners = {name: part for part in loop.parts for name in part.parameters}
-    made = [_logarithmic(key, state.values[key], GROUPS[key], _unit(key), zero=False) for key in (GAIN, SET_POINT)]
-    return made + [
-        _ranged(key, value, owners[key].name.capitalize(), owners[key], state.values)
-        for key, value in state.values.items()
-        if key in owners and key != GAIN
-    ]
 
 
 def _unit(key: str) -> str:

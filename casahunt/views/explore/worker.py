@@ -39,8 +39,8 @@ from ... import effort, interrupts
 from ...errors import InputError, NoOrbit
 from ...servo.friction import MODELS
 from ...servo.parts.table import remedies_for
-from .kinds import LoopAnswers, ServoAnswers
 from .numbers import refused
+from .page_stages import Stages
 from .state import SET_POINT, State, state_of_address
 
 _LOG = logging.getLogger(__name__)
@@ -283,14 +283,13 @@ class Answers:
 
         dropped: says whether nobody waits any more. Raises effort.Dropped: so it is.
         """
-        problem = state.problem
-        kind: Any = (LoopAnswers if problem.loop is not None else ServoAnswers)(problem, partial(self._memory, state))
+        stages = Stages(state.problem, partial(self._memory, state))
         for stage in STAGES:
             if dropped is not None and dropped():
                 raise effort.Dropped
             try:
                 with effort.counting_work(None, limit=MOST_WORK_OF_A_STAGE, dropped=dropped):
-                    found = getattr(kind, stage)()
+                    found = getattr(stages, stage)()
             except (NoOrbit, InputError) as why:
                 found = refused(why)
             except effort.GivenUp as why:
@@ -298,11 +297,11 @@ class Answers:
             except ArithmeticError as why:  # an extreme servo, beyond what was thought of
                 found = {"why": f"could not be computed: {why}"}
             if stage == "diagram" and "why" in found and "stable" not in found:
-                found = kind.so_far() | found
+                found = stages.so_far() | found
             if stage == "hunts" and "sentence" not in found:
                 found |= {"verdict": "unknown", "sentence": "Whether it hunts is not known."}
-            if stage == "border" and kind.later:
-                yield "hunts", kind.later
+            if stage == "border" and stages.later:
+                yield "hunts", stages.later
             yield stage, found
 
     def _memory(self, state: State, *free: str) -> dict[Any, Any]:

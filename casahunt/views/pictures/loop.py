@@ -62,20 +62,19 @@ def bode(
     """
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
-    each = [(servo.replace(gain=loop.gain), None) if isinstance(servo, Loop) else (servo, loop.gain) for loop in loops]
-    opened = [open_loop(*at) for at in each]
+    opened = [open_loop(servo, loop.gain) for loop in loops]
     last = math.pi / drive.sample_time if drive is not None else math.nan
     omega = _frequencies(loops, opened, last)
-    alone = isinstance(servo, Loop)
-    figure, axes = panels(ax, 2, 1 if alone else 2, sharex=True)
+    controller = None if isinstance(servo, Loop) else servo.controller
+    figure, axes = panels(ax, 2, 1 if controller is None else 2, sharex=True)
     sizes, phases = np.reshape(axes, (2, -1)).tolist()
     l_size, l_phase, phase_of_L = sizes[-1], phases[-1], _degrees(opened[0].response(omega))
     handles = []
     for i, (loop, L) in enumerate(zip(loops, opened, strict=True)):
         look = _LOOKS[i % len(_LOOKS)]
         style = {"color": look.colour, "linewidth": look.width, "linestyle": look.dashes}
-        if not isinstance(servo, Loop):
-            sizes[0].plot(omega, np.abs(servo.controller.response(loop.gain, 1j * omega)), **style)
+        if controller is not None:
+            sizes[0].plot(omega, np.abs(controller.response(loop.gain, 1j * omega)), **style)
         told = "stable" if loop.stable else "unstable"
         handles += l_size.plot(omega, np.abs(L.response(omega)), label=f"K = {loop.gain:.4g} ({told})", **style)
         dot = {"marker": "o", "markersize": 5, "color": look.colour, "markeredgecolor": "black"}
@@ -85,10 +84,10 @@ def bode(
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
     if drive is not None:
-        built = [loop_asked(whose, None, gain, usual="switch") for whose, gain in each]
+        built = [loop_asked(servo, None, loop.gain, usual="switch") for loop in loops]
         handles += _as_built(built, drive, omega[omega <= last], l_size, l_phase)
-    if not isinstance(servo, Loop):
-        phases[0].semilogx(omega, _degrees(servo.controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
+    if controller is not None:
+        phases[0].semilogx(omega, _degrees(controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
     l_phase.semilogx(omega, phase_of_L, color=NEUTRAL)
     l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)
     l_phase.axhline(-180.0, color=NEUTRAL, linewidth=0.8)

@@ -18,7 +18,7 @@ from casahunt.continuation import follow
 from casahunt.errors import HuntsIrregularly
 from casahunt.servo.parts import load_loop
 from casahunt.servo.parts.verbs import loop_cycle
-from casahunt.views.explore import kinds
+from casahunt.views.explore import page_stages
 from casahunt.views.explore import worker as stages
 from casahunt.views.explore.numbers import compared, ends_at
 from casahunt.views.explore.page import command_line, python, servo_file
@@ -149,10 +149,10 @@ def test_where_it_does_not_hunt_the_evidence_is_said(shown):
 def test_not_found_is_not_there_is_none(monkeypatch, shown):
     """Of a servo too: without evidence it is not said that it does not hunt."""
 
-    def nothing(*_):
+    def nothing(*_, **__):
         raise NoOrbit("nobody knows", Status.NOT_FOUND)
 
-    monkeypatch.setattr("casahunt.views.explore.kinds.find_orbit", nothing)
+    monkeypatch.setattr("casahunt.views.explore.page_stages.find_orbit", nothing)
     told = shown(TABLE1, "hunts")["hunts"]
     assert told == {"verdict": "unknown", "sentence": "Whether it hunts is not known.", "why": "nobody knows"}
 
@@ -181,8 +181,8 @@ def test_the_numbers_of_a_remedy():
 def test_a_move_of_the_gain_computes_no_fold_and_no_diagram_again(monkeypatch):
     asked = Answers()
     first = dict(asked.of(TABLE1))
-    monkeypatch.setattr("casahunt.views.explore.kinds.find_fold", None)
-    monkeypatch.setattr("casahunt.views.explore.kinds.walk", None)
+    monkeypatch.setattr("casahunt.views.explore.page_stages.find_fold", None)
+    monkeypatch.setattr("casahunt.views.explore.page_stages.follow", None)
     second = dict(asked.of(turned(TABLE1, gain=0.2)))
     assert second["border"]["gain"] == first["border"]["gain"]
     assert second["diagram"]["stable"] == first["diagram"]["stable"] and second["diagram"]["present"] == 0.2
@@ -205,7 +205,7 @@ def test_a_move_computes_nothing_again_that_does_not_depend_on_it(
     asked = Answers()
     first = dict(asked.of(before))
     for name in what:
-        monkeypatch.setattr(f"casahunt.views.explore.kinds.{name}", None)
+        monkeypatch.setattr(f"casahunt.views.explore.page_stages.{name}", None)
     after = turned(before, **moved)
     second = dict(asked.of(after))
     for name in kept:
@@ -218,11 +218,11 @@ def test_a_move_computes_nothing_again_that_does_not_depend_on_it(
 def test_what_is_kept_has_a_limit(monkeypatch):
     """Where there is no fold a diagram begins below the gain, wherever that is turned."""
 
-    def nothing(*_):
+    def nothing(*_, **__):
         raise NoOrbit("nobody knows", Status.NOT_FOUND)
 
-    monkeypatch.setattr("casahunt.views.explore.kinds.find_fold", nothing)
-    monkeypatch.setattr("casahunt.views.explore.kinds.walk", lambda *_, **__: iter(()))
+    monkeypatch.setattr("casahunt.views.explore.page_stages.find_fold", nothing)
+    monkeypatch.setattr("casahunt.views.explore.page_stages.find_orbit", nothing)
     monkeypatch.setattr(stages, "STAGES", ("diagram",))
     asked = Answers()
     for gain in range(stages.MOST_FOUND + 3):
@@ -270,8 +270,8 @@ def test_the_border_of_a_remedy_is_that_with_its_other_numbers(shown):
 def test_stability_at_a_glance_is_that_of_the_multipliers(monkeypatch):
     """Along the branches that the page draws, stable, unstable, and next to the fold."""
     drawn = []
-    real = kinds.branches_shown
-    monkeypatch.setattr(kinds, "branches_shown", lambda orbits, fold: drawn.extend(orbits) or real(orbits, fold))
+    real = page_stages.branches_shown
+    monkeypatch.setattr(page_stages, "branches_shown", lambda orbits, fold: drawn.extend(orbits) or real(orbits, fold))
     for state in (TABLE1, DEAD_BAND):
         dict(Answers().of(state))
     some = [orbit for k, orbit in enumerate(drawn) if k % 4 == 0 or 0.1 < orbit.provisional_multiplier < 10]
@@ -310,13 +310,13 @@ def test_a_diagram_that_is_given_up_shows_what_is_known_so_far(monkeypatch, show
                 raise effort.GivenUp("enough")
             super().append(orbit)
 
-    begin = kinds.ServoAnswers.__init__
+    begin = page_stages.Stages.__init__
 
     def limited(self, *arguments):
         begin(self, *arguments)
         self.drawn = Limited()
 
-    monkeypatch.setattr(kinds.ServoAnswers, "__init__", limited)
+    monkeypatch.setattr(page_stages.Stages, "__init__", limited)
     told = shown(state, "diagram")["diagram"]
     assert "given up" in told["why"] and told["evidence"] == "enough"
     known = [x for x in told["stable"]["gain"] if x is not None]
@@ -364,10 +364,10 @@ def test_a_cycle_beyond_the_reach_of_the_first_motion_is_found_along_the_branch(
 
 def test_irregular_hunting_is_an_answer(monkeypatch, shown):
     """Where no swing repeats there is no cycle to be shown, and how far it swings is said."""
-    def irregular(*_: object) -> None:
+    def irregular(*_: object, **__: object) -> None:
         raise HuntsIrregularly("it hunts irregularly", Status.NOT_FOUND, amplitude=(0.05186, 0.05356), between=(1, 2))
 
-    monkeypatch.setattr(kinds, "cycle_beside", irregular)
+    monkeypatch.setattr(page_stages, "find_orbit", irregular)
     told = shown(turned(TABLE1.choose("remedy", "leak"), gain=0.07, leak=0.25), "hunts")["hunts"]
     assert told["verdict"] == "uneven" and "amplitude" not in told
     assert told["sentence"] == "It hunts irregularly: it turns 0.05186 to 0.05356 rad from the set point."
