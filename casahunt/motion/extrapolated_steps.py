@@ -158,7 +158,8 @@ def steps_of(
     factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
     taken, end = ca.if_else(good, tried, 0), ca.if_else(good, end, x)
     e_end, r_end = (ca.if_else(good, a, b) for a, b in zip(of.watched(end, t + taken), (e, r), strict=True))
-    rises = ca.logic_and(r > 0, r_end < 0)
+    top = ca.fmin(e + 2 * r * taken, e_end - 2 * r_end * taken)  # no event rings above it (_Steps._above)
+    rises = ca.logic_and(ca.logic_and(r > 0, r_end < 0), top >= 0)
     met = ca.logic_and(e < 0, ca.logic_or(e_end >= 0, rises))  # what was not taken meets nothing
     ends = [end, t + taken, tried * factor, left - taken, ca.logic_or(ca.sum1(met) > 0, left <= taken), e_end, r_end]
     known = [x, t, h, left, over, e, r]
