@@ -37,7 +37,8 @@ from .turns import PATTERN, grows, may_settle, settles, shrinks, width
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
 LOOK_OF_A_FATE, MOST_LOOKS = 8.0, 40
-"""Periods of the first look at a motion; each next one is twice as long."""
+"""Periods of the first look at a motion; each next one is twice as long: of swings that shrink to a twelfth each stick
+lasts twelve times as long, and five of them are to be seen."""
 WORK_OF_A_FATE = 2e5
 """Work (effort.py) of a motion; most take a tenth."""
 TOLERANCE_OF_A_FATE, TO_BE_SAMPLED = 1e-7, 1e-9

@@ -418,7 +418,7 @@ def _stands_from(found: Sampled) -> int:
     as long again; -1 where they do not show it."""
     x, u = found.states[0], found.torque
     since = int(np.flatnonzero(np.diff(x))[-1]) + 1 if np.ptp(x) else 0
-    if since > x.size // 2:
+    if since > x.size // 2 or u.size - since < 2:
         return -1
     early, late = np.array_split(u[since:], 2)
     mean = late.mean()

@@ -186,8 +186,11 @@ def test_a_look_that_is_cut_short_at_a_breakaway_tells_no_size_of_the_slip():
 
 
 def test_a_leak_that_holds_a_servo_is_seen_to_hold_it():
-    """Whatever the rounding of its rates makes of a long time."""
+    """Whatever the rounding of its rates makes of a long time; there its torque, (kp + ki/leak) x, is within Fs."""
     axis = Axis(41, 22)
-    held = axis.loop.with_parts(LEAK, leak=4.68)
-    start = held.at_rest(-0.00324)
-    assert fate(held, start, Swing(start, 0.0027, 0.93)).kind == "at rest"
+    held, before = axis.loop.with_parts(LEAK, leak=3.745), Swing.of(loop_cycle(axis.loop))
+    for x in (0.002334, -0.003237):
+        seen = fate(held, held.at_rest(x), before)
+        assert seen.kind == "at rest"
+        ends = abs(seen.motion.phases[-1].end[held.system.states.index("x1")])
+        assert 0 < ends * (axis.n["kp"] + axis.n["ki"] / 3.745) <= axis.n["Fs"]

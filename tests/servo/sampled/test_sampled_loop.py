@@ -165,6 +165,12 @@ def test_a_torque_on_its_way_to_breakaway_is_no_rest_with_noise():
     assert simulate_sampled(SERVO, 1.0, drive, set_point=0.0, position=4.5e-4, time=40.0).stops.size
 
 
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_a_motion_of_few_samples_shows_no_rest(samples):
+    motion = simulate_sampled(SERVO, 1.0, Drive(sample_time=1e-3, noise=1e-9), position=1 - 1e-6, time=samples * 1e-3)
+    assert not motion.stops.size and motion.verdict.kind in ("undecided", "at rest")
+
+
 def test_of_swings_with_noise_some_are_smaller_by_chance():
     """Twelve in a row, each smaller than the one before, are not; the last four are."""
     rng = np.random.default_rng(2)
