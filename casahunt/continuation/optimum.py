@@ -150,7 +150,8 @@ def _compiled(t: Transcription) -> Caller:
     v, n = ca.MX.sym("v", t.size + 1), ca.MX.sym("n", t.size + 1)
     upper = lagrangian_hessian(t, g)
     bent = ca.mtimes(upper, v) + ca.mtimes(upper.T, v) - ca.diag(upper) * v
-    gradient = ca.mtimes(g.jacobian.T, g.nu) - ca.DM(np.eye(t.size + 1)[-1])
+    of_lambda = ca.DM.triplet([t.size], [0], [1.0], t.size + 1, 1)
+    gradient = ca.mtimes(g.jacobian.T, g.nu) - of_lambda
     forms = ca.vertcat(ca.dot(v, bent), ca.dot(n, bent))
     function = ca.Function(
         "conditions", [g.z, g.data, g.nu, v, n], [ca.densify(g.residual), ca.densify(gradient), ca.densify(forms)]

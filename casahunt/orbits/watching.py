@@ -40,6 +40,8 @@ eight times the work, with ten times as many steps that of the van der Pol oscil
 ways out a look more: a motor that sticks while its load rings takes more steps to its breakaway."""
 GREW, LARGER = 1e12, 1e2
 """A state this much larger than all states were at the start, and than 1, grows without bound; it may be growing."""
+UNLIKE_ROUNDING = 1e4
+"""What becomes so many times as large as it was thought to be, in a look without events, was rounding."""
 AS_MUCH = 0.9
 """The motion is cut at the first state whose range, in its size, is this part of the largest one at least: in a
 symmetric motion they are all twice their sizes, and which is the largest would be rounding."""
@@ -119,6 +121,7 @@ def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, leas
     least = np.zeros(x.size) if least is None else least
     span, scale = longest_look(system, mode, x, p, kind, least)
     for _ in range(LOOKED_AT_MOST):
+        before = scale
         try:
             scale, seen, (times, states) = look(
                 form, mode, x, p, scale, kind, span, ENOUGH_EVENTS, most, least
@@ -135,7 +138,8 @@ def watch_motion(system: System, mode: str, x: Array, p: Array, kind: Kind, leas
         scale = np.where(counted, np.minimum(scale, turns(system)), scale)
         events = sum(bool(s.event) for s in seen)
         enough = ENOUGH_STEPS * (LOOK_LONGER if form.exits[seen[-1].mode] else 1)
-        if events >= ENOUGH_EVENTS or events == 0 and sum(s.count for s in seen) >= enough:
+        unlike = bool(np.any(scale > UNLIKE_ROUNDING * before))
+        if events >= ENOUGH_EVENTS or events == 0 and sum(s.count for s in seen) >= enough and not unlike:
             break
         (mode, x), most, least = going_on(form, seen[-1], p), most * LOOK_LONGER, scale
     late = states[:, times > times[-1] / 2]

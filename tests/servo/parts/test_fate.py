@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from belt_support import stops
 
+from casahunt import Servo
 from casahunt.errors import ComesToRest, HuntsIrregularly
+from casahunt.orbits import find_cycle
 from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts import (
     BY_DIRECTION,
@@ -21,6 +23,7 @@ from casahunt.servo.parts import (
     TORQUE_LIMIT,
     TWO_MASSES,
     Loop,
+    loop_of,
     verbs,
 )
 from casahunt.servo.parts.ahead import measured
@@ -183,6 +186,14 @@ def test_a_look_that_is_cut_short_at_a_breakaway_tells_no_size_of_the_slip():
     on = axis.motion(on_the_cycle(found), 200 * found.period)
     assert on.amplitude == pytest.approx(found.amplitude, rel=1e-6)
     assert on.period == pytest.approx(found.period, rel=1e-6)
+
+
+@pytest.mark.parametrize("velocity", [-3.7e-24, 1e-24, -1e-15, 0.0])
+def test_a_stuck_velocity_of_rounding_tells_no_size_of_the_slip(velocity):
+    """From where another cycle's stick is, as rounding leaves it; the amplitude is that of the event map."""
+    loop = loop_of(Servo(), "switch", 0.04)
+    found = find_cycle(loop.system, "stick", start={"x1": 0.05005, "x2": velocity, "x3": -0.1164})
+    assert found.amplitude == pytest.approx(0.0500469727, rel=1e-8)
 
 
 def test_a_leak_that_holds_a_servo_is_seen_to_hold_it():
