@@ -132,7 +132,7 @@ def march(
             try:
                 check_phase(system, segments, p, scale, time, met, clean)
             except MarchFailure as failure:
-                still = dies_out_at(segments, scale)
+                still = dies_out_at(segments, scale, tol)
                 if still == len(segments) and phase is not None:  # steps may have passed what intervals meet
                     segments.pop()
                     mode, by_intervals = begun, True

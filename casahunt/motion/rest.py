@@ -3,6 +3,8 @@
 noise      no state moves by more than `STANDS` of its size, in `STANDS_FOR` phases in a row
 balanced   a motion that cannot be followed any more moves `BALANCED` times as slowly as it did before: forces that
            balance to what an event is known to; which one is met next, and whether one is, is rounding
+calm       events of such a motion follow one another within its own error, as of a load that rings on while its motor
+           is at its breakaway, and it moves `CALM` times as slowly as before
 """
 
 from __future__ import annotations
@@ -17,6 +19,9 @@ STANDS, STANDS_FOR = 1e-13, 50
 """Of a motion at rest no state moves by more than this part of its size, in so many phases in a row: by rounding."""
 BALANCED = 1e-9
 """Part of its largest rate before at which each state rests, in the mean of a phase: as `NEAR_EVENT`, of forces."""
+CALM, CALM_FOR, CALM_WITHIN = 1e-5, 4, 1e-7
+"""Part of its largest rate before at which each state moves through so many phases in a row, and what the error counts
+for at most."""
 
 
 def at_rest_since(segments: list[Segment], scale: Array) -> int:
@@ -35,11 +40,12 @@ def at_rest_since(segments: list[Segment], scale: Array) -> int:
     return since if since <= many and later <= earlier else len(segments)
 
 
-def dies_out_at(segments: list[Segment], scale: Array) -> int:
+def dies_out_at(segments: list[Segment], scale: Array, tol: float) -> int:
     """Number of the phase since which a motion that cannot be followed any more rests; how many there are: it does not.
 
-    The forces balance there to what an event is known to, so that which is met next is rounding: the last phase is
-    none, or the one before has ended on an event that it was only near to.
+    tol: error with which it was followed, in sizes of the states. The forces balance there to what an event is known
+    to, so that which is met next is rounding: the last phase is none, or the one before has ended on an event that it
+    was only near to.
     """
     rounding, brief = np.finfo(float).eps, np.finfo(float).tiny
     moved = np.array([np.ptp(segment.nodes, axis=0) / scale for segment in segments])
@@ -48,6 +54,11 @@ def dies_out_at(segments: list[Segment], scale: Array) -> int:
     for k in (len(segments) - 1, len(segments) - 2):
         if k > 0 and np.all(at_most[k] <= BALANCED * surely[:k].max(axis=0)):
             return k
+    since = len(before_rest(segments, scale, min(tol, CALM_WITHIN)))
+    if 0 < since <= len(segments) - CALM_FOR:
+        calm = np.ptp(np.vstack([segment.nodes for segment in segments[since:]]), axis=0) / scale
+        if np.all(calm + rounding <= CALM * lasted[since:].sum() * surely[:since].max(axis=0)):
+            return since
     return len(segments)
 
 

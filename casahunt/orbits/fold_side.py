@@ -43,13 +43,15 @@ NO_SINGULAR_VALUE = 1e-7
 A_WAY_ALONG, STAYS_THERE = 1e-3, 0.5
 """How far a family is gone along, in units of the states, and the part of that which steps to it must leave."""
 LEAST_STEPS_TO_IT = 8
+MOST_NODE_UNKNOWNS = 1500
+"""Of a cycle with more, hundreds of phases, the singular values would take longer than the search: it is not asked."""
 TAKES_PART = 0.02
 """A state that moves by less than this part of the one that moves most does not."""
 
 
 def one_of_many(start: Start) -> str:
     """What a cycle next to a starting point has beside it, as a sentence; "" where it stands alone, or is at a fold."""
-    here = _nearest(start)
+    here = _nearest(start) if start[0].system.size <= MOST_NODE_UNKNOWNS else None
     if here is None or stands_still(*here[:2]):
         return ""
     t, u, setting = here
