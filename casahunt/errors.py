@@ -6,7 +6,10 @@ Numerical failure is a `Status` on a result.  An exception is raised only at the
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 
@@ -137,6 +140,8 @@ class HuntsIrregularly(NoOrbit):
     amplitude : how far it turns back from the set point, at least and at most.
     between : the times between two turns, at least and at most [s].
     swing : a state of it, and sizes, as remedies begin with (servo/parts/fate.py); None where that is not known.
+    exponent : of motions that lie side by side, d(t) = d(0) exp(exponent t), the largest [1/s], and its standard error;
+        computed when it is first asked for (servo/parts/exponent.py); nan where it is not known.
 
     Examples
     --------
@@ -147,10 +152,15 @@ class HuntsIrregularly(NoOrbit):
 
     def __init__(
         self, sentence: str, status: Status, *, amplitude: tuple[float, float], between: tuple[float, float],
-        swing: Any = None,
+        swing: Any = None, measure: Callable[[], tuple[float, float]] | None = None,
     ) -> None:  # fmt: skip
         super().__init__(sentence, status)
-        self.amplitude, self.between, self.swing = amplitude, between, swing
+        self.amplitude, self.between, self.swing, self._measure = amplitude, between, swing, measure
+
+    @cached_property
+    def exponent(self) -> tuple[float, float]:
+        """The largest exponent [1/s] and its standard error."""
+        return (math.nan, math.nan) if self._measure is None else self._measure()
 
 
 class ComesToRest(NoOrbit):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 from ... import effort
 from ...axis_units import several
@@ -22,6 +23,7 @@ from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
 from .ahead import LAST_TURNS, measured, ranges
+from .exponent import largest_exponent
 from .fate import Fate, Swing, fate
 from .loop import Loop
 from .turns import PATTERN
@@ -174,7 +176,10 @@ def _irregular(loop: Loop, seen: Fate) -> HuntsIrregularly:
         f"{loop.name} hunts irregularly, {said}, and no pattern of up to {PATTERN} turns repeats within "
         f"{seen.turns.size}; no cycle was computed that could be followed"
     )
-    return HuntsIrregularly(sentence, Status.NOT_FOUND, amplitude=amplitude, between=times, swing=seen.swing)
+    measure = None if seen.swing is None else partial(largest_exponent, loop, seen.swing)
+    return HuntsIrregularly(
+        sentence, Status.NOT_FOUND, amplitude=amplitude, between=times, swing=seen.swing, measure=measure
+    )
 
 
 def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrbit:

@@ -14,12 +14,13 @@ from dataclasses import replace
 from typing import Any
 
 from ...checks import choice_of, error_text
-from ...errors import NoOrbit
+from ...errors import HuntsIrregularly, NoOrbit
 from ...export import Columns
 from ...orbits import Multipliers, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.linear.open_loop import open_loop
+from ...servo.parts.exponent import in_words
 from ...servo.servo import Servo
 from ...servo.units import column
 from ..answers.answer import Answer, angle, called, complex_text, exactly, item, parts_of, record_of, rhythm
@@ -60,6 +61,9 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     try:
         orbit = find_orbit(*asked, branch=branch, options=how)
+    except HuntsIrregularly as refusal:
+        more = in_words(refusal.exponent)
+        raise NoOrbit(f"{refusal.plain}{more and '; '}{more}", refusal.status, evidence=refusal.evidence) from None
     except NoOrbit as refusal:
         raise hunts_on(options, refusal, gain) from None
     below = parts_of(servo)
