@@ -16,14 +16,15 @@ Symbols: n states, E exits, M steps of a call.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from ..collocation.admissibility import LARGEST_JUMP, PASSED
 from ..compiled import Caller, caller, kept
-from ..hybrid.system import Exit, Feature, VectorMode
-from ..hybrid.vector_form import Bound
+from ..hybrid.system import Exit, VectorMode
+from ..hybrid.vector_form import Bound, Scalar
 from .march_exits import EVENT_TOLERANCE
 from .march_watch import ON_EVENT
 
@@ -95,23 +96,46 @@ def _solver(M: ca.SX) -> Callable[[ca.SX], ca.SX]:
     return solved
 
 
+class _Law(NamedTuple):
+    """What is compiled of a mode: its field, condition and feature, and the events of its exits; without its sign, and
+    the directions of these, which are numbers: modes that differ in them alone share what is compiled."""
+
+    field: Any
+    admissible: Any
+    slack: float
+    feature: Any
+    events: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, mode: VectorMode, exits: tuple[Exit, ...]) -> _Law:
+        """That of a mode."""
+        feature, *events = (
+            each.scalar if isinstance(each, Bound) else each
+            for each in (mode.feature, *(way_out.event.function for way_out in exits))
+        )
+        return cls(mode.field, mode.admissible, mode.slack, feature, tuple(events))
+
+
 class _Formulas:
     """A mode's field and events at scaled states, in symbols."""
 
-    def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool) -> None:
+    def __init__(self, mode: _Law, n: int, parameters: int, implicit: bool) -> None:
         self.x, self.sign, self.p = ca.SX.sym("x", n), ca.SX.sym("sign"), ca.SX.sym("p", parameters)
         self.scale, self.t, self.h, self.tol = ca.SX.sym("scale", n), *(ca.SX.sym(name) for name in ("t", "h", "tol"))
-        self.fixed = self.sign, self.p, self.scale
+        self.fixed = self.sign, self.p, self.scale, ca.SX.sym("ways", len(mode.events))
         rate = ca.densify(ca.SX(mode.field(self.scale * self.x, self.p, self.sign)) / self.scale)
         self.f = ca.Function("f", [self.x, *self.fixed], [rate])
         self.rate = rate
         f, A = (lambda y: self.f(y, *self.fixed)), ca.jacobian(rate, self.x) if implicit else None
         end, off, passed = _midpoint(f, self.x, rate, self.h, A)
         error = ca.mmax(ca.fabs(off) / ca.fmax(1, ca.fabs(self.x)))
-        jumps = _jumps(mode.feature, [self.scale * y for y in passed], self.p)
+        jumps = _jumps(mode.feature, [self.scale * y for y in passed], self.p, self.sign)
         self.stepped = ca.Function("stepped", [self.x, self.h, *self.fixed], [end, error, jumps])
-        events = [e.direction * e.event.function(self.scale * self.x, self.t, self.p) for e in exits]
-        e = ca.densify(ca.vertcat(*events, ca.SX(0, 1)))
+        values = [
+            event(self.scale * self.x, self.p, self.sign) if isinstance(event, Scalar)
+            else event(self.scale * self.x, self.t, self.p) for event in mode.events
+        ]  # fmt: skip
+        e = ca.densify(self.fixed[-1] * ca.vertcat(*values, ca.SX(0, 1)))
         r = ca.densify(ca.jtimes(e, self.x, rate) + ca.jacobian(e, self.t))
         self.events = ca.Function("events", [self.x, self.t, *self.fixed], [e, r])
         holds = ca.SX(0) if mode.admissible is None else mode.admissible(self.scale * self.x, self.p, self.sign)
@@ -128,7 +152,6 @@ class _Formulas:
         return e, r
 
 
-@kept(maxsize=64)
 def steps_of(
     mode: VectorMode, exits: tuple[Exit, ...], n: int, parameters: int, implicit: bool
 ) -> tuple[Caller, Caller, Caller]:
@@ -138,7 +161,13 @@ def steps_of(
     Rows of the first one's table: state, time, length of the next step and of this one, whether the mode holds (>= 0),
     events, rates.
     """
-    E, of = len(exits), _Formulas(mode, exits, n, parameters, implicit)
+    return _compiled(_Law.of(mode, exits), n, parameters, implicit)
+
+
+@kept(maxsize=64)
+def _compiled(mode: _Law, n: int, parameters: int, implicit: bool) -> tuple[Caller, Caller, Caller]:
+    """See `steps_of`."""
+    E, of = len(mode.events), _Formulas(mode, n, parameters, implicit)
     x, t, h, tol, left, over = of.x, of.t, of.h, of.tol, ca.SX.sym("left"), ca.SX.sym("over")
     e, r = ca.SX.sym("e", E), ca.SX.sym("r", E)
     first = FIRST_MOVES / ca.fmax(ca.mmax(ca.fabs(of.rate)), 1e-300)
@@ -170,13 +199,13 @@ def steps_of(
     one = ca.Function("one", [x, ca.vertcat(t, h, tol), *of.fixed], outputs)
     many = _in_a_row(begins, leaves, step, same, (n, E, parameters))
     M = STEPS_OF_A_CALL + 1
-    return (caller(many, [n, 5, 1, parameters, n], [(M, n + 4 + 2 * E), E, E]),
-            caller(one, [n, 3, 1, parameters, n], [n, E, E, 1]),
-            caller(_to_a_zero(of, one, E), [n, 9, 4, 1, parameters, n], [9, n, 2]))  # fmt: skip
+    fixed = [1, parameters, n, E]
+    return (caller(many, [n, 5, *fixed], [(M, n + 4 + 2 * E), E, E]), caller(one, [n, 3, *fixed], [n, E, E, 1]),
+            caller(_to_a_zero(of, one, E), [n, 9, 4, *fixed], [9, n, 2]))  # fmt: skip
 
 
 def _to_a_zero(of: _Formulas, one: ca.Function, exits: int) -> ca.Function:
-    """(x, places, (t, tol, what is zero, number of the event), sign, p, scale) -> places, state, event and error.
+    """(x, places, (t, tol, what is zero, number of the event), sign, p, scale, directions) -> places, state, told.
 
     Places: length of the next step and of the last one; a bracket, lengths and events; the smallest event, and how
     often in a row it has become no smaller; whether the zero is found.  Newton's method, kept in the bracket.
@@ -204,28 +233,28 @@ def _to_a_zero(of: _Formulas, one: ca.Function, exits: int) -> ca.Function:
     same = ca.Function("same", [*known, of.x, given, *of.fixed], known)
     looks = ca.Function.if_else("looks", look, same)
     x, places, what = (ca.MX.sym(name, m) for name, m in (("x", of.x.numel()), ("places", 9), ("what", 4)))
-    fixed = ca.MX.sym("sign"), ca.MX.sym("p", of.p.numel()), ca.MX.sym("scale", of.x.numel())
+    fixed = [ca.MX.sym("fixed", each.numel()) for each in of.fixed]
     found = [places, x, ca.MX.zeros(2)]
     for _ in range(PLACES_OF_A_CALL):
         found = looks(found[0][8] == 0, *found, x, what, *fixed)
     return ca.Function("to_a_zero", [x, places, what, *fixed], list(found))
 
 
-def _jumps(feature: Feature | None, passed: list[ca.SX], p: ca.SX) -> ca.SX:
+def _jumps(feature: Any, passed: list[ca.SX], p: ca.SX, sign: ca.SX) -> ca.SX:
     """The largest jump of a feature from one state to the next, in units of what it may be."""
-    if not isinstance(feature, Bound):
+    if not isinstance(feature, Scalar):
         return ca.SX(0)
-    return ca.mmax(ca.fabs(ca.diff(ca.vertcat(*[feature(y, p) for y in passed])))) / LARGEST_JUMP
+    return ca.mmax(ca.fabs(ca.diff(ca.vertcat(*[feature(y, p, sign) for y in passed])))) / LARGEST_JUMP
 
 
 def _in_a_row(
     begins: ca.Function, leaves: ca.Function, step: ca.Function, same: ca.Function, sizes: tuple[int, int, int]
 ) -> ca.Function:
-    """(x, (t, h, left, tol, whether a phase begins), sign, p, scale) -> table of the steps; where in its first one each
-    event was seen first, and what it was at the start."""
-    n, _, parameters = sizes
+    """(x, (t, h, left, tol, whether a phase begins), sign, p, scale, directions) -> table of the steps; where in its
+    first one each event was seen first, and what it was at the start."""
+    n, E, parameters = sizes
     x, given = ca.MX.sym("x", n), ca.MX.sym("given", 5)
-    fixed = ca.MX.sym("sign"), ca.MX.sym("p", parameters), ca.MX.sym("scale", n)
+    fixed = ca.MX.sym("sign"), ca.MX.sym("p", parameters), ca.MX.sym("scale", n), ca.MX.sym("ways", E)
     t, h, left, tol, first = ca.vertsplit(given)
     h, e, r, low, at_first, holds = ca.Function.if_else("start", leaves, begins)(first, x, t, h, left, tol, *fixed)
     goes_on = ca.Function.if_else("goes_on", step, same)

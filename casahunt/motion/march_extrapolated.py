@@ -107,7 +107,8 @@ class _Steps:
     """The steps of one mode."""
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
-        self._exits, self._tol, self._fixed = exits, tol, (mode.sign, p, scale)
+        self._exits, self._tol = exits, tol
+        self._fixed = mode.sign, p, scale, [way_out.direction for way_out in exits]
         self._own = [i for i, way_out in enumerate(exits) if not way_out.mark or way_out.reset is not None]
         self._compiled = lambda implicit: steps_of(mode, exits, scale.size, p.size, implicit)
         self._take(mode.stiff)
@@ -117,7 +118,7 @@ class _Steps:
         self._implicit = implicit
         self._many, self._one, self._lands = (each.buffers for each in self._compiled(implicit))
         for buffers in (self._many, self._one, self._lands):
-            for store, value in zip(buffers.inputs[-3:], self._fixed, strict=True):
+            for store, value in zip(buffers.inputs[-4:], self._fixed, strict=True):
                 store[:] = value
 
     def run(self, x: Array, max_time: float) -> Followed:
