@@ -9,6 +9,7 @@ import pytest
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid.examples import belt
 from casahunt.motion import MarchFailure, march
+from casahunt.motion.extrapolated_steps import steps_of
 
 RESTS = Mode("rests", lambda x, p: {"x": 0.0})
 
@@ -38,6 +39,22 @@ def test_landings_of_a_ball():
     fall = np.sqrt(2 / 9.81)
     assert [p.duration for p in phases] == pytest.approx([fall, *(2 * 0.7**k * fall for k in range(1, 6))], rel=1e-9)
     assert all(p.w.shape[1] == 2 and p.event == "lands" for p in phases)  # no stages
+
+
+def test_modes_that_differ_in_signs_share_what_is_compiled():
+    """x' = s x to s x = e^s, s = 1 and -1 in turn: from 1/e to e and back, two seconds each."""
+    field, ways = (lambda x, p: {"x": p.sign * x.x}), [("grows", 1, "decays"), ("decays", -1, "grows")]
+    signed, plain = (lambda x, p: p.sign * (ca.log(x.x) - p.sign)), (lambda x, p: ca.log(x.x) - p.sign)
+    for function, both_rise in ((signed, True), (plain, False)):
+        modes = [
+            Mode(name, field, sign=sign, ends=(Event("turns", function, 1 if both_rise else sign, to),))
+            for name, sign, to in ways
+        ]
+        system = System("wave", ("x",), {"a": 1.0}, tuple(modes))
+        phases, form = followed(system, "grows", [np.exp(-1.0)], 5, meshed=False), system.vector_form
+        assert [phase.duration for phase in phases] == pytest.approx([2.0] * 5, rel=1e-9)
+        compiled = [steps_of(form.modes[name], form.exits[name], 1, 1, False) for name, _, _ in ways]
+        assert compiled[0] is compiled[1]
 
 
 @pytest.mark.parametrize("short", [1e-2, 1e-5, 1e-8])
