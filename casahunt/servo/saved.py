@@ -163,7 +163,8 @@ def _branch(archive: Archive, content: Mapping[str, Any], pose: Callable[[Mappin
     special = []
     for s in content["special"]:
         at, error = (None if s.get(name) is None else float(s[name]) for name in ("at", "error"))
-        orbit, many = archive.orbit(s["orbit"], pose), int(s.get("multiplicity", 1))
+        alone, many = archive.orbit(s["orbit"], pose), int(s.get("multiplicity", 1))
+        orbit = next((one for one in orbits if _sizes(one, vary) == _sizes(alone, vary)), alone)
         behind = s["behind"] if "behind" in s else _behind(orbits, orbit, vary)
         special.append(
             SpecialPoint(
@@ -176,6 +177,11 @@ def _branch(archive: Archive, content: Mapping[str, Any], pose: Callable[[Mappin
     end: dict[str, Any] = {name: math.nan if x is None else x for name, x in content.get("end", {"kind": ""}).items()}
     missed = tuple(Missed(str(m["kind"]), str(m["meaning"])) for m in content.get("missed", []))
     return Branch(vary, orbits, tuple(special), missed, End(sentence=str(content["ended"]), **end))
+
+
+def _sizes(orbit: Orbit, vary: str) -> tuple[float, ...]:
+    """By which it is told whether a special point is one of the orbits."""
+    return orbit.problem.value(vary), orbit.period, orbit.amplitude
 
 
 def _behind(orbits: tuple[Orbit, ...], special: Orbit, vary: str) -> int | None:

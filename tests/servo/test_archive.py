@@ -94,6 +94,7 @@ def test_branch(tmp_path):
     assert (loaded.end.kind, loaded.end.value, np.isnan(loaded.end.error)) == ("range", 0.1, True)
     for a, b in zip(loaded.orbits, branch.orbits, strict=True):
         assert_same(a, b)
+    assert [kind for _, kind in loaded.along()] == [kind for _, kind in branch.along()] == ["of my own", "fold"]
     for x, y in zip(loaded.special, branch.special, strict=True):
         assert (x.kind, x.meaning) == (y.kind, y.meaning)
         assert_same(x.orbit, y.orbit)
