@@ -224,7 +224,8 @@ class _Branches:
             with held():
                 if not so_far:
                     self.make_room()
-                branch.to_csv(files[".csv"])
+                if not so_far or len(branch.orbits) > len(so_far[-1].orbits) or branch.lopsided:
+                    branch.to_csv(files[".csv"])
                 so_far.append(branch)
                 for how, line in _news(branch, so_far[-2:-1], model, self.stream):
                     how(self.stream, line)
@@ -237,8 +238,7 @@ class _Branches:
             report(branch)
             if model:
                 branch = with_lopsided(branch, options=task.options, progress=self.lopsided)
-            branch.to_csv(files[".csv"])
-            so_far.append(branch)
+                report(branch)
             return branch
         finally:
             if so_far:
