@@ -26,9 +26,10 @@ from .lazy import lazily
 
 if TYPE_CHECKING:
     from .axis_units import Units
+    from .continuation.branch import Branch
     from .continuation.special_points import Missed, SpecialPoint
     from .continuation.walk import walk, walk_naturally
-    from .design.diagram import diagram, diagram_points
+    from .design.diagram import diagram
     from .design.ensemble import FoldEnsemble, fold_ensemble, orbit_ensemble
     from .design.fold_curve import FoldCurve, fold_curve
     from .design.fold_map import FoldMap, fold_map
@@ -48,11 +49,11 @@ if TYPE_CHECKING:
     from .design.uncertainty.worst_corner import WorstCase, worst_corner
     from .errors import InputError, NoOrbit, Status
     from .orbits.adapt import Options
+    from .orbits.archive import save_orbit
     from .orbits.ensemble import OrbitEnsemble
     from .orbits.floquet import Multipliers
     from .orbits.orbit import Arc
     from .servo.basin import Basin, basin
-    from .servo.branch import Branch, load_branch, load_orbit, save_branch, save_orbit
     from .servo.controller import Controller, Pid
     from .servo.denial import no_cycle
     from .servo.drive import Drive
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.check import AsBuilt, Cause, as_built, cause_of
     from .servo.sampled.motion import SampledMotion, simulate_sampled
+    from .servo.saved import load_branch, load_orbit, save_branch
     from .servo.servo import Servo, load, load_drive
     from .servo.simulate import simulate
     from .servo.trajectory import Trajectory
@@ -81,7 +83,7 @@ __all__ = [
     "LinearLoop", "Margins", "Measurement", "Missed", "Move", "Multipliers", "NoOrbit", "Options", "Orbit",
     "OrbitEnsemble", "Outcome", "Pid", "Record", "SampledMotion", "Samples", "Sensitivities", "Servo", "SpecialPoint",
     "Status", "Summary", "Trajectory", "Tuning", "Uncertainty", "Units", "WorstCase", "as_built", "basin", "cause_of",
-    "compare_uncertainty", "diagram", "diagram_points", "equilibria", "explore", "find_fold", "find_orbit",
+    "compare_uncertainty", "diagram", "equilibria", "explore", "find_fold", "find_orbit",
     "fixed_points", "fold_curve", "fold_ensemble", "fold_map", "fold_sensitivities", "identify", "linear_loop",
     "load", "load_branch", "load_drive", "load_orbit", "load_uncertainty", "margins", "measure", "no_cycle",
     "orbit_ensemble", "remedies", "sample_fold_gains", "save_branch", "save_orbit", "simulate", "simulate_sampled",
@@ -89,6 +91,7 @@ __all__ = [
 ]  # fmt: skip
 _public = lazily(__name__)
 _FORMER_NAMES = {
+    "diagram_points": "diagram(servo, model, report=function)",
     "sampled_margins": "margins(servo, gain, drive=drive)", "Verdict": "Outcome", "SampledVerdict": "Outcome",
 }  # fmt: skip
 """Public names of earlier versions, and what is written today."""

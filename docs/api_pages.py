@@ -43,7 +43,7 @@ TOPICS = (
     }),
     Topic("border", "Where does it end?",
           "The fold, all cycles against the gain, and the border in two parameters.", {
-        "casahunt": "find_fold Fold diagram diagram_points Branch walk walk_naturally with_lopsided SpecialPoint "
+        "casahunt": "find_fold Fold diagram Branch walk walk_naturally with_lopsided SpecialPoint "
         "Missed fold_curve FoldCurve fold_map FoldMap save_branch load_branch",
     }),
     Topic("certainty", "How sure is that?",

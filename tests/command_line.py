@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from casahunt import cli
-from casahunt.design.diagram import CSV_COLUMNS
+from casahunt.continuation.branch import COLUMNS
 
 ROOT = Path(__file__).parents[1]
 
@@ -52,7 +52,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
     text = path.read_bytes().decode("ascii")
     assert text.endswith("\n")
     header, *rows = csv.reader(text.splitlines())
-    assert tuple(header) == CSV_COLUMNS
+    assert tuple(header) == ("gain", "amplitude_rad", "period_s", *COLUMNS)
     assert all(len(row) == len(header) for row in rows)
     return [dict(zip(header, row, strict=True)) for row in rows]
 

@@ -43,7 +43,6 @@ MADE: dict[str, Any] = {
     "orbit": lambda: casahunt.find_orbit(SERVO, SWITCH, 0.1),
     "fold": lambda: casahunt.find_fold(SERVO, SWITCH),
     "branch": lambda: casahunt.diagram(SERVO, SWITCH, start=0.6),
-    "point": lambda: next(casahunt.diagram_points(SERVO, SWITCH, start=0.6)),
     "special": lambda: made("branch").special[-1],
     "multipliers": lambda: made("orbit").multipliers,
     "trajectory": lambda: casahunt.simulate(SERVO, SWITCH, 0.04, time=20.0),
@@ -85,7 +84,7 @@ MADE: dict[str, Any] = {
 }  # fmt: skip
 TABLES = {
     "orbit": ("time_s", lambda r: r.sample()[0]),
-    "branch": ("gain", lambda r: r.gains),
+    "branch": ("gain", lambda r: [orbit.gain for orbit, _ in r.along()]),
     "trajectory": ("position_rad", lambda r: r.set_point + r.dense()[1][0]),
     "bristles": ("bristle_rad", lambda r: r.dense()[1][3]),
     "fixed points": ("stick_position_rad", lambda r: [point.amplitude for point in r.fixed]),
@@ -102,7 +101,7 @@ TABLES = {
     "measurement": ("amplitude_rad", lambda r: r.amplitudes),
     "motion": ("x", lambda r: r.sample()[1][0]),
     "system orbit": ("v", lambda r: r.sample()[1][1]),
-    "system branch": ("period", lambda r: r.periods),
+    "system branch": ("period", lambda r: [orbit.period for orbit, _ in r.along()]),
     "curve": ("slope", lambda r: r.slopes),
     "twice": ("t", lambda r: r.sample()[0]),
     "balls": ("multiplier_real", lambda r: r.multipliers.real),
@@ -351,8 +350,8 @@ def test_a_table_is_drawn():
     ax = Figure().subplots()
     assert made("branch").plot(ax=ax, color="k") is ax
     x, y = ax.get_lines()[0].get_data()
-    np.testing.assert_array_equal(x, made("branch").gains)
-    np.testing.assert_array_equal(y, made("branch").amplitudes)
+    np.testing.assert_array_equal(x, [orbit.gain for orbit, _ in made("branch").along()])
+    np.testing.assert_array_equal(y, [orbit.amplitude for orbit, _ in made("branch").along()])
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("gain", "amplitude_rad")
     made("trajectory").plot("time_s", "torque_Nm", ax=ax)
     np.testing.assert_array_equal(ax.get_lines()[1].get_xdata(), made("trajectory").dense()[0])

@@ -1,27 +1,44 @@
-"""A branch of cycles in one parameter: orbits in order, special points, and why it ends; on its way and handed out.
-"""
+"""A branch of cycles in one parameter: orbits in order, special points, and why it ends; on its way and handed out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Generic
 
 import numpy as np
 
-from ..export import Columns
+from ..checks import of_kind
+from ..export import Columns, columns_from
 from ..orbits.adapt import Options
-from ..orbits.orbit import AnyOrbit
+from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
 from .crossings import Crossings, Passed
 from .curve import parameter_value
-from .special_points import Missed, Monitor, SpecialPoint
+from .special_points import FOLD, Missed, Monitor, SpecialPoint
 from .terminations import End
 
 Array = np.ndarray
 
 MOST_SAID = 8
 """Special points that the text of a branch names."""
+COLUMNS = (
+    "half_multiplier",
+    "log10_abs_half_multiplier",
+    "stable",
+    "trivial_multiplier_error",
+    "error_estimate",
+    "status",
+    "unknowns",
+    "iterations",
+    "special",
+    "lopsided",
+)
+"""Columns of the table of a branch behind the parameter, the amplitude and the period."""
+NOT_ENDED = End("", "")
+INTERRUPTED = End("interrupted", "interrupted")
+"""Of a branch on its way, and of one that was not computed to its end."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,6 +52,11 @@ class Branch(Result, Generic[AnyOrbit]):
     special : the special points that were located, in the same order.
     missed : those that the branch has, but that were not located.
     end : why the branch ends where it does.
+    lopsided : of a branch of symmetric cycles, those of lopsided ones that branch off from it: of each pair one, the
+        other one is its mirror image.
+
+    What its cycles are named after (`Problem.labels`) is an attribute too, and so are the values by the plural of the
+    parameter's name.
 
     Examples
     --------
@@ -47,14 +69,27 @@ class Branch(Result, Generic[AnyOrbit]):
     ('0.0130', 'a reached 0.013, the end of the range')
     """
 
-    _quantities = ("vary", "number_of_points = orbits.size", "ended")
-    _details = ("special", "missed", "end")
+    _quantities = ("vary", "points = orbits.size", "ended")
+    _details = ("missed", "end", "lopsided")
 
     vary: str
     orbits: tuple[AnyOrbit, ...]
-    special: tuple[SpecialPoint[AnyOrbit], ...]
-    missed: tuple[Missed, ...]
-    end: End
+    special: tuple[SpecialPoint[AnyOrbit], ...] = ()
+    missed: tuple[Missed, ...] = ()
+    end: End = NOT_ENDED
+    lopsided: tuple[Branch[AnyOrbit], ...] = ()
+
+    def __post_init__(self) -> None:
+        of_kind("orbits", self.orbits, tuple, 'of cycles: Branch("a", orbits, special, missed, end)')
+
+    def __getattr__(self, name: str) -> Any:
+        orbits = self.__dict__.get("orbits", ())
+        labels = orbits[0].problem.labels() if orbits else {}
+        if orbits and name == f"{self.vary}s":
+            return self.values
+        if name not in labels:
+            raise AttributeError(f"a branch has no attribute {name!r}")
+        return labels[name]
 
     @property
     def ended(self) -> str:
@@ -67,6 +102,11 @@ class Branch(Result, Generic[AnyOrbit]):
         return np.array([orbit.problem.value(self.vary) for orbit in self.orbits])
 
     @property
+    def range(self) -> tuple[float, ...]:
+        """The smallest and the largest value of the parameter; empty without orbits."""
+        return (float(self.values.min()), float(self.values.max())) if self.orbits else ()
+
+    @property
     def periods(self) -> Array:
         """(m,) periods."""
         return np.array([orbit.period for orbit in self.orbits])
@@ -75,6 +115,11 @@ class Branch(Result, Generic[AnyOrbit]):
     def amplitudes(self) -> Array:
         """(m,) amplitudes: of the first state that is no angle, or of what the cycles measure."""
         return np.array([orbit.amplitude for orbit in self.orbits])
+
+    @property
+    def half_multipliers(self) -> Array:
+        """(m,) leading half multipliers mu; computed now where nobody has read them before."""
+        return np.array([orbit.half_multiplier for orbit in self.orbits])
 
     @property
     def stable(self) -> Array:
@@ -86,17 +131,55 @@ class Branch(Result, Generic[AnyOrbit]):
         more = [f"and {len(met) - MOST_SAID} more"] if len(met) > MOST_SAID else []
         return "\n".join([f"{len(self.orbits)} cycles along {self.vary}; {self.ended}", *met[:MOST_SAID], *more])
 
+    def along(self) -> Iterator[tuple[AnyOrbit, str]]:
+        """Orbits and special points in their order along the branch, each with the kind of special point, or ""."""
+        kinds, inside = {id(s.orbit): s.kind for s in self.special}, set(map(id, self.orbits))
+        apart = [special for special in self.special if id(special.orbit) not in inside]
+        for orbit in self.orbits:
+            yield orbit, kinds.get(id(orbit), "")
+            yield from ((special.orbit, special.kind) for special in apart if special.behind is orbit)
+        yield from ((special.orbit, special.kind) for special in apart if id(special.behind) not in inside)
+
     def _columns(self) -> Columns:
-        here = {id(special.orbit): special.kind for special in self.special}
-        return {
-            self.vary: self.values,
-            "period": self.periods,
-            "amplitude": [orbit.amplitude for orbit in self.orbits],
-            "error_estimate": [orbit.error_estimate for orbit in self.orbits],
-            "stable": [orbit.stable for orbit in self.orbits],
-            "status": [orbit.status for orbit in self.orbits],
-            "special": [here.get(id(orbit), "") for orbit in self.orbits],
-        }
+        sizes = (self.orbits[0] if self.orbits else Orbit)._size_columns
+        rows = [self._row(orbit, kind) for orbit, kind in self.along()]
+        for number, pair in enumerate(self.lopsided, 1):
+            rows += [self._row(orbit, kind, number) for orbit, kind in pair.along()]
+        return columns_from((self.vary, *sizes, *COLUMNS), rows)
+
+    def _row(self, orbit: AnyOrbit, kind: str, pair: int = 0) -> tuple[Any, ...]:
+        """One row of the table: of a special point by its kind, of a lopsided pair by its number.
+
+        A symmetric cycle that a pair meets is told as lopsided too.
+        """
+        multipliers = orbit.multipliers
+        trusted, symmetric = multipliers.trusted, orbit.half or not pair
+        return (
+            orbit.problem.value(self.vary),
+            orbit.amplitude,
+            orbit.period,
+            orbit.half_multiplier if trusted and symmetric else math.nan,
+            multipliers.log10_leading if trusted and symmetric and not multipliers.leading_floor else math.nan,
+            orbit.stable if trusted and kind != FOLD.kind else "",  # at a fold it is neither
+            multipliers.trivial_error,
+            orbit.error_estimate,
+            orbit.status.name.lower(),
+            orbit.unknowns,
+            orbit.iterations,
+            kind,
+            pair,
+        )
+
+    def _more(self) -> dict[str, Any]:
+        special = [
+            {
+                **s.to_dict(table=False), self.vary: s.orbit.problem.value(self.vary),
+                "amplitude": s.orbit.amplitude, "period": s.orbit.period,
+            }
+            for s in self.special
+        ]  # fmt: skip
+        labels = self.orbits[0].problem.labels() if self.orbits else {}
+        return {**labels, f"{self.vary}_range": self.range, "special": special}
 
 
 @dataclass
@@ -110,7 +193,11 @@ class Run(Generic[AnyOrbit]):
     options: Options
     max_points: int
     progress: Callable[[AnyOrbit], None] | None
+    report: Callable[[Branch[AnyOrbit]], None] | None
+    recut: bool
+    natural: bool
     how: dict[str, Any]
+    told: AnyOrbit | None = None
 
     @property
     def last(self) -> AnyOrbit:
@@ -142,6 +229,10 @@ class Run(Generic[AnyOrbit]):
         for orbit in orbits:
             if self.progress is not None:
                 self.progress(orbit)
+        if self.report is not None and passed is not None and self.line.known is not self.told:
+            orbits, self.told = self.branch.orbits, self.line.known
+            behind = next((k for k in range(len(orbits)) if orbits[-1 - k] is self.told), 0)
+            self.report(replace(self.branch, orbits=orbits[: len(orbits) - behind], end=INTERRUPTED))
 
     def replaced(self, orbit: AnyOrbit) -> None:
         """The last orbit is another picture of itself, in other coordinates."""

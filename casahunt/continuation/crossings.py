@@ -155,6 +155,11 @@ class Crossings(Generic[AnyOrbit]):
         self._line.append(Station(after, there, self._line[-1].at + length))
 
     @property
+    def known(self) -> AnyOrbit:
+        """The last orbit before which all is known."""
+        return self._line[self._looked].orbit if self._line else self._start
+
+    @property
     def point(self) -> CurvePoint | None:
         """The curve at the last orbit, oriented along the walk; None where nothing lies before that."""
         return self._line[-1].point if self._line else None
@@ -213,7 +218,7 @@ class Crossings(Generic[AnyOrbit]):
             if not any(map(any, passed[i:j])) and self._steps.opposite(line, stations[i], stations[j]):
                 missed.append(self._not_located("change of stability", stations[i], stations[j], OPPOSITE))
         special = in_order(special, before.orbit, after.orbit, self._vary, self._monitors, self._options.tol)
-        return Passed(tuple(special), tuple(missed))
+        return Passed(tuple(replace(one, behind=before.orbit) for one in special), tuple(missed))
 
     def _passed(self, x: Station[AnyOrbit], y: Station[AnyOrbit], halvings: int) -> Passed[AnyOrbit]:
         """What lies between two stations; in halves, where that does not explain how multipliers have moved."""

@@ -46,11 +46,12 @@ from .poincare_section import (
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
 from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges, through_rest
 from .vanishing import first_shrinks, from_strongest, vanishing_soon
-from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk
+from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk, walk_naturally
 
 Array = np.ndarray
 
-NOT_ENDED = End("", "")
+NATURAL = ("low", "high", "first_step", "largest_step")
+"""What natural steps take of how a branch is walked along."""
 NEXT_TO_MANY = 1e-3
 """How far at most a multiplier is from 1, and in its unit the parameter from a bound, where a cycle is one of many."""
 
@@ -82,6 +83,9 @@ def follow(
     max_points: int = 500,
     time_limit: float = math.inf,
     progress: Callable[[AnyOrbit], None] | None = None,
+    report: Callable[[Branch[AnyOrbit]], None] | None = None,
+    recut: bool = True,
+    natural: bool = False,
 ) -> Branch[AnyOrbit]:
     """Follow a cycle in a parameter, round folds.
 
@@ -115,6 +119,12 @@ def follow(
         number of orbits, and seconds, after which it ends with what it has.
     progress
         called with every orbit as it is found.
+    report
+        called with the branch so far, special points included, each time that more of it is known.
+    recut
+        whether its cycles may begin at another of their events, which is crossed faster, than `orbit` does.
+    natural
+        steps in the parameter, which end at a fold, in place of pseudo-arclength.
 
     Returns
     -------
@@ -146,16 +156,18 @@ def follow(
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
     orbit = replace(orbit, problem=orbit.problem.over(span))
-    if not cut_by_planes(orbit) and badly_cut(orbit) and (cut := cut_elsewhere(orbit, options)) is not None:
+    recut = recut and not cut_by_planes(orbit)
+    if recut and badly_cut(orbit) and (cut := cut_elsewhere(orbit, options)) is not None:
         orbit, previous = cut, None
-    elif not cut_by_planes(orbit):
+    elif recut:
         orbit, previous = from_strongest(orbit, previous, options)
     line = Crossings(orbit, vary=vary, monitors=looked_for, options=options, at_kinks=monitors is not None)
     steps = {"first_step": first_step, "smallest_step": smallest_step, "largest_step": largest_step}
     how = {"low": min(to, back), "high": max(to, back), "largest_change": largest_change} | steps
-    begun = Branch(vary, (orbit,), (), (), NOT_ENDED)
-    run = Run(begun, line, looked_for, until, options, max_points, progress, how)
+    begun = Branch(vary, (orbit,))
+    run = Run(begun, line, looked_for, until, options, max_points, progress, report, recut, natural, how)
     try:
+        run.add(passed=Passed())
         with effort.until(time_limit):
             end = _followed(run, float(np.sign(to - here)), previous)
             run.add(passed=line.rest())
@@ -172,9 +184,11 @@ def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> En
     """The branch from its last orbit on to its end."""
     way: _Departure[AnyOrbit] = _Departure(sense, previous)
     while True:
-        steps = walk(
-            run.last, vary=run.branch.vary, sense=way.sense, previous=way.previous, heading=way.heading,
-            options=run.options, max_points=run.max_points - len(run.branch.orbits), **run.how,
+        along: dict[str, Any] = {"previous": way.previous, "heading": way.heading, **run.how}
+        steps = (walk_naturally if run.natural else walk)(
+            run.last, vary=run.branch.vary, sense=way.sense, options=run.options,
+            max_points=run.max_points - len(run.branch.orbits),
+            **{name: along[name] for name in NATURAL} if run.natural else along,
         )  # fmt: skip
         length = len(run.branch.orbits)
         outcome = _walked(run, steps, way.watched)
@@ -306,9 +320,9 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
             if watched and section_outgrown(after):
                 return _Pause.LEFT_BEHIND
             continue
-        if badly_cut(after) and not badly_cut(before):
+        if run.recut and badly_cut(after) and not badly_cut(before):
             return _Pause.CUT_SHRINKS
-        if first_shrinks(before, after):
+        if run.recut and first_shrinks(before, after):
             return _Pause.FIRST_SHRINKS
         if (gone := _phase_gone(run, before, after)) is not None:
             return gone

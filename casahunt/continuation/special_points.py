@@ -44,6 +44,7 @@ class SpecialPoint(Result, Generic[AnyOrbit]):
     vary : name of the parameter of the branch; "" for the one that the problem follows of itself.
     error : estimated absolute error of the value; NaN where none is known.
     multiplicity : how many multipliers, or complex pairs of them, pass the unit circle there.
+    behind : the orbit of the branch behind which it lies; None where `orbit` is one of the branch, or not known.
 
     Examples
     --------
@@ -66,6 +67,7 @@ class SpecialPoint(Result, Generic[AnyOrbit]):
     vary: str = ""
     error: float = math.nan
     multiplicity: int = 1
+    behind: AnyOrbit | None = None
 
     @property
     def value(self) -> float:

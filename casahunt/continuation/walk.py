@@ -371,12 +371,12 @@ def walk_naturally(
         here = parameter_value(last, vary)
         point = curve_point(last, vary, sense=sense)
         if abs(point.row[-1]) < 1e-4:
-            return f"the branch ends at {vary} = {here:.8g}: a fold, where two cycles meet and are gone"
+            return Complaint(f"the branch ends at {vary} = {here:.8g}: a fold, where two cycles meet and are gone")
         steepness = float(point.row[-1]) ** 2
         if before is not None and steepness < before[1]:
             ahead = steepness * abs(here - before[0]) / (before[1] - steepness) / abs(last.problem.unit(vary))
             if ahead < NATURAL_SMALLEST_STEP:
-                return (
+                return Complaint(
                     f"the branch ends at {vary} = {here:.8g}: its tangent shows a fold within a relative step of "
                     f"{ahead:.1g} (half multiplier {last.half_multiplier:.3g}; +1 is a fold)"
                 )
@@ -389,16 +389,16 @@ def walk_naturally(
                 break
             step *= 0.4
             if step < NATURAL_SMALLEST_STEP:
-                return (
+                return Complaint(
                     f"the branch ends at {vary} = {here:.8g}: no cycle follows within a relative step of {step:.1g} "
                     f"(half multiplier {last.half_multiplier:.3g}; +1 is a fold): {orbit}"
                 )
         yield orbit
         last = orbit
         if value in (low, high):
-            return f"{vary} reached {value:.6g}, the end of the range"
+            return _reached(orbit, vary)
         step = min(step * float(np.clip(EASY_ITERATIONS / max(orbit.iterations, 1), 0.5, 2.0)), largest_step)
-    return f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}"
+    return Stopped(f"stopped after {max_points} points at {vary} = {parameter_value(last, vary):.6g}", "points")
 
 
 def _natural_step(point: CurvePoint, last: AnyOrbit, vary: str, value: float, options: Options) -> AnyOrbit | str:

@@ -5,47 +5,39 @@ for, it begins at the report's lower bound, the Routh-Hurwitz gain without frict
 rounded up (0.0321 for its Table 1); where the servo has no stable cycle there, at the first gain that has one, in
 factors of two from there up, or from a twentieth of the fold gain where that lies below.
 
-`diagram` gives it as a Branch; `diagram_points` is a generator, so that points can be written down as they become
-known, some at once, since their multipliers are computed side by side.
-
-A diagram on the disk: MODEL.npz and MODEL.csv, whole after every point.
-
-The npz file holds the orbits and how they were computed; the CSV file is the table of the same points and is made from
-it, never read.
+Of a loop of parts in any of its parameters, from the value that it has, up to another one or far up, or round a fold
+and back.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
-from io import StringIO
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, overload
 
-from ..axis_units import in_its_units, shown
+from ..axis_units import in_its_units
+from ..checks import to_and_back
 from ..continuation import (
     FOLD,
     SUPERSTABLE,
     SYMMETRY_BREAKING,
-    Missed,
+    Branch,
+    End,
     Monitor,
-    SpecialPoint,
+    follow,
     next_fold,
-    special_points_between,
 )
-from ..continuation.walk import walk, walk_naturally
-from ..errors import NoOrbit, Status
-from ..export import table
-from ..files import together, whole_text
-from ..orbits import Archive, Options, with_multipliers
-from ..results import Result
-from ..servo.branch import CSV_COLUMNS, Branch, csv_row, pair_rows, save_branch
+from ..errors import InputError, NoOrbit, Status
+from ..orbits import Options, Orbit
 from ..servo.find_fold import HIGHEST, find_fold
 from ..servo.find_orbit import find_orbit
 from ..servo.friction import MODELS, Model
 from ..servo.gains import typical_gain
+from ..servo.parts.loop import Loop
+from ..servo.parts.plain_loop import loop_asked
+from ..servo.parts.verbs import FAR_UP, check_present, loop_cycle
 from ..servo.problem import HuntingOrbit
 from ..servo.servo import Servo, a_servo
 
@@ -54,34 +46,9 @@ FIGURES = 3
 DEEPEST = 20.0
 """Fold gain over the gain to start from, where the linear loop gives none: as for Table 1."""
 STANDARD = (FOLD, SYMMETRY_BREAKING, SUPERSTABLE)
-"""Special points that are located where none are named."""
+"""Special points that are located where none are named, of a servo."""
 DRAWING_STEP = 0.15
-"""Largest arclength between points: the solver could take three times as much, the eye could not."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class DiagramPoint(Result):
-    """An orbit of a diagram with the special points between the one before and this one; it may be one itself.
-
-    `missed` are those that were not located; `ahead`: the next point is computed too, up to its special points.
-    """
-
-    _quantities = (
-        "model = orbit.model", "gain = orbit.gain [V/rad] ~ orbit.parameter_error",
-        "amplitude = orbit.amplitude [rad] ~ orbit.amplitude_error", "period = orbit.period [s] ~ orbit.period_error",
-        "is_special",
-    )  # fmt: skip
-    _details = ("orbit", "special", "missed")
-
-    orbit: HuntingOrbit
-    special: tuple[SpecialPoint[HuntingOrbit], ...]
-    missed: tuple[Missed, ...] = ()
-    ahead: bool = False
-
-    @property
-    def is_special(self) -> bool:
-        """Whether the orbit is one of the special points."""
-        return any(special.orbit is self.orbit for special in self.special)
+"""Largest arclength between points, of a servo: the solver could take three times as much, the eye could not."""
 
 
 def starting_gain(servo: Servo, model: Model, options: Options | None = None) -> float:
@@ -116,37 +83,52 @@ def _rounded_up(gain: float) -> float:
 
 @overload
 def diagram(
-    servo: Servo, model: Model, *, start: float | None = None, options: Options | None = None,
-    monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
-) -> Branch: ...  # fmt: skip
+    servo: Servo, model: Model, *, start: float | None = ..., to: float | None = ..., options: Options | None = ...,
+    monitors: tuple[Monitor, ...] | None = ..., largest_step: float | None = ..., natural: bool = ...,
+    report: Callable[[Branch[Any]], None] | None = ...,
+) -> Branch[HuntingOrbit]: ...  # fmt: skip
 @overload
 def diagram(
-    servo: Servo, model: tuple[Model, ...] = MODELS, *, start: float | None = None, options: Options | None = None,
-    monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
-) -> tuple[Branch, ...]: ...  # fmt: skip
+    servo: Servo, model: tuple[Model, ...] | None = ..., *, start: float | None = ..., to: float | None = ...,
+    options: Options | None = ..., monitors: tuple[Monitor, ...] | None = ..., largest_step: float | None = ...,
+    natural: bool = ..., report: Callable[[Branch[Any]], None] | None = ...,
+) -> tuple[Branch[HuntingOrbit], ...]: ...  # fmt: skip
+@overload
+def diagram(
+    servo: Loop, model: None = ..., *, vary: str = ..., start: float | None = ..., to: float | None = ...,
+    options: Options | None = ..., monitors: tuple[Monitor, ...] | None = ..., largest_step: float | None = ...,
+    natural: bool = ..., report: Callable[[Branch[Any]], None] | None = ...,
+) -> Branch[Any]: ...  # fmt: skip
 @in_its_units
 def diagram(
-    servo: Servo, model: Model | tuple[Model, ...] = MODELS, *, start: float | None = None,
-    options: Options | None = None, monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP,
-    natural: bool = False,
-) -> Branch | tuple[Branch, ...]:  # fmt: skip
+    servo: Servo | Loop, model: Model | tuple[Model, ...] | None = None, *, vary: str = "gain",
+    start: float | None = None, to: float | None = None, options: Options | None = None,
+    monitors: tuple[Monitor, ...] | None = None, largest_step: float | None = None, natural: bool = False,
+    report: Callable[[Branch[Any]], None] | None = None,
+) -> Any:  # fmt: skip
     """The bifurcation diagram of a servo: hunting cycles from a gain round the fold and back.
 
     Parameters
     ----------
     servo
-        the servo.
+        the servo, or a loop of parts.
     model
-        its friction model, "switch" or "lugre", or several of them; default: both.
+        its friction model, "switch" or "lugre", or several of them; default: both; of a loop None.
+    vary
+        of a loop: the parameter; of a servo the gain.
     start
         gain [V/rad] at which the stable branch is entered and the unstable one is left; default: `starting_gain` of
-        each model, 0.0321 for Table 1.
+        each model, 0.0321 for Table 1; of a loop a value of the parameter, default its own.
+    to
+        value at which the branch ends on the other side; default: far up.
     options, monitors
         tolerance and method of the orbits; special points to be located.
     largest_step
         of the walk, in arclength; of natural continuation, in relative change of the gain.
     natural
         natural continuation in the gain: the stable branch, up to the fold.
+    report
+        called with each branch so far, as it grows.
 
     Returns
     -------
@@ -164,170 +146,53 @@ def diagram(
     'gain reached 0.6, the end of the range'
     >>> bool(branch.amplitudes[-1] < branch.amplitudes[0])  # the unstable cycle is the smaller one
     True
-    >>> [f"{branch.gains.max():.2f}" for branch in diagram(Servo(), start=0.6)]  # of both models
+    >>> [f"{branch.values.max():.2f}" for branch in diagram(Servo(), start=0.6)]  # of both models
     ['0.65', '0.62']
     """
-    how: dict[str, Any] = {"start": start, "options": options, "monitors": monitors, "largest_step": largest_step,
-                           "natural": natural}  # fmt: skip
-    models = (model,) if isinstance(model, str) else model
-    branches = tuple(_whole(servo, each, diagram_points(servo, each, **how)) for each in models)
-    return branches[0] if isinstance(model, str) else branches
+    if not isinstance(servo, Loop) and not isinstance(model, str):
+        how: dict[str, Any] = {"vary": vary, "start": start, "to": to, "options": options, "monitors": monitors,
+                               "largest_step": largest_step, "natural": natural, "report": report}  # fmt: skip
+        return tuple(diagram(servo, each, **how) for each in model or MODELS)
+    own: dict[str, Any] = {}
+    if not isinstance(servo, Loop):
+        options = options or Options()
+        own = {"monitors": STANDARD, "largest_step": DRAWING_STEP, "recut": False}
+    asked = {"monitors": monitors, "largest_step": largest_step}
+    own |= {name: value for name, value in asked.items() if value is not None}
+    first, to = _first(servo, model, vary, start, to, options)
+    branch: Branch[Any] = follow(first, vary, to=to, options=options, natural=natural, report=report, **own)
+    return _with_the_fold_behind(branch, options) if natural else branch
 
 
-def _whole(servo: Servo, model: Model, points: Generator[DiagramPoint, None, str]) -> Branch:
-    """A diagram that is run to its end."""
-    ended = ""
+def _first(
+    servo: Servo | Loop, model: Any, vary: str, start: float | None, to: float | None, options: Options | None
+) -> tuple[Orbit, float]:
+    """The cycle that a diagram begins with, and the value at which it ends.
 
-    def run() -> Iterator[DiagramPoint]:
-        nonlocal ended
-        ended = yield from points
-
-    return branch_of(servo, model, list(run()), ended)
-
-
-def diagram_points(
-    servo: Servo, model: Model, *, start: float | None = None, options: Options | None = None,
-    monitors: tuple[Monitor, ...] = STANDARD, largest_step: float = DRAWING_STEP, natural: bool = False,
-) -> Generator[DiagramPoint, None, str]:  # fmt: skip
-    """The points of a diagram one by one, in order along the branch, each as soon as it is known.
-
-    Parameters
-    ----------
-    servo, model
-        the problem.
-    start
-        gain [V/rad] at which the stable branch is entered and the unstable one is left; default: `starting_gain`,
-        0.0321 for Table 1.
-    options, monitors
-        tolerance and method of the orbits; special points to be located.
-    largest_step
-        of the walk, in arclength; of natural continuation, in relative change of the gain.
-    natural
-        natural continuation in the gain: the stable branch, up to the fold.
-
-    Yields
-    ------
-    DiagramPoint; the generator returns the sentence that says why the branch ends.
-
-    Raises
-    ------
-    InputError, NoOrbit : as `find_orbit` at the gain `start`, or as `starting_gain` without one.
-
-    Examples
-    --------
-    >>> from casahunt import Servo, diagram_points
-    >>> points = diagram_points(Servo(), "switch", start=0.6)
-    >>> next(points).orbit.gain
-    0.6
+    Raises InputError: a parameter of a servo that is not its gain, or a way that leads nowhere; NoOrbit.
     """
-    options = options or Options()
-    if start is None:
-        start = starting_gain(servo, model, options)
-    before, previous = find_orbit(servo, model, start, options=options), None
-    yield DiagramPoint(before, ())
-    bounds: dict[str, Any] = {"low": start, "high": start * HIGHEST, "options": options, "largest_step": largest_step}
-    steps = walk_naturally(before, **bounds) if natural else walk(before, **bounds)
-    batches = with_multipliers(steps, ahead=any(monitor.by_multipliers for monitor in monitors))
-    while True:
-        try:
-            after, ahead = next(batches)
-        except StopIteration as end:
-            ended = str(end.value)
-            break
-        found, missed = special_points_between(
-            before, after, earlier=previous, vary="gain", monitors=monitors, options=options, inside=True
-        )
-        yield DiagramPoint(after, tuple(found), tuple(missed), ahead)
-        previous, before = before, after
-    return (yield from _fold_behind(before, ended, options)) if natural else ended
+    if not isinstance(servo, Loop):
+        if vary != "gain":
+            raise InputError(f"vary = {vary}: must be gain of a servo; casahunt.servo.parts.loop_of makes a loop of it")
+        gain = starting_gain(servo, model, options) if start is None else start
+        return find_orbit(servo, model, gain, options=options), gain * HIGHEST if to is None else to
+    loop = loop_asked(servo, model, None).replace(**({} if start is None else {vary: start}))
+    check_present(loop, vary)
+    here = loop.value(vary)
+    if to is None and here <= 0:
+        raise InputError(f"to: must be given, {vary} = {here:g} at the start cannot be multiplied")
+    to, _ = to_and_back(vary, here, FAR_UP * here if to is None else to, None)
+    return loop_cycle(loop, vary, options=options), to
 
 
-def _fold_behind(before: HuntingOrbit, ended: str, options: Options) -> Generator[DiagramPoint, None, str]:
-    """The fold at which natural continuation has ended, as the last point of its diagram."""
+def _with_the_fold_behind(branch: Branch[Any], options: Options | None) -> Branch[Any]:
+    """A branch of natural continuation with the fold at which it has ended as its last point."""
+    last, vary = branch.orbits[-1], branch.vary
     try:
-        fold = next_fold(before, "gain", options)
+        fold = next_fold(last, vary, options or Options())
     except NoOrbit as error:
-        return f"{ended}; that this is a fold is not shown: {error}"
-    yield DiagramPoint(fold.orbit, (fold,))
-    return f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at gain {before.gain:.10g}"
-
-
-def branch_of(servo: Servo, model: Model, points: Sequence[DiagramPoint], ended: str) -> Branch:
-    """The branch of the symmetric cycles that points are of."""
-    special = tuple(found for point in points for found in point.special)
-    missed = tuple(gap for point in points for gap in point.missed)
-    return Branch(model, servo, tuple(point.orbit for point in points), ended, special, missed)
-
-
-SIGNS = {".csv": ",".join(("", *CSV_COLUMNS[2:])).encode() + b"\n", ".npz": Archive.SIGN}
-"""What stands in a table and in an archive of a diagram, and in no other file."""
-
-
-@dataclass(frozen=True)
-class DiagramTask:
-    """What is asked for, of every model.
-
-    Attributes
-    ----------
-    servo, start, options, natural : as in `diagram`; a start of None is found for each model.
-    """
-
-    servo: Servo
-    start: float | None
-    options: Options
-    natural: bool
-
-
-@dataclass(frozen=True)
-class Words:
-    """What of a diagram was put into words for its files: with a new point the others are written as they were.
-
-    Attributes
-    ----------
-    orbits, rows : records of orbits, and the lines of points in the table.
-    """
-
-    orbits: dict[Any, Any] = field(default_factory=dict)
-    rows: dict[DiagramPoint, str] = field(default_factory=dict)
-
-    def of(self, point: DiagramPoint) -> str:
-        """The lines of a point."""
-        if point not in self.rows:
-            rows = [csv_row(found.orbit, found.kind) for found in point.special]
-            rows += [] if point.is_special else [csv_row(point.orbit, "")]
-            self.rows[point] = _lines(rows)
-        return self.rows[point]
-
-
-def keep(
-    task: DiagramTask,
-    model: Model,
-    points: Sequence[DiagramPoint],
-    ended: str,
-    out: Path,
-    words: Words | None = None,
-    beside: Branch | None = None,
-) -> Branch:
-    """Write the points so far (npz and csv).
-
-    words: what was written of the same points before, to which that of the new ones is added; beside: the branch with
-    its lopsided pairs, where these are known. Raises InputError, OSError: as `save_branch`.
-    """
-    words = words or Words()
-    branch = beside or branch_of(task.servo, model, points, ended)
-    with together():
-        save_branch(branch, out / f"{model}.npz", said=words.orbits)
-        with whole_text(out / f"{model}.csv") as stream:
-            table(stream, [*shown().columns({name: () for name in CSV_COLUMNS})])
-            stream.writelines(words.of(point) for point in points)
-            for number, pair in enumerate(branch.lopsided, 1):
-                stream.write(_lines(pair_rows(pair, number)))
-    return branch
-
-
-def _lines(rows: Sequence[Sequence[Any]]) -> str:
-    """Rows as the lines of a table."""
-    whole = StringIO(newline="")
-    columns = shown().columns(dict(zip(CSV_COLUMNS, zip(*rows, strict=True), strict=False)))
-    table(whole, [*columns])(zip(*columns.values(), strict=True))
-    return whole.getvalue().partition("\n")[2]  # without the header
+        return replace(branch, end=End("stuck", f"{branch.ended}; that this is a fold is not shown: {error}"))
+    here = last.problem.value(vary)
+    ended = f"natural continuation ends at the {fold.meaning}; the last cycle before it lies at {vary} {here:.10g}"
+    end = End(fold.kind, ended, fold.value, fold.error)
+    return replace(branch, orbits=(*branch.orbits, fold.orbit), special=(*branch.special, fold), end=end)

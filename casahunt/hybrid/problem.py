@@ -145,6 +145,10 @@ class Problem(ABC):
         ValueError : the problem has no such cycle.
         """
 
+    def labels(self) -> dict[str, Any]:
+        """What a result says of whose cycles these are, by name; nothing but the problem's title where it is empty."""
+        return {}
+
     def record(self) -> dict[str, Any]:
         """The problem as JSON can say it, from which whoever knows it can pose it again."""
         return {"problem": self.title, "parameters": dict(zip(self.names, self.vector().tolist(), strict=True))}

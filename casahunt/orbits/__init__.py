@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .closure import Closure
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
-    from .family import Cycles, load_orbit
+    from .family import Cycles, load_orbit, posed
     from .floquet import Multipliers
     from .marched_mesh import orbit_from_motion
     from .orbit import Arc, Orbit
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "StateSensitivity",
-    "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "refined",
+    "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "posed", "refined",
     "state_sensitivity", "with_multipliers", "write_archive",
 ]  # fmt: skip
 __getattr__ = lazily(__name__)

@@ -72,7 +72,6 @@ def _array(archive: zipfile.ZipFile, key: str, dtype: type) -> Array:
     return array
 
 
-
 Array = np.ndarray
 T = TypeVar("T")
 Pose = Callable[[Mapping[str, Any]], Problem]
@@ -84,10 +83,6 @@ SIGN = f'{{"schema": "{SCHEMA}"'.encode()
 """How the metadata begin: near the beginning of the file, which is not packed."""
 
 
-Said = dict[Orbit, tuple[int, str, Array]]
-"""Orbits as they were written before: where their numbers stood, their record as JSON text, their numbers."""
-
-
 class _Writer:
     """Puts content into words, and its arrays one after the other.
 
@@ -95,14 +90,12 @@ class _Writer:
     ----------
     parts, used : the arrays, and how many numbers they are.
     finite : nothing held NaN or infinity.
-    said : orbits that were written before, which are not put into words again.
     """
 
-    def __init__(self, said: Said | None = None) -> None:
+    def __init__(self) -> None:
         self.parts: list[Array] = []
         self.used = 0
         self.finite = True
-        self.said = {} if said is None else said
 
     def put(self, array: Array) -> dict[str, Any]:
         """Takes an array; where it stands, as JSON can say it."""
@@ -118,16 +111,7 @@ class _Writer:
     def text(self, content: Any) -> str:
         """Content as JSON text, in which orbits may stand; `finite` says whether there is one."""
         if isinstance(content, Orbit):
-            at, text, numbers = self.said.get(content, (-1, "", np.zeros(0)))
-            if at == self.used:
-                self.parts.append(numbers)
-                self.used += numbers.size
-                return text
-            at, count = self.used, len(self.parts)
-            text = self._plain(orbit_record(content, self))
-            numbers = np.concatenate(self.parts[count:])
-            self.said[content] = at, text, numbers
-            return text
+            return self._plain(orbit_record(content, self))
         if isinstance(content, Mapping):
             return "{" + ", ".join(f"{json.dumps(name)}: {self.text(value)}" for name, value in content.items()) + "}"
         if isinstance(content, list | tuple):
@@ -140,6 +124,7 @@ class _Writer:
         except ValueError:
             self.finite = False
             return "null"
+
 
 def orbit_record(orbit: Orbit, writer: _Writer) -> dict[str, Any]:
     """One orbit as JSON can say it.
@@ -207,7 +192,7 @@ def save_orbit(orbit: Orbit, path: str | Path) -> None:
     write_archive(path, "orbit", {"orbit": orbit})
 
 
-def write_archive(path: str | Path, kind: str, content: Mapping[str, Any], *, said: Said | None = None) -> None:
+def write_archive(path: str | Path, kind: str, content: Mapping[str, Any]) -> None:
     """Write an archive (npz): orbits, and what belongs to them.
 
     Parameters
@@ -218,8 +203,6 @@ def write_archive(path: str | Path, kind: str, content: Mapping[str, Any], *, sa
         what it holds, in a word: its reader asks for that.
     content
         what JSON can say, by names; orbits may stand in it anywhere.
-    said
-        orbits as a file written before has put them into words; what is new is added.
 
     Raises
     ------
@@ -238,7 +221,7 @@ def write_archive(path: str | Path, kind: str, content: Mapping[str, Any], *, sa
     ...     Archive(Path(folder, "pair.npz"), "pair").metadata["why"]
     'an example'
     """
-    path, writer = Path(path), _Writer(said)
+    path, writer = Path(path), _Writer()
     metadata = {
         "schema": SCHEMA,
         "version": VERSION,

@@ -102,7 +102,6 @@ def _read_as(form: VectorSystem, mode: str) -> tuple[str, ...]:
     return tuple(name for name, other in form.modes.items() if (other.unsplit or name) == whole)
 
 
-
 Array = np.ndarray
 
 
@@ -322,8 +321,28 @@ OTHER_MEASURE, SAME_MEASURE = 10.0, 1e-9
 def posed(system: System, record: Mapping[str, Any], measure: str | Function | None = None) -> Family:
     """The family of a system that a `Family.record` describes.
 
-    record: what `Family.record` gave; measure: what its amplitude is, where that is a function: no record holds one.
-    Raises KeyError, ValueError: it is of another system.
+    Parameters
+    ----------
+    system, record
+        the system, and what `Problem.record` gave.
+    measure
+        what its amplitude is, where that is a function: no record holds one.
+
+    Returns
+    -------
+    The problem.
+
+    Raises
+    ------
+    KeyError, ValueError : it is of another system.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle, posed
+    >>> problem = find_cycle(belt, "slip", x=0.0, v=0.0).problem
+    >>> posed(belt, problem.record()).value("belt")
+    0.2
     """
     if record["problem"] != system.name or list(record["parameters"]) != list(system.parameters):
         raise ValueError(f"it is an orbit of {record['problem']!r}, not of {system.name!r}")

@@ -250,6 +250,9 @@ class Orbit(Result):
             x_all.append(piece[behind:])
         return np.concatenate(t_all), np.concatenate(x_all).T
 
+    _size_columns: ClassVar[tuple[str, str]] = ("amplitude", "period")
+    """What amplitude and period are called in a table."""
+
     @property
     def _state_columns(self) -> tuple[str, ...]:
         """Names of time and states in its table."""

@@ -11,7 +11,7 @@ gains.py          gains of the right size, and stability without dry friction, i
 outcome.py        what becomes of a motion: the words, and the record
 parts/            controllers, frictions, loads and remedies, of which a loop is made
 problem.py        the hunting servo as a problem for the engine; its orbits and folds
-branch.py         a branch of hunting cycles as data
+saved.py          hunting cycles and branches of them in files
 denial.py         what proves that a servo has no cycle
 event_map/        from one stick to the next: guesses, and evidence that no cycle exists
 move.py           the move that a servo makes: a profile of its set point

@@ -16,6 +16,8 @@ from dataclasses import replace
 
 from ..continuation import (
     SYMMETRY_BREAKING,
+    Branch,
+    End,
     Missed,
     SpecialPoint,
     branch_off,
@@ -26,7 +28,6 @@ from ..continuation import (
 from ..continuation.walk import walk
 from ..errors import NoOrbit, Status
 from ..orbits import Options, refined
-from .branch import Branch
 from .find_fold import HIGHEST
 from .problem import HuntingOrbit
 
@@ -39,7 +40,7 @@ SAME_POINT = 1e-5
 def lopsided_branch(
     special: SpecialPoint[HuntingOrbit], low: float, high: float, *, options: Options | None = None,
     progress: Callable[[HuntingOrbit], None] | None = None,
-) -> Branch:  # fmt: skip
+) -> Branch[HuntingOrbit]:  # fmt: skip
     """One of the pair that branches off at a symmetry breaking, followed away from there.
 
     special, low, high: the point, and the range of the gain; progress: called with every cycle. Raises NoOrbit: the
@@ -49,18 +50,16 @@ def lopsided_branch(
     to, back = (low, high) if first.gain < special.value else (high, low)
     if not low < first.gain < high:
         ended = f"the pair leaves the range at gain {special.value:.8g}, where it branches off"
-        return Branch(first.model, first.servo, (first,), ended)
+        return Branch("gain", (first,), end=End("range", ended))
     if progress is not None:
         progress(first)
-    found = follow(
-        first, "gain", to=to, back=back, options=options, monitors=monitors_of(first), progress=progress
-    )
-    return Branch(first.model, first.servo, found.orbits, found.ended, found.special, found.missed)
+    return follow(first, "gain", to=to, back=back, options=options, monitors=monitors_of(first), progress=progress)
 
 
 def with_lopsided(
-    branch: Branch, *, options: Options | None = None, progress: Callable[[HuntingOrbit], None] | None = None
-) -> Branch:
+    branch: Branch[HuntingOrbit], *, options: Options | None = None,
+    progress: Callable[[HuntingOrbit], None] | None = None,
+) -> Branch[HuntingOrbit]:  # fmt: skip
     """A branch of symmetric cycles with the pairs of lopsided ones that branch off from it.
 
     Parameters
@@ -84,9 +83,9 @@ def with_lopsided(
     >>> with_lopsided(branch).lopsided  # this servo's cycle keeps its symmetry
     ()
     """
-    pairs: list[Branch] = []
+    pairs: list[Branch[HuntingOrbit]] = []
     missed: list[Missed] = []
-    low = float(branch.gains.min()) if branch.orbits else 0.0
+    low = min(branch.range, default=0.0)
     for special in branch.special:
         met = [other.value for pair in pairs for other in pair.special if other.kind == special.kind]
         begun = any(math.isclose(special.value, gain, rel_tol=SAME_POINT) for gain in met)

@@ -139,6 +139,8 @@ class HuntingOrbit(Orbit):
         "unknowns", "iterations", "residual", "wall_s [s]",
     )  # fmt: skip
 
+    _size_columns = ("amplitude_rad", "period_s")
+
     problem: Hunting
 
     @property
@@ -274,6 +276,10 @@ class Hunting(Cycles):
     def vector(self) -> Array:
         """(np,) the values of `names`."""
         return self.servo.parameters(self.gain)
+
+    def labels(self) -> dict[str, Any]:
+        """Model and servo."""
+        return {"model": self.model, "servo": self.servo}
 
     def record(self) -> dict[str, Any]:
         """Model, servo and gain; an orbit's record says whether it is half a cycle."""

@@ -112,6 +112,11 @@ class Servo:
         """The numbers of the controller, dotted: its times, or its gains."""
         return tuple(_GAINS if isinstance(self.controller, Pid) else _TIMES)
 
+    @property
+    def tunable_names(self) -> tuple[str, ...]:
+        """The numbers that `tune` may free."""
+        return self.controller_names
+
     def parameters(self, gain: float) -> np.ndarray:
         """The vector p of `names` for this servo at controller gain `gain` > 0."""
         p = self._parameters.copy()

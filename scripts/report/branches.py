@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+from casahunt import Branch
 from casahunt.orbits.orbit import Orbit
-from casahunt.servo.branch import Branch
 from casahunt.servo.friction import Model
 from casahunt.views.pictures.plotting import GAIN_LABEL, LOOKS, NAMES, SMALL, Figure
 

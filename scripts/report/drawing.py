@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from casahunt import Branch
 from casahunt.orbits.orbit import Orbit
-from casahunt.servo.branch import Branch
 from casahunt.views.pictures.plotting import LOOKS, SMALL, Figure, Line2D, new_figure
 
 Axes = Any

@@ -90,7 +90,7 @@ class Study:
         def make() -> Branch:
             first = self.orbit(model, low)
             steps = walk(first, low=low, high=1.0, options=Options(tol=1e-7), first_step=step, largest_step=step)
-            return Branch(model, self.servo, (first, *steps), "", self.branch(model).special)
+            return Branch("gain", (first, *steps), self.branch(model).special)
 
         return self._once(("enlarged", model), make)
 

@@ -9,7 +9,7 @@ import pytest
 
 from casahunt import Demands, Friction, Pid, Servo
 from casahunt.design.tune.demands import DEMANDS
-from casahunt.design.tune.loop_set import Table, allowed, common, loop_box, shortfall, worst
+from casahunt.design.tune.loop_set import Table, allowed, common, loop_box, shortfall
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.linear.sampled_loop import Lag
 
@@ -49,7 +49,7 @@ def box_of(ranges: dict[str, tuple[float, float]], delay: float):
     ],
 )
 def test_no_loop_of_a_dense_grid_is_worse(ranges, gain, delay, factors):
-    found = worst(box_of(ranges, delay), gain, factors)
+    found = box_of(ranges, delay).worst(gain, factors)
     servo, n = Servo(), 161 if len(ranges) == 1 else 41
     base = [servo.inertia, servo.friction.viscous, servo.controller.lead_time, servo.controller.integral_time, 16.0]
     axes = [np.linspace(*ranges[name], n) if name in ranges else np.array([base[i]]) for i, name in enumerate(NAMES)]
@@ -70,7 +70,7 @@ def test_no_loop_of_a_dense_grid_is_worse(ranges, gain, delay, factors):
 def test_the_worst_loop_may_lie_inside_of_the_box():
     """Little viscous friction: stable at a large and barely unstable at a tiny motor gain, worst in between."""
     ends = (1e-4, 30.0)
-    found = worst(box_of({"servo.motor_gain": ends, "friction.viscous": (0.05, 0.05)}, 0.0), 0.04)
+    found = box_of({"servo.motor_gain": ends, "friction.viscous": (0.05, 0.05)}, 0.0).worst(0.04, (1.0, 1.0))
     cm = np.geomspace(*ends, 20001)
     points = np.tile([0.026, 0.05, 1 / (2 * np.pi), 1 / (2 * np.pi), 16.0], (cm.size, 1))
     points[:, 4] = cm

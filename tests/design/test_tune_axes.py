@@ -10,7 +10,7 @@ from belt_support import stops
 from command_line import one_json, run
 
 from casahunt import Demands, InputError, NoOrbit, Servo, Uncertainty, linear_loop, tune
-from casahunt.design.tune.demands import cost_of, numbers_that_may_be_freed
+from casahunt.design.tune.demands import cost_of
 from casahunt.design.tune.loop_set import Table, allowed, loop_box, shortfall
 from casahunt.design.tune.parts_set import parts_box
 from casahunt.servo.linear.sampled_loop import Lag
@@ -131,7 +131,7 @@ def test_what_cannot_be_tuned_says_why(quickly, parts, asked, sentence):
 
 def test_a_filter_time_may_be_free_and_a_controller_without_derivative_gain_has_no_such_cost():
     loop = Loop((INERTIA, SWITCH, P_PI, INTEGRATOR, DERIVATIVE_FILTER), {"gain": 0.04, "derivative_filter": 1e-3})
-    assert numbers_that_may_be_freed(loop)[-1] == "derivative_filter"
+    assert loop.tunable_names[-1] == "derivative_filter"
     other = Loop((INERTIA, SWITCH, transfer_function([0.16, 2.0, 6.28], [0.001, 1.0, 0.0])), {"gain": 0.04})
     with pytest.raises(InputError, match="kd: 'linear controller' gives none"):
         cost_of("high-frequency", other, 1.0)

@@ -11,11 +11,23 @@ import numpy as np
 import pytest
 from archived import ORBITS, assert_same, computed, refusal
 
-from casahunt import Branch, Options, Servo, SpecialPoint, find_orbit, walk
+from casahunt import (
+    Branch,
+    Options,
+    Servo,
+    SpecialPoint,
+    find_orbit,
+    load_branch,
+    load_orbit,
+    save_branch,
+    save_orbit,
+    walk,
+)
+from casahunt.continuation import End, follow
 from casahunt.hybrid.examples import belt
 from casahunt.orbits import load_orbit as load_cycle
-from casahunt.orbits.archive import VERSION, Archive
-from casahunt.servo.branch import load_branch, load_orbit, save_branch, save_orbit
+from casahunt.orbits.archive import VERSION
+from casahunt.servo.parts import DEAD_BAND, INERTIA, INTEGRATOR, PID_BY_TIMES, SWITCH, Loop
 from problems import table1
 
 OLD = Path(__file__).parent / "version_0_2"
@@ -42,30 +54,30 @@ def test_files_of_an_earlier_version():
     branch = load_branch(OLD / "switch.npz")
     fold = next(special for special in branch.special if special.kind == "fold")
     assert len(branch.orbits) == 3 and "the end of the range" in branch.ended and (fold.at, fold.vary) == (None, "")
+    before, after = fold.behind, branch.orbits[[o is fold.behind for o in branch.orbits].index(True) + 1]
+    assert before.stable and not after.stable and [kind for _, kind in branch.along()].count("fold") == 1
     assert fold.value == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-3)
 
 
 def test_a_special_point_beside_its_orbit(tmp_path):
     """Where the orbit is the last one next to the point, the value of the parameter there is not the orbit's."""
     special = SpecialPoint("grazing", computed("switch"), "met beside it", at=0.123, vary="gain")
-    save_branch(Branch("switch", Servo(), (computed("switch"),), "ended", (special,)), tmp_path / "branch.npz")
+    save_branch(Branch("gain", (computed("switch"),), (special,)), tmp_path / "branch.npz")
     (again,) = load_branch(tmp_path / "branch.npz").special
     assert (again.at, again.vary, again.value) == (0.123, "gain", 0.123)
 
 
-def test_a_branch_that_grows(tmp_path):
-    """What was put into words for the file before is what is put into words for a file of its own."""
-    orbits, said = [computed("switch"), computed("switch full cycle"), computed("switch")], {}
-    beside, inside = replace(orbits[1]), orbits[0]
-    special = (SpecialPoint("fold", beside, "a fold"), SpecialPoint('my "own"', inside, "größer als 1"))
-    for k in (1, 2, 3):
-        branch = Branch("switch", Servo(), tuple(orbits[:k]), f"point {k}", special[: k - 1])
-        save_branch(branch, tmp_path / "grown.npz", said=said)
-        save_branch(branch, tmp_path / "alone.npz")
-        files = (Archive(tmp_path / f"{name}.npz", "branch") for name in ("grown", "alone"))
-        grown, alone = ((each.metadata, each.numbers) for each in files)
-        assert grown[0] == alone[0] and np.array_equal(grown[1], alone[1])
-    assert len(said) == 3
+def test_the_branch_of_a_loop(tmp_path):
+    """Read again with the loop, which no file holds, at other values; refused without it and with another one."""
+    loop = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.1})
+    branch = follow(find_orbit(loop), "gain", to=0.11)
+    save_branch(branch, tmp_path / "loop.npz")
+    again = load_branch(tmp_path / "loop.npz", loop.replace(gain=0.2))
+    for name in ("values", "periods", "amplitudes", "stable"):
+        assert np.array_equal(getattr(again, name), getattr(branch, name))
+    assert (again.ended, again.end.kind, again.vary) == (branch.ended, "range", "gain")
+    for other in (None, loop.with_parts(DEAD_BAND, dead_band=0.01)):
+        assert "do not fit" in refusal(load_branch, tmp_path / "loop.npz", other)
 
 
 def test_branch(tmp_path):
@@ -74,22 +86,24 @@ def test_branch(tmp_path):
         SpecialPoint("fold", second, "the stable and the unstable cycle merge"),
         SpecialPoint("of my own", first, "größer als 1"),
     )
-    branch = Branch("switch", Servo(inertia=0.03), (first, second), "the end of the range", special)
+    branch = Branch("gain", (first, second), special, end=End("range", "the end of the range", 0.1))
     path = tmp_path / "branch.npz"
     save_branch(branch, path)
     loaded = load_branch(path)
     assert (loaded.model, loaded.servo, loaded.ended) == (branch.model, branch.servo, branch.ended)
+    assert (loaded.end.kind, loaded.end.value, np.isnan(loaded.end.error)) == ("range", 0.1, True)
     for a, b in zip(loaded.orbits, branch.orbits, strict=True):
         assert_same(a, b)
+    assert [kind for _, kind in loaded.along()] == [kind for _, kind in branch.along()] == ["of my own", "fold"]
     for x, y in zip(loaded.special, branch.special, strict=True):
         assert (x.kind, x.meaning) == (y.kind, y.meaning)
         assert_same(x.orbit, y.orbit)
 
 
 def test_branch_without_orbits(tmp_path):
-    save_branch(Branch("lugre", Servo(), (), "nothing found"), tmp_path / "empty.npz")
+    save_branch(Branch("gain", (), end=End("stuck", "nothing found")), tmp_path / "empty.npz")
     loaded = load_branch(tmp_path / "empty.npz")
-    assert (loaded.model, loaded.orbits, loaded.special) == ("lugre", (), ())
+    assert (loaded.vary, loaded.orbits, loaded.special, loaded.ended) == ("gain", (), (), "nothing found")
 
 
 def test_saving_again_replaces(tmp_path):
@@ -125,7 +139,7 @@ def test_walk_goes_on_from_a_file(tmp_path, gains):
     first = find_orbit(Servo(), "switch", start, options=options)
     steps = 3 if start == 0.3 else 7
     before = list(islice(walk(first, low=0.1, high=high, options=options), steps))
-    save_branch(Branch("switch", Servo(), (first, *before), "stopped"), tmp_path / "branch.npz")
+    save_branch(Branch("gain", (first, *before)), tmp_path / "branch.npz")
     loaded = load_branch(tmp_path / "branch.npz")
     previous, last = loaded.orbits[-2:]
     onwards = np.sign(last.gain - previous.gain)
@@ -148,7 +162,7 @@ def test_cannot_be_written(tmp_path, name, complaint):
     (tmp_path / "file").write_text("mine")
     (tmp_path / "folder").mkdir()
     path = tmp_path / name
-    for save, what in ((save_orbit, computed("switch")), (save_branch, Branch("switch", Servo(), (), ""))):
+    for save, what in ((save_orbit, computed("switch")), (save_branch, Branch("gain", ()))):
         message = refusal(save, what, path)
         assert message.startswith(f"cannot write {str(path)!r}: ") and complaint in message
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import Friction, Pid, Servo
-from casahunt.design.tune.loop_set import loop_box, worst
+from casahunt.design.tune.loop_set import loop_box
 from casahunt.servo.gains import integral_gain, lowest_stable_gain, typical_gain
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.linear.margins import margins
@@ -101,7 +101,7 @@ def test_the_worst_loop_of_a_set_is_that_of_all_crossovers():
         several += len(found) > 1
         # Without delay phi is between -90 and 180 degrees, as the margins are.
         least = min(math.radians(c.margin) - c.frequency * delay for c in found)
-        assert worst(loop_box(servo, {}, Lag(delay)), 1.0).phase == pytest.approx(least, abs=1e-7)
+        assert loop_box(servo, {}, Lag(delay)).worst(1.0, (1.0, 1.0)).phase == pytest.approx(least, abs=1e-7)
     assert several > 15
 
 

@@ -5,20 +5,22 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import pytest
 from command_line import PROGRESS, contents, is_picture, one_json, process, rows_of, run
 
 from casahunt import NoOrbit, Servo, find_fold, find_orbit, load
-from casahunt.continuation import crossings
+from casahunt.continuation import Branch, End, crossings, following
 from casahunt.continuation import special_points as monitor
-from casahunt.design.diagram import DiagramPoint, diagram_points, starting_gain
-from casahunt.servo.branch import load_branch
+from casahunt.design.diagram import diagram, starting_gain
+from casahunt.orbits.batched_multipliers import ORBITS_AHEAD
+from casahunt.orbits.orbit import Complaint
+from casahunt.servo.saved import load_branch
 from casahunt.views.answers.diagram import diagram_answer
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold as command_fold
 from casahunt.views.commands import orbit as command_orbit
-from casahunt.views.pictures.branches import _with_special
 from problems import canudas_gain, canudas_servo, table1
 from problems.taylor import switch_cycle
 
@@ -67,7 +69,7 @@ def test_diagram(capsys, tmp_path):
     assert plain.startswith("switch: the servo can hunt up to gain 0.6473 V/rad") and plain.split()[-1] == str(out)
     assert details.startswith(f"switch: {len(points)} points; ")
     other = find_orbit(Servo().replace(**{"friction.static": 0.6}), "switch", 0.7)  # as if beyond the fold
-    head, *_ = diagram_answer([replace(branch, orbits=(*branch.orbits, other))], "").plain
+    head, *_ = diagram_answer([replace(branch, orbits=(*branch.orbits, other))], [], "").plain
     assert "where that ends was not met" in head
 
     files, gains = set(contents(out)), [float(row["gain"]) for row in rows]
@@ -115,14 +117,12 @@ def test_a_start_without_a_cycle_gives_way_to_the_servos_own(capsys, tmp_path, m
     """Said, with exit code 1; a gain above the cycles does not: a diagram below it is not what was asked for."""
     first = find_orbit(Servo(), "switch", 0.6)
 
-    def nowhere(servo, model, *, start, options, natural):
+    def nowhere(servo, model, *, start, **_):
         if start != 0.6:
             raise NoOrbit(f"none at gain {start:g}")
-        yield DiagramPoint(first, ())
-        yield DiagramPoint(find_orbit(servo, model, 0.61), ())
-        return "the end"
+        return Branch("gain", (first, find_orbit(servo, model, 0.61)), end=End("stuck", "the end"))
 
-    monkeypatch.setattr(command_diagram, "diagram_points", nowhere)
+    monkeypatch.setattr(command_diagram, "diagram", nowhere)
     monkeypatch.setattr(command_diagram, "starting_gain", lambda *_: 0.6)
     command = ["diagram", "--model", "switch", "--out", tmp_path, "--quiet", "--from"]
     code, out, err = run(capsys, *command, 0.5)
@@ -223,22 +223,23 @@ def test_earlier_results_are_replaced(capsys, tmp_path):
 
 
 def walk_that_ends(with_what):
-    """A stand-in for the diagram: two points, then `with_what`."""
+    """A stand-in for the walk: a point, then `with_what`."""
 
-    def diagram(servo, model, *, start, options, natural):
-        yield DiagramPoint(find_orbit(servo, model, start), ())
-        yield DiagramPoint(find_orbit(servo, model, start * 1.1), ())
+    def walk(start, **_):
+        yield find_orbit(start.servo, start.model, start.gain * 1.1)
         if isinstance(with_what, BaseException):
             raise with_what
         return with_what
 
-    return diagram
+    return walk
 
 
-@pytest.mark.parametrize("end", ["no step converged: try this", NoOrbit("no step converged: try this")], ids=type)
+@pytest.mark.parametrize(
+    "end", [Complaint("no step converged: try this"), NoOrbit("no step converged: try this")], ids=type
+)
 def test_branch_that_does_not_come_back(capsys, tmp_path, monkeypatch, end):
     """Exit code 1, and what has been computed is drawn and kept."""
-    monkeypatch.setattr(command_diagram, "diagram_points", walk_that_ends(end))
+    monkeypatch.setattr(following, "walk", walk_that_ends(end))
     command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--quiet", "--json"]
     code, out, err = run(capsys, *command)
     assert code == 1 and one_json(out)["failures"] == [err.removeprefix("casahunt diagram: ").rstrip("\n")]
@@ -256,18 +257,19 @@ def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, undr
     """
     # The multiplier falls through 0.5 next to the fold, where it is 1.
     passed = replace(monitor.SYMMETRY_BREAKING, value=lambda orbit, point: orbit.half_multiplier - 0.5)
-    monitors = (monitor.FOLD if kind == "fold" else passed,)
+    monitors = (monitor.FOLD, *([] if kind == "fold" else [passed]))
     locate = crossings.locate_special_point
     monkeypatch.setattr(
         crossings, "locate_special_point", lambda *a, **k: None if a[2].kind == kind else locate(*a, **k)
     )
-    monkeypatch.setattr(command_diagram, "diagram_points", partial(diagram_points, monitors=monitors))
+    monkeypatch.setattr(command_diagram, "diagram", partial(diagram, monitors=monitors))
     command = ["diagram", "--model", "switch", "--from", 0.6, "--out", tmp_path, "--quiet", "--json"]
     code, out, err = run(capsys, *command)
     assert code == expected
     (branch,) = one_json(out)["branches"]
     gaps = branch["missed"]
-    assert branch["special"] == [] and gaps and all(gap["kind"] == kind for gap in gaps)
+    assert gaps and all(gap["kind"] == kind for gap in gaps)
+    assert all(special["kind"] != kind for special in branch["special"])
     assert err == "".join(f"casahunt diagram: switch: {gap['meaning']}\n" for gap in gaps)
     bounds = [float(bound) for bound in re.findall(r"between gain = (\S+) and (\S+) was not located", err)[0]]
     assert all(0.6 <= bound < table1.REFERENCE["switch"]["fold"]["K"] for bound in bounds) and bounds[0] != bounds[1]
@@ -279,7 +281,7 @@ def test_a_special_point_that_is_not_located(capsys, tmp_path, monkeypatch, undr
 
 @pytest.mark.parametrize("trouble", [KeyboardInterrupt(), ZeroDivisionError()], ids=repr)
 def test_trouble_on_the_way_keeps_the_points(capsys, tmp_path, monkeypatch, trouble):
-    monkeypatch.setattr(command_diagram, "diagram_points", walk_that_ends(trouble))
+    monkeypatch.setattr(following, "walk", walk_that_ends(trouble))
     command = ["diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path / "out", "--quiet"]
     if isinstance(trouble, KeyboardInterrupt):
         assert run(capsys, *command) == (
@@ -289,39 +291,30 @@ def test_trouble_on_the_way_keeps_the_points(capsys, tmp_path, monkeypatch, trou
         with pytest.raises(ZeroDivisionError):
             run(capsys, *command)
     branch = load_branch(tmp_path / "out" / "switch.npz")
-    assert len(rows_of(tmp_path / "out" / "switch.csv")) == len(branch.orbits) == 2
+    assert len(rows_of(tmp_path / "out" / "switch.csv")) == len(branch.orbits) == 1  # what was looked at
     assert branch.ended == "interrupted"
 
 
 def test_points_found_together_are_written_together(capsys, tmp_path, monkeypatch):
-    """Announced when they are on disk, in order; of a batch that is cut short, those that were found."""
+    """Announced when they are on disk, in order, what lies before each being known."""
     monkeypatch.setattr(command_diagram, "_pictures", lambda *_: None)
-    first = find_orbit(Servo(), "switch", 0.3)
     on_disk: list[int] = []
 
-    def kept(task, model, points, *rest):
-        on_disk.append(len(points))
-        return keep(task, model, points, *rest)
+    def kept(branch, path):
+        on_disk.append(len(branch.orbits))
+        to_csv(branch, path)
 
-    def batches(servo, model, **_):
-        for ahead in (False, True, True, False, True):
-            yield DiagramPoint(first, (), ahead=ahead)
+    def cut_short(*args, **how):
+        yield from islice(walk(*args, **how), 2 * ORBITS_AHEAD + 1)
         raise KeyboardInterrupt
 
-    keep = command_diagram.keep
-    monkeypatch.setattr(command_diagram, "keep", kept)
-    monkeypatch.setattr(command_diagram, "diagram_points", batches)
+    to_csv, walk = Branch.to_csv, following.walk
+    monkeypatch.setattr(Branch, "to_csv", kept)
+    monkeypatch.setattr(following, "walk", cut_short)
     code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--details")
-    assert code == 130 and on_disk == [1, 4, 5] and len(load_branch(tmp_path / "switch.npz").orbits) == 5
-    assert sum(bool(PROGRESS.fullmatch(line)) for line in err.splitlines()) == 5
-
-
-def test_points_say_whether_the_next_one_is_found():
-    """All but the last of eight whose multipliers are computed in batches; each alone where nobody asks for them."""
-    points = diagram_points(Servo(), "switch", start=0.3)
-    assert [next(points).ahead for _ in range(10)] == [False, *[True] * 7, False, True]
-    points = diagram_points(Servo(), "switch", start=0.3, monitors=())
-    assert [next(points).ahead for _ in range(3)] == [False] * 3
+    branch = load_branch(tmp_path / "switch.npz")
+    assert code == 130 and on_disk == [1, 1 + ORBITS_AHEAD, 1 + 2 * ORBITS_AHEAD] and len(branch.orbits) == on_disk[-1]
+    assert sum(bool(PROGRESS.fullmatch(line)) for line in err.splitlines()) == on_disk[-1]
 
 
 @pytest.mark.parametrize("words", [["orbit", "--gain", "0.1"], ["fold"], ["diagram", "--out", "new/out"]])
@@ -329,7 +322,7 @@ def test_interrupt_before_the_first_point(capsys, tmp_path, monkeypatch, words):
     def stop(*args, **kwargs):
         raise KeyboardInterrupt
 
-    stopped = (command_orbit, "find_orbit"), (command_fold, "find_fold"), (command_diagram, "diagram_points")
+    stopped = (command_orbit, "find_orbit"), (command_fold, "find_fold"), (command_diagram, "diagram")
     for module, name in stopped:
         monkeypatch.setattr(module, name, stop)
     monkeypatch.chdir(tmp_path)
@@ -357,10 +350,12 @@ def test_a_lopsided_pair(capsys, tmp_path):
     assert found == {("fold", 47.9671), ("flip", 47.9982), ("flip", 48.4332), ("symmetry breaking", 48.4446)}
     rows = rows_of(out / "lugre.csv")
     lopsided = [row for row in rows if row["lopsided"] != "0"]
-    assert [float(row["gain"]) for row in lopsided if not row["special"]] == [orbit.gain for orbit in pair.orbits]
+    *others, met = pair.orbits  # the last one is the symmetric cycle that it meets
+    assert [float(row["gain"]) for row in lopsided if not row["special"]] == [orbit.gain for orbit in others]
+    assert met is pair.special[-1].orbit
     assert {row["special"] for row in lopsided} == {"", "fold", "flip", "symmetry breaking"}
     assert all(row["lopsided"] == "1" for row in rows[-len(lopsided) :]) and len(rows) > len(lopsided)
     assert sum(bool(line.endswith("  lopsided")) for line in err.splitlines()) >= len(pair.orbits)
-    kinds = [(kind, orbit.gain) for orbit, kind in zip(*_with_special(branch), strict=True)]
+    kinds = [(kind, orbit.gain) for orbit, kind in branch.along()]
     at = [kinds.index(("symmetry breaking", gain)) for gain in breaking]
     assert kinds[at[0] + 1][1] > breaking[0] and kinds[at[1] - 1][1] < breaking[1] and at[1] > at[0] + 1

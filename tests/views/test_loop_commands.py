@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import re
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from command_line import is_picture, one_json, run
 
-from casahunt import Drive, Servo, find_fold, simulate_sampled
+from casahunt import Drive, Servo, find_fold, load_branch, simulate_sampled
 from casahunt.servo.parts import load_loop
 from casahunt.views.commands.diagram import PICTURES
 
@@ -129,12 +128,13 @@ def test_the_diagram_of_a_loop(capsys, loop_file, tmp_path):
     assert values[0] == values[-1] == 0.2 and max(values) == pytest.approx(LEAK, rel=1e-2)
     seen = [row["stable"] for row in rows]
     assert seen[0] == "True" and "False" in seen and seen[-1] != "True"  # where it is not to be trusted, it is left out
-    assert len([line for line in err.splitlines() if line.startswith("loop    leak = ")]) == len(rows) - 1
-    written = json.loads((out_folder / "loop.json").read_text())
-    (fold,) = written["special"]
-    assert fold["kind"] == "fold" and len(written["table"]["leak"]) == len(rows)
+    written = load_branch(out_folder / "loop.npz", load_loop(path))
+    (fold,) = written.special
+    assert fold.kind == "fold" and fold.value == pytest.approx(LEAK, rel=1e-6)
+    assert [row["special"] for row in rows] == [kind for _, kind in written.along()]
+    assert len([line for line in err.splitlines() if line.startswith("loop    leak = ")]) == len(written.orbits)
     pictures = [name for name in PICTURES if is_picture(out_folder / name)]
-    assert sorted(path.name for path in out_folder.iterdir()) == sorted([*pictures, "loop.csv", "loop.json"])
+    assert sorted(path.name for path in out_folder.iterdir()) == sorted([*pictures, "loop.csv", "loop.npz"])
     code, out, _ = run(capsys, "diagram", path, *words, "--to", 0.19, "--from", 0.21, "--json", "--quiet")  # over it
     (branch,) = one_json(out)["branches"]
     assert code == 0 and branch["ended"] == "leak reached 0.19, the end of the range" and branch["special"] == []
@@ -214,7 +214,6 @@ REFUSED = [
     (("orbit", "--gain", 1, "--set", "dead_band"), "must have the form name=value"),
     (("orbit", "--gain", 1, "--set", "dead_band=-1"), "dead_band = -1: must be at least 0 (dead band)"),
     (("fold", "--vary", "dead_bnd"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
-    (("diagram", "--natural"), "natural: must be left out, they go with the diagram of a servo"),
     (("diagram", "--vary", "dead_band"), "dead_band: with dead_band = 0 there is no dead band; give it another"),
     (("diagram", "--to", "0.04"), "gain is 0.04 at the start: it cannot go to 0.04"),
     (("diagram", "--to", "high"), "to = 'high': must be a finite number"),
@@ -296,9 +295,11 @@ def test_the_event_map_is_that_of_rigid_friction(capsys, loop_file):
     assert (code, out) == (2, "") and "has no answer for 'LuGre friction'" in err
 
 
-def test_where_the_branch_of_a_servo_ends_is_not_asked(capsys, tmp_path):
-    code, out, err = run(capsys, "diagram", "--to", 0.1, "--out", tmp_path / "none")
-    assert (code, out) == (2, "") and "to: must be left out, a servo's diagram goes round its fold and back" in err
+def test_where_the_branch_of_a_servo_ends(capsys, tmp_path):
+    words = "--model", "switch", "--from", 0.08, "--to", 0.1, "--out", tmp_path / "some", "--json", "--quiet"
+    code, out, err = run(capsys, "diagram", *words)
+    (branch,) = one_json(out)["branches"]
+    assert (code, err, branch["gain_range"]) == (0, "", [0.08, 0.1])
 
 
 def test_a_servo_is_followed_in_its_gain_alone(capsys):

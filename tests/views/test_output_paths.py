@@ -43,7 +43,7 @@ def inputs(tmp_path, monkeypatch):
 
     for module, name in (
         (command_orbit, "find_orbit"), (command_fold_curve, "fold_curve"), (command_uncertainty, "find_fold"),
-        (command_record, "measured"), (command_diagram, "diagram_points"), (command_tune, "tune"),
+        (command_record, "measured"), (command_diagram, "diagram"), (command_tune, "tune"),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, computed)
     monkeypatch.chdir(tmp_path)
@@ -156,7 +156,7 @@ THEIRS = {
 def test_what_casahunt_has_not_written_is_never_replaced(capsys, tmp_path, monkeypatch, name):
     """Nor moved; asked before anything is computed, whatever its permissions."""
     runs = [words for command, words in RUNS.items() if (command == "tune") == name.startswith("tune")]
-    for module, what in ((command_diagram, "diagram_points"), (command_tune, "tune")):
+    for module, what in ((command_diagram, "diagram"), (command_tune, "tune")):
         monkeypatch.setattr(module, what, lambda *a, **k: pytest.fail("computed"))
     (tmp_path / name).write_bytes(THEIRS[name])
     for mode in (0o644, 0o444):
@@ -194,20 +194,20 @@ def test_what_is_protected_stays(capsys, tmp_path, name):
 
 def test_what_comes_while_it_computes_stays(capsys, tmp_path, monkeypatch):
     """Before the first point, and between the last one and the pictures."""
-    real = command_diagram.diagram_points
+    real = command_diagram.diagram
 
-    def late(name, *args, **kwargs):
-        points = real(*args, **kwargs)
-        for first in ("switch.csv", "time_traces.png"):
-            if name == first:
-                (tmp_path / name).write_bytes(b"mine")
-            yield next(points)
-        return (yield from points)
+    def late(name, *args, report, **kwargs):
+        if name == "switch.csv":
+            (tmp_path / name).write_bytes(b"mine")
+        branch = real(*args, report=report, **kwargs)
+        if name == "time_traces.png":
+            (tmp_path / name).write_bytes(b"mine")
+        return branch
 
     for name in ("switch.csv", "time_traces.png"):
         for path in tmp_path.iterdir():
             path.unlink()
-        monkeypatch.setattr(command_diagram, "diagram_points", partial(late, name))
+        monkeypatch.setattr(command_diagram, "diagram", partial(late, name))
         code, _, err = run(capsys, *RUNS["diagram"], "--out", tmp_path, "--quiet")
         assert code == 2 and f"holds a {name} that this version of casahunt did not write" in err
         assert (tmp_path / name).read_bytes() == b"mine"

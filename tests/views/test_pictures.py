@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from matplotlib.figure import Figure
 import casahunt
 from casahunt import InputError, Servo, pictures
 from casahunt.cli import main
-from casahunt.views.pictures.branches import _with_special
 
 SERVO = Servo()
 
@@ -221,21 +219,6 @@ def test_there_is_nothing_else_in_the_module():
     with pytest.raises(AttributeError, match="no attribute 'draw'"):
         pictures.draw  # noqa: B018
     assert set(pictures.__all__) <= set(dir(pictures))
-
-
-def test_special_points_between_which_no_orbit_lies():
-    """Two losses of symmetry and a fold, one change of stability among the orbits: each where the detour is short."""
-
-    def at(gain, amplitude, stable=False):
-        problem = SimpleNamespace(value={"gain": gain}.get)
-        return SimpleNamespace(gain=gain, amplitude=amplitude, stable=stable, problem=problem)
-
-    orbits = (at(1, 10, True), at(2, 9), at(3, 8), at(4, 7), at(3.5, 5))
-    places = (("symmetry breaking", at(1.5, 9.5)), ("symmetry breaking", at(4.2, 6.8)), ("fold", at(4.3, 6.4)))
-    special = tuple(SimpleNamespace(kind=kind, orbit=orbit) for kind, orbit in places)
-    found, kinds = _with_special(SimpleNamespace(vary="gain", orbits=orbits, special=special))
-    assert [orbit.gain for orbit in found] == [1, 1.5, 2, 3, 4, 4.2, 4.3, 3.5]
-    assert [kind for kind in kinds if kind] == ["symmetry breaking", "symmetry breaking", "fold"]
 
 
 @pytest.mark.parametrize(("gain", "position", "whole"), [(0.8808, 0.0, False), (0.04, 0.0, True), (0.04, 0.9999, True)])

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from casahunt.continuation.special_points import SpecialPoint
+from casahunt.continuation import Branch, SpecialPoint
 from casahunt.errors import InputError
 from casahunt.orbits.orbit import Orbit
-from casahunt.servo.branch import Branch
 from casahunt.servo.find_orbit import find_orbit
 from casahunt.servo.servo import Servo
 from casahunt.views.pictures import plotting
@@ -46,12 +45,12 @@ def lugre() -> list[Orbit]:
 @pytest.fixture(scope="module")
 def branches(switch: list[Orbit], fold: Orbit, lugre: list[Orbit]) -> list[Branch]:
     special = (
-        SpecialPoint("fold", fold, "the largest gain with a cycle"),
+        SpecialPoint("fold", fold, "the largest gain with a cycle", behind=switch[2]),
         SpecialPoint("of my own", switch[1], "a user's function is zero"),
     )
     return [
-        Branch("switch", Servo(), tuple(switch), "end of the range", special),
-        Branch("lugre", Servo(), tuple(lugre), "end of the range"),
+        Branch("gain", tuple(switch), special),
+        Branch("gain", tuple(lugre)),
     ]
 
 
@@ -109,7 +108,7 @@ def test_each_fold_is_written_down_once_and_within_the_picture(branches: list[Br
 
 
 def test_diagram_of_one_orbit(switch: list[Orbit], tmp_path: Path) -> None:
-    check_figure(diagram([Branch("switch", Servo(), (switch[0],), "")]), tmp_path)
+    check_figure(diagram([Branch("gain", (switch[0],))]), tmp_path)
 
 
 def test_multipliers(branches: list[Branch], tmp_path: Path) -> None:
@@ -194,7 +193,7 @@ def test_nothing_to_draw_is_refused() -> None:
         with pytest.raises(InputError, match="at least one"):
             draw([])
     with pytest.raises(InputError, match="at least one"):
-        diagram([Branch("switch", Servo(), (), "nothing found")])
+        diagram([Branch("gain", ())])
 
 
 @pytest.mark.parametrize(

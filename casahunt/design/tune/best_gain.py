@@ -37,12 +37,10 @@ from .demands import (
     at_the_start,
     cost_of,
     log_numbers,
-    numbers_of_controller,
-    numbers_that_may_be_freed,
     silent,
     with_numbers,
 )
-from .loop_set import Box, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
+from .loop_set import LoopBox, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
 from .parts_set import parts_box
 from .problem import Cut
 from .tasks import TASK_STEPS
@@ -116,8 +114,8 @@ class Given:
         self.model, self.demands, self.uncertainty = model, demands, uncertainty
         self.free, self.limits, self.cost, self.options, self.tell = free, dict(limits), cost, options, tell
         self.evaluations = 0
-        own = {name.removeprefix("controller."): name for name in numbers_that_may_be_freed(servo)}
-        self.numbers = tuple(own[name] for name in free) if isinstance(servo, Loop) else numbers_of_controller(servo)
+        own = {name.removeprefix("controller."): name for name in servo.tunable_names}
+        self.numbers = tuple(own[name] for name in free) if isinstance(servo, Loop) else servo.controller_names
         self.own = own
         self.folds: dict[bytes, tuple[Any, AnyFold | None]] = {}
         self.members: list[Any] = [servo]
@@ -143,7 +141,7 @@ class Given:
 
         The integral is empty there and nothing moves yet: kp times the step, the peak unless a later one is larger.
         """
-        known = (*IN_THE_TORQUE, "motor_gain", *numbers_of_controller(servo))
+        known = (*IN_THE_TORQUE, "motor_gain", *servo.controller_names)
         names = [name for name in (self.uncertainty.parameters if self.uncertainty else ()) if name in known]
         ends = []
         if self.uncertainty is not None:
@@ -162,7 +160,7 @@ class Given:
         low, high = self.gains(needed, servo)
         return low, min(high, self.largest_gain(servo))
 
-    def boxes(self, q: Array) -> list[Box]:
+    def boxes(self, q: Array) -> list[LoopBox]:
         """The loops of the set, and the nominal one where the set does not contain it."""
         servo, lag = self.at(q), self.demands.lag
         box_of: Any = parts_box if isinstance(servo, Loop) else loop_box
@@ -191,7 +189,7 @@ class Given:
         loops = {name: shortfall(boxes, self.demands, gain, name)[1] for name in DEMANDS}
         return Answer(servo, gain, worst, loops, self._binding(servo, gain, worst, loops)), worst
 
-    def _best_gain(self, servo: Any, boxes: list[Box], needed: float) -> float | None:
+    def _best_gain(self, servo: Any, boxes: list[LoopBox], needed: float) -> float | None:
         """The gain of least cost that keeps every demand at these times, to rounding."""
         demands = self.demands
         low, high = self.room(needed, servo)

@@ -32,7 +32,6 @@ from ...servo.event_map.scan import Scan, scan
 from ...servo.find_orbit import find_orbit
 from ...servo.friction import Model
 from ...servo.linear.margins import Margins, margins
-from ...servo.parts.loop import Loop
 from ...servo.simulate import simulate
 from ..ensemble import folds_of
 from ..nearby import AnyFold, are_servos, fold_beside, pairs_of, said, servo_at
@@ -287,15 +286,15 @@ def _loops(answer: Answer, given: Given) -> tuple[dict[str, Margins], dict[str, 
     others: list[Any] = []
     if uncertainty is not None:
         names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
+        of_loops = given.boxes(log_numbers(servo, given.numbers))[0].names
         for name in DEMANDS:
             least = answer.loops[name]
-            motor = "motor_gain" if isinstance(servo, Loop) else "servo.motor_gain"
-            values = least.values | {motor: least.kappa / gain}  # by a factor off the set's, perhaps
+            values = least.values | {of_loops[-1]: least.kappa / gain}  # by a factor off the set's, perhaps
             corners[name] = {
                 key: float(np.clip(values[key], low[i], high[i])) for i, key in enumerate(names) if key in values
             }
             named[name] = servo.replace(**corners[name])
-        used = np.isin(names, given.boxes(log_numbers(servo, given.numbers))[0].names)
+        used = np.isin(names, of_loops)
         points = _points_of((low, high), CORNERS["switch"], LOOP_SAMPLES, used & (high > low))
         others = [servo_at(servo, np.array(names)[used].tolist(), q) for q in points[:, used]]
     loops = {name: _margins_of(each, gain, demands) for name, each in named.items()}

@@ -45,8 +45,6 @@ NUMBERS = BY_TIMES + BY_GAINS
 """What may be freed: the numbers of the servo's controller, of one of its two forms."""
 MOST_FREE = 2
 """Numbers of a controller that are free at once, besides the gain."""
-NO_NUMBERS = ("gain", "motor_gain")
-"""Parameters of a controller in parts that are none of its own."""
 
 
 def silent(sentence: str) -> None:
@@ -128,7 +126,7 @@ def check_bounds(
     Returns (low, high) of every free number, by default `FREE_FACTOR` to both sides, and of the gain where given.
     Raises InputError: an unknown name, a bound that is no bound, or one that leaves the servo's own number out.
     """
-    own = {name.removeprefix("controller."): name for name in numbers_that_may_be_freed(servo)}
+    own = {name.removeprefix("controller."): name for name in servo.tunable_names}
     for name in free:
         choice_of("free", name, own)
     if set(BY_GAINS) <= set(free):
@@ -157,23 +155,6 @@ def check_bounds(
                 "where the search starts"
             )
     return found
-
-
-def numbers_of_controller(servo: Servo | Loop) -> tuple[str, ...]:
-    """The names of the controller's numbers; of a loop those of the parts that demand a torque of it."""
-    if not isinstance(servo, Loop):
-        return servo.controller_names
-    found = (name for part in servo.present if "demand" in part.gives for name in part.parameters)
-    return tuple(name for name in found if name not in NO_NUMBERS)
-
-
-def numbers_that_may_be_freed(servo: Servo | Loop) -> tuple[str, ...]:
-    """Those, and of a loop the parameters of its filters."""
-    if not isinstance(servo, Loop):
-        return servo.controller_names
-    filters = (name for part in servo.present if {"command", "derivative", "seen"} & set(part.gives)
-               for name in part.parameters)  # fmt: skip
-    return tuple(dict.fromkeys((*numbers_of_controller(servo), *(name for name in filters if name not in NO_NUMBERS))))
 
 
 def cost_of(cost: str, servo: Servo | Loop, gain: float) -> float:
@@ -209,7 +190,7 @@ def controller_said(servo: Servo | Loop) -> str:
 
     Returns names, values and units, such as "lead_time 0.15915 s, integral_time 0.15915 s".
     """
-    names = [(name, name.removeprefix("controller.")) for name in numbers_of_controller(servo)]
+    names = [(name, name.removeprefix("controller.")) for name in servo.controller_names]
     return ", ".join(f"{short} {servo.value(name):.5g} {unit_of(name)}".rstrip() for name, short in names)
 
 

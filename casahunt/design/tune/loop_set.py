@@ -19,9 +19,9 @@ cm and g are in kappa alone, so each is a bound on the smallest phi over a box i
 of the controller: (tau_d, tau_i) or (kp', ki', kd').  With several crossovers phi > 0 at all of them is enough for a
 stable loop, and not needed: loops that are stable otherwise are passed over.
 
-`worst` finds it: a grid with all corners of the box, then grids of 3^d points around the `SEARCH_STARTS` best ones,
-halved `HALVINGS` times; phi may have its minimum inside of the box.  `Table` gives the smallest phi at many kappa at
-once, for curves over omega (no crossover to be solved for) interpolated in ln kappa, as a guide to where a gain is
+`LoopBox.worst` finds it: a grid with all corners of the box, then grids of 3^d points around the `SEARCH_STARTS` best
+ones, halved `HALVINGS` times; phi may have its minimum inside of the box.  `Table` gives the smallest phi at many kappa
+at once, for curves over omega (no crossover to be solved for) interpolated in ln kappa, as a guide to where a gain is
 worth trying.
 
 Symbols: d uncertain parameters of the loop, m points.
@@ -31,9 +31,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 
@@ -65,59 +65,6 @@ NEAR_MISS = 0.05
 """A demand missed by less [rad] at a gain of a table may be kept between two of them."""
 
 
-@dataclass(frozen=True, eq=False)
-class LoopBox:
-    """Loops whose parameters lie in intervals.
-
-    Attributes
-    ----------
-    names : what the loops depend on besides the gain, in the order of every array here: inertia, viscous friction, the
-        numbers of the controller, motor gain.
-    low, high : (names,) bounds.
-    lag : sampling and delay.
-    """
-
-    names: tuple[str, ...]
-    low: Array
-    high: Array
-    lag: Lag
-
-    def worst(self, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
-        """`worst`."""
-        return worst(self, gain, factors)
-
-    def along(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """(ln kappa, phi) along the frequency of loops of a grid, where ln kappa is in x (m,)."""
-        varied = np.flatnonzero(self.high[:-1] > self.low[:-1])
-        loops = _loops_of(_grid(self.low[:-1], self.high[:-1], varied, TABLE_POINTS), self.lag)
-        ends = [crossovers(loops, np.full(loops.shape[1], goal))[1] for goal in (x[0], x[-1])]
-        omega = np.exp(np.arange(ends[0].min() - LOG_STEP, ends[1].max() + LOG_STEP, LOG_STEP / 2))
-        for loop in loops.T:
-            yield -np.log(squared_size(loop, omega)) / 2, self.lag.phase(loop, omega)
-
-
-class Box(Protocol):
-    """Loops whose parameters lie in intervals, the motor gain last: `LoopBox` of one inertia, or those of parts."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters."""
-
-    @property
-    def low(self) -> Array:
-        """(names,) lowest values."""
-
-    @property
-    def high(self) -> Array:
-        """(names,) highest values."""
-
-    def worst(self, gain: float, factors: tuple[float, float] = ...) -> WorstLoop:
-        """The loop of least phase, with the gain multiplied by anything between two factors."""
-
-    def along(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """(ln kappa, phi) along the frequency of some of the loops."""
-
-
 @dataclass(frozen=True)
 class WorstLoop:
     """The loop of least phase at the crossover.
@@ -134,6 +81,25 @@ class WorstLoop:
     kappa: float
 
 
+@dataclass(frozen=True, eq=False)
+class LoopBox:
+    """Loops whose parameters lie in intervals, of one inertia (`loop_box`) or of parts (parts_set.py).
+
+    Attributes
+    ----------
+    names : what the loops depend on besides the gain, the motor gain last.
+    low, high : (names,) bounds.
+    worst : (gain K > 0, (lowest, highest) factor of it) -> the loop of least phase.
+    along : ln kappa (m,) -> (ln kappa, phi) along the frequency, of loops of the box.
+    """
+
+    names: tuple[str, ...]
+    low: Array
+    high: Array
+    worst: Callable[[float, tuple[float, float]], WorstLoop]
+    along: Callable[[Array], Iterable[tuple[Array, Array]]]
+
+
 def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: Lag) -> LoopBox:
     """The loops of a servo with some parameters in intervals.
 
@@ -142,7 +108,17 @@ def loop_box(servo: Servo, bounds: Mapping[str, tuple[float, float]], lag: Lag) 
     own = flatten(servo)
     names = ("servo.inertia", "friction.viscous", *servo.controller_names, "servo.motor_gain")
     low, high = np.array([bounds.get(name, (own[name], own[name])) for name in names], float).T
-    return LoopBox(names, low, high, lag)
+    return LoopBox(names, low, high, partial(_worst, names, low, high, lag), partial(_curves, low, high, lag))
+
+
+def _curves(low: Array, high: Array, lag: Lag, x: Array) -> Iterator[tuple[Array, Array]]:
+    """(ln kappa, phi) along the frequency of loops of a grid, where ln kappa is in x (m,)."""
+    varied = np.flatnonzero(high[:-1] > low[:-1])
+    loops = _loops_of(_grid(low[:-1], high[:-1], varied, TABLE_POINTS), lag)
+    ends = [crossovers(loops, np.full(loops.shape[1], goal))[1] for goal in (x[0], x[-1])]
+    omega = np.exp(np.arange(ends[0].min() - LOG_STEP, ends[1].max() + LOG_STEP, LOG_STEP / 2))
+    for loop in loops.T:
+        yield -np.log(squared_size(loop, omega)) / 2, lag.phase(loop, omega)
 
 
 def crossovers(loops: Array, goal: Array) -> tuple[Array, Array]:
@@ -188,37 +164,31 @@ def _least_phases(points: Array, lag: Lag) -> Array:
     return phi
 
 
-def worst(box: LoopBox, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
-    """The loop of least phase over the box, with the gain multiplied by anything between two factors.
-
-    gain: K > 0 [V/rad]; factors: (lowest, highest) g.
-    """
-    ends = math.log(gain * factors[0] * box.low[-1]), math.log(gain * factors[1] * box.high[-1])
-    low, high = np.append(box.low[:-1], ends[0]), np.append(box.high[:-1], ends[1])
+def _worst(
+    names: tuple[str, ...], low: Array, high: Array, lag: Lag, gain: float, factors: tuple[float, float]
+) -> WorstLoop:
+    """The loop of least phase between bounds, with the gain multiplied by anything between two factors."""
+    ends = math.log(gain * factors[0] * low[-1]), math.log(gain * factors[1] * high[-1])
+    low, high = np.append(low[:-1], ends[0]), np.append(high[:-1], ends[1])
     varied = np.flatnonzero(high > low)
     points = _grid(low, high, varied, GRID_POINTS)
-    phases = _least_phases(points, box.lag)
-    if not varied.size:
-        return _worst_loop(box, points[0], float(phases[0]))
-    best = _apart(points, phases, (high - low)[varied], varied)
-    along = _along(varied.size, GRID_POINTS)
-    width = (high - low)[varied] / (along - 1)
-    offsets = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=varied.size)))
-    values = np.full(len(best), np.inf)
-    for _ in range(HALVINGS):
-        tried = np.repeat(best[:, None, :], len(offsets), axis=1)
-        tried[:, :, varied] = np.clip(tried[:, :, varied] + offsets * width, low[varied], high[varied])
-        found = _least_phases(tried.reshape(-1, low.size), box.lag).reshape(len(best), -1)
-        pick = np.argmin(found, axis=1)
-        best, values = tried[np.arange(len(best)), pick], found[np.arange(len(best)), pick]
-        width = width / 2
+    phases = _least_phases(points, lag)
+    best, values = points[:1], phases[:1]
+    if varied.size:
+        best = _apart(points, phases, (high - low)[varied], varied)
+        along = _along(varied.size, GRID_POINTS)
+        width = (high - low)[varied] / (along - 1)
+        offsets = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=varied.size)))
+        for _ in range(HALVINGS):
+            tried = np.repeat(best[:, None, :], len(offsets), axis=1)
+            tried[:, :, varied] = np.clip(tried[:, :, varied] + offsets * width, low[varied], high[varied])
+            found = _least_phases(tried.reshape(-1, low.size), lag).reshape(len(best), -1)
+            pick = np.argmin(found, axis=1)
+            best, values = tried[np.arange(len(best)), pick], found[np.arange(len(best)), pick]
+            width = width / 2
     i = int(np.argmin(values))
-    return _worst_loop(box, best[i], float(values[i]))
-
-
-def _worst_loop(box: LoopBox, point: Array, phase: float) -> WorstLoop:
-    *values, kappa = map(float, point)
-    return WorstLoop(phase, dict(zip(box.names[:-1], values, strict=True)), math.exp(kappa))
+    *at, kappa = best[i].tolist()
+    return WorstLoop(float(values[i]), dict(zip(names[:-1], at, strict=True)), math.exp(kappa))
 
 
 def _along(d: int, most: int) -> int:
@@ -245,7 +215,7 @@ def _apart(points: Array, phases: Array, size: Array, varied: Array) -> Array:
     return np.array(chosen)
 
 
-def shortfall(boxes: Sequence[Box], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:
+def shortfall(boxes: Sequence[LoopBox], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:
     """By how much a demand is missed at a gain.
 
     gain: K > 0 [V/rad]; name: which of `DEMANDS`.
@@ -264,13 +234,13 @@ class Table:
     missed : (3, m) [rad], one row for each of `DEMANDS`; negative where it is kept.
     """
 
-    def __init__(self, boxes: Sequence[Box], demands: Demands, low: float, high: float) -> None:
+    def __init__(self, boxes: Sequence[LoopBox], demands: Demands, low: float, high: float) -> None:
         n = max(2, int(math.ceil(math.log(high / low) / LOG_STEP)) + 1)
         self.gains = np.geomspace(low, high, n)
         rows = [self._of_box(box, demands) for box in boxes]
         self.missed = np.max(rows, axis=0)
 
-    def _of_box(self, box: Box, demands: Demands) -> Array:
+    def _of_box(self, box: LoopBox, demands: Demands) -> Array:
         f, k = demands.gain_margin, np.log(self.gains)
         first, last = k[0] + math.log(box.low[-1] / f), k[-1] + math.log(box.high[-1] * f)
         x = np.arange(first, last + LOG_STEP, LOG_STEP)
@@ -283,7 +253,7 @@ class Table:
         return np.array(missed)
 
 
-def _least_phase(box: Box, x: Array) -> Array:
+def _least_phase(box: LoopBox, x: Array) -> Array:
     """(m,) smallest phi at ln kappa = x over the loops of the box."""
     found = np.full(x.size, np.inf)
     for goal, phi in box.along(x):
@@ -302,7 +272,7 @@ def _window_minimum(x: Array, values: Array, left: Array, right: Array) -> Array
     return np.minimum(at_ends, [values[i:j].min(initial=np.inf) for i, j in windows])
 
 
-def allowed(boxes: Sequence[Box], demands: Demands, table: Table, name: str) -> Intervals:
+def allowed(boxes: Sequence[LoopBox], demands: Demands, table: Table, name: str) -> Intervals:
     """The gains that keep a demand.
 
     The table says where to look; ends, and intervals that fit between its gains, come from `worst`.

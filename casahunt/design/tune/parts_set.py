@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from ...servo.linear.margins import frequencies_of
 from ...servo.linear.open_loop import open_loop
 from ...servo.linear.sampled_loop import Lag
 from ...servo.parts.loop import Loop
-from .loop_set import WorstLoop
+from .loop_set import LoopBox, WorstLoop
 
 Array = np.ndarray
 
@@ -29,47 +28,8 @@ CORNERS_SEEN, INSIDE = 64, 32
 """Corners of the box, drawn where there are more, and points inside of it: each costs a response, 2 ms."""
 
 
-@dataclass(frozen=True, eq=False)
-class PartsBox:
-    """Loops of parts whose parameters lie in intervals.
-
-    Attributes
-    ----------
-    names : the parameters that are not the same in all of them, and the motor gain.
-    low, high : (names,) bounds.
-    points : (m, names) those that are looked at; the motor gain of each is left to kappa.
-    curves : (ln kappa, phi) along the frequency, of each.
-    """
-
-    names: tuple[str, ...]
-    low: Array
-    high: Array
-    points: Array
-    curves: tuple[tuple[Array, Array], ...]
-
-    def worst(self, gain: float, factors: tuple[float, float] = (1.0, 1.0)) -> WorstLoop:
-        """The loop of least phase, with the gain [V/rad] multiplied by anything between two factors."""
-        low, high = (math.log(gain * g * cm) for g, cm in zip(factors, (self.low[-1], self.high[-1]), strict=True))
-        least = math.inf, 0, low
-        for i, (kappa, phi) in enumerate(self.curves):
-            inside = np.flatnonzero((low <= kappa) & (kappa <= high))
-            found = [(float(phi[k]), i, float(kappa[k])) for k in inside[np.argsort(phi[inside])[:1]]]
-            for end in (low, high):
-                at = np.flatnonzero((kappa[:-1] < end) != (kappa[1:] < end))
-                part = (end - kappa[at]) / (kappa[at + 1] - kappa[at])
-                found += [(float(value), i, end) for value in phi[at] + part * (phi[at + 1] - phi[at])]
-            least = min([least, *found])
-        phase, i, kappa_there = least
-        values = dict(zip(self.names[:-1], self.points[i, :-1].tolist(), strict=True))
-        return WorstLoop(phase, values, math.exp(kappa_there))
-
-    def along(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """The curves, which are known whatever ln kappa (m,) is asked about."""
-        yield from self.curves
-
-
-def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -> PartsBox:
-    """The loops of parts of a loop with some parameters in intervals.
+def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -> LoopBox:
+    """The loops of parts of a loop with some parameters in intervals: at points of them, the motor gain left to kappa.
 
     bounds: (low, high) by parameter; lag: sampling and delay. Raises InputError: one of them is not linear.
     """
@@ -87,9 +47,23 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
     rows = low[:-1] + (high - low)[:-1] * picks
     if bool(np.all((low[:-1] <= own) & (own <= high[:-1]))):
         rows = np.vstack([own, rows]) if size else rows
-    motors = np.full((len(rows), 1), motor[1])
-    curves = tuple(_curve(loop.replace(**dict(zip(names, row.tolist(), strict=True))), lag) for row in rows)
-    return PartsBox((*names, "motor_gain"), low, high, np.hstack([rows, motors]), curves)
+    curves = [_curve(loop.replace(**dict(zip(names, row.tolist(), strict=True))), lag) for row in rows]
+
+    def worst(gain: float, factors: tuple[float, float]) -> WorstLoop:
+        first, last = (math.log(gain * g * cm) for g, cm in zip(factors, motor, strict=True))
+        least = math.inf, 0, first
+        for i, (kappa, phi) in enumerate(curves):
+            inside = np.flatnonzero((first <= kappa) & (kappa <= last))
+            found = [(float(phi[k]), i, float(kappa[k])) for k in inside[np.argsort(phi[inside])[:1]]]
+            for end in (first, last):
+                at = np.flatnonzero((kappa[:-1] < end) != (kappa[1:] < end))
+                part = (end - kappa[at]) / (kappa[at + 1] - kappa[at])
+                found += [(float(value), i, end) for value in phi[at] + part * (phi[at + 1] - phi[at])]
+            least = min([least, *found])
+        phase, i, kappa_there = least
+        return WorstLoop(phase, dict(zip(names, rows[i].tolist(), strict=True)), math.exp(kappa_there))
+
+    return LoopBox((*names, "motor_gain"), low, high, worst, lambda x: curves)
 
 
 def _matters(loop: Loop, name: str, ends: tuple[float, float]) -> bool:

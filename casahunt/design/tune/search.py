@@ -27,8 +27,6 @@ from typing import NoReturn
 import numpy as np
 
 from ...errors import NoOrbit, Status
-from ...servo.controller import Pid
-from ...servo.parts.loop import Loop
 from ..nearby import said
 from ..uncertainty.worst_corner import WorstCase
 from .best_gain import Answer, Given, Outlook
@@ -96,8 +94,8 @@ def refusal(
     ways = "; ".join(asked[name][1] for name in _against_each_other({name: each[0] for name, each in asked.items()}))
     if not given.free:
         return f"the tuning cannot be met; in the way: {ways}"
-    by_times = not isinstance(servo, Loop) and not isinstance(servo.controller, Pid)
-    what = "controllers" if not by_times else "pairs of controller times"
+    by_times = "controller.lead_time" in servo.controller_names
+    what = "pairs of controller times" if by_times else "controllers"
     evidence = f"{times} {what} between the bounds were tried"
     if proven:
         head = f"the tuning cannot be met: {evidence}, and what is missing is everywhere more than it varies in between"
@@ -194,7 +192,7 @@ class TuningSearch:
     def _over_times(self) -> Answer | None:
         """The best answer over the times; None where none is found."""
         best: Answer | None = None
-        in_parts = isinstance(self.given.servo, Loop)  # of which the problem of problem.py knows no linear loops
+        in_parts = self.given.model is None  # of which the problem of problem.py knows no linear loops
         for start in self._starts()[: 0 if in_parts else ATTEMPTS]:
             with suppress(NoOrbit):
                 best = self._descend(start)

@@ -38,7 +38,7 @@ from ..uncertainty.set import Uncertainty, check_box
 from ..uncertainty.summary import linear_range
 from .best_gain import Answer, Given
 from .check import Verification, verified
-from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, numbers_of_controller, silent
+from .demands import COSTS, Demands, check_bounds, cost_of, log_numbers, silent
 from .search import TuningSearch
 
 REPAIRS = 3
@@ -123,7 +123,7 @@ class Tuning(Result):
         what, _, unit = COSTS[self.cost].rpartition(" [")
         fold, nominal = self.verification.fold, self.verification.nominal_fold
         linear = self.uncertainty is not None and nominal is not None
-        names = dict.fromkeys((*numbers_of_controller(self.servo), *(n for n in self.free if n in self.servo.names)))
+        names = dict.fromkeys((*self.servo.controller_names, *(n for n in self.free if n in self.servo.names)))
         low, high = linear_range(nominal, self.uncertainty) if linear else (None, None)  # type: ignore[arg-type]
         return {
             **{name.removeprefix("controller."): self.servo.value(name) for name in names},
@@ -261,5 +261,5 @@ def _check_set(servo: Servo | Loop, uncertainty: Uncertainty | None, free: Seque
     if uncertainty is not None:
         check_box(servo, uncertainty)
         for name, low in zip(uncertainty.parameters, uncertainty.box(servo)[0], strict=True):
-            if name in numbers_of_controller(servo) and low <= 0:
+            if name in servo.controller_names and low <= 0:
                 raise InputError(f"{name} = {low:g} in the uncertainty set: must be greater than 0 to tune")

@@ -34,6 +34,7 @@ plain_loop.py            a servo as a loop
 file.py                  a loop in a file
 turns.py                 whether the turns of a motion repeat, or its swings become ever smaller
 fate.py                  what becomes of a motion of a loop, event by event
+exponent.py              the largest exponent of hunting
 ahead.py                 what lies ahead of a motion, behind its end
 verbs.py                 cycle and motion of a loop
 """

@@ -1,7 +1,6 @@
 """Whether motions that lie side by side part from each other for ever: the largest exponent of hunting.
 
-    exponent = sum of log(d_k/BESIDE) / sum of T_k    d_k, how far beside another motion is at a stop, BESIDE at the
-                                                      stop before
+    exponent = sum of log(d_k/d_0) / sum of T_k    d_k, how far beside another motion is at a stop, d_0 at the one before
 
 T_k from stop to stop; then the other one is put back beside it, in the same direction (G. Benettin, L. Galgani, A.
 Giorgilli, J.-M. Strelcyn, Meccanica 15 (1980) 9-20 and 21-30).  Both are compared where they stop, each at its own
@@ -26,14 +25,14 @@ Array = np.ndarray
 
 STOP = "stop"
 """The event at which a slip ends."""
-BESIDE, PARTED = 1e-6, 1e-2
+BEGINS_BESIDE, PARTED = 1e-6, 1e-2
 """How far beside a motion another one begins, in sizes of the states; farther than the second, as where only one of
 them meets an event, they tell no more of each other."""
 ERROR_OF_BOTH = 1e-10
 """Of an interval of a motion."""
 FORGOTTEN, STRETCHES = 16, 8
 """Stops until the direction is no longer that of the start; parts of the motion whose exponents show the error."""
-WORK_OF_AN_EXPONENT, SURELY = 2e6, 3.0
+WORK_OF_AN_EXPONENT, ERRORS_FROM_ZERO = 2e6, 3.0
 """Work (effort.py) allowed; standard errors by which an exponent differs from zero."""
 
 
@@ -59,27 +58,27 @@ def in_words(exponent: tuple[float, float]) -> str:
     """What an exponent and its error mean; "" where they are not known."""
     mean, error = exponent
     said = f"largest exponent {mean:.3g} 1/s, standard error {error:.1g}"
-    if mean > SURELY * error:
+    if mean > ERRORS_FROM_ZERO * error:
         return f"a small difference grows e-fold every {1 / mean:.3g} s, so that it does not repeat ({said})"
-    if mean < -SURELY * error:
+    if mean < -ERRORS_FROM_ZERO * error:
         return f"a small difference dies out, so that it may repeat in a longer pattern ({said})"
     return f"whether a small difference grows was not seen ({said})" if mean == mean else ""
 
 
 def _grown(loop: Loop, mode: str, x: Array, scale: Array, stops: int) -> list[tuple[float, float]]:
-    """log(d_k/BESIDE) and T_k, from stop to stop.  Raises MarchFailure."""
+    """log(d_k/d_0) and T_k, from stop to stop.  Raises MarchFailure."""
     phases = _followed(loop, mode, x, scale, stops)
     at = [k for k, phase in enumerate(phases[:-1]) if phase.event == STOP]
     aside, grown = np.random.default_rng(0).standard_normal(x.size), list[tuple[float, float]]()
     for here, there in zip(at, at[1:], strict=False):
         aside[loop.system.states.index("x2")] = 0.0  # both are stuck there
-        beside = phases[here].behind + BESIDE * scale * aside / np.linalg.norm(aside)
+        beside = phases[here].behind + BEGINS_BESIDE * scale * aside / np.linalg.norm(aside)
         other = _followed(loop, phases[here + 1].mode, beside, scale, 1)[-1]
         moved = (other.behind - phases[there].behind) / scale
         far = float(np.linalg.norm(moved))
         aside = moved if far > 0 else aside
         if 0 < far < PARTED:
-            grown.append((math.log(far / BESIDE), sum(phase.duration for phase in phases[here + 1 : there + 1])))
+            grown.append((math.log(far / BEGINS_BESIDE), sum(phase.duration for phase in phases[here + 1 : there + 1])))
     return grown
 
 

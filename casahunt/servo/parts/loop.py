@@ -94,6 +94,21 @@ class Loop:
         """
         return {"parts": [part.name for part in self.present], "parameters": self.parameters}
 
+    @property
+    def controller_names(self) -> tuple[str, ...]:
+        """The numbers of the parts that demand a torque of the motor."""
+        return self._numbers_of({"demand"})
+
+    @property
+    def tunable_names(self) -> tuple[str, ...]:
+        """The numbers that `tune` may free: those of the controller and of its filters."""
+        return tuple(dict.fromkeys((*self.controller_names, *self._numbers_of({"command", "derivative", "seen"}))))
+
+    def _numbers_of(self, signals: set[str]) -> tuple[str, ...]:
+        """The parameters of the parts that give one of these signals, but for the gains of loop and motor."""
+        found = (name for part in self.present if signals & set(part.gives) for name in part.parameters)
+        return tuple(name for name in found if name not in ("gain", "motor_gain"))
+
     @cached_property
     def _numbers(self) -> dict[str, float]:
         """Those of all parts."""

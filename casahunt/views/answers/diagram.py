@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ...axis_units import label
-from ...continuation import FOLD, SYMMETRY_BREAKING
-from ...continuation import Branch as AnyBranch
-from ...servo.branch import Branch
+from ...continuation import FOLD, SYMMETRY_BREAKING, Branch
 from ...servo.units import GAIN_UNIT
 from .answer import Answer, item, position, short, volts_per
 
-if TYPE_CHECKING:
-    from ...orbits import SystemOrbit
 
+def diagram_answer(branches: Sequence[Branch[Any]], parts: list[str], out: str) -> Answer:
+    """What is said of the branches of a servo.
 
-def diagram_answer(branches: Sequence[Branch], out: str) -> Answer:
-    """What is said of the branches of a servo; out: where they are written, "" where they are not."""
+    parts: the line of its parts; out: where they are written, "" where they are not.
+    """
     written = [f"written to {out}"] if out and branches else []
-    return Answer([*(line for branch in branches for line in _plain(branch)), *written], _details(branches))
+    return Answer([*(line for branch in branches for line in _plain(branch, parts)), *written], _details(branches))
 
 
-def _plain(branch: Branch) -> Iterator[str]:
+def _plain(branch: Branch[Any], parts: list[str]) -> Iterator[str]:
+    if not hasattr(branch, "model"):
+        yield f"loop: {len(branch.orbits)} cycles along {branch.vary}; {branch.ended}"
+        yield from parts
+        for special in branch.special:
+            if special.kind == FOLD.kind:
+                yield item("they turn back at", f"{branch.vary} = {short(special.value)}")
+        return
     folds = [special.orbit for special in branch.special if special.kind == FOLD.kind]
-    gains = branch.gains
+    gains = branch.values
     last = max(folds, key=lambda orbit: orbit.gain, default=None)
     if last is not None and last.gain >= gains.max():
         yield f"{branch.model}: the servo can hunt up to gain {volts_per(last.gain)}, and not above it"
@@ -40,24 +45,16 @@ def _plain(branch: Branch) -> Iterator[str]:
     yield item("computed", f"{len(branch.orbits)} cycles from gain {short(gains.min())} to {volts_per(gains.max())}")
 
 
-def _details(branches: Sequence[Branch]) -> Iterator[str]:
+def _details(branches: Sequence[Branch[Any]]) -> Iterator[str]:
     for branch in branches:
-        yield f"{branch.model}: {len(branch.orbits)} points; {branch.ended}"
+        if hasattr(branch, "model"):
+            yield f"{branch.model}: {len(branch.orbits)} points; {branch.ended}"
         for special in branch.special:
             yield f"  {special.meaning}"
         for pair in branch.lopsided:
             yield (
                 f"  lopsided, one of a pair whose other is its mirror image: {len(pair.orbits)} points from gain "
-                f"{pair.orbits[0].gain:.8g}; {pair.ended}"
+                f"{pair.values[0]:.8g}; {pair.ended}"
             )
             for special in pair.special:
                 yield f"    {special.meaning}"
-
-
-def loop_diagram_answer(branch: AnyBranch[SystemOrbit], vary: str, parts: list[str], out: str) -> Answer:
-    """What is said of the branch of a loop of parts in a parameter; parts: its line; out: as of `diagram_answer`."""
-    folds = [special for special in branch.special if special.kind == FOLD.kind]
-    plain = [f"loop: {len(branch.orbits)} cycles along {vary}; {branch.ended}", *parts]
-    for special in folds:
-        plain.append(item("they turn back at", f"{vary} = {short(special.orbit.problem.value(vary))}"))
-    return Answer([*plain, *([f"written to {out}"] if out else [])], [f"  {s.meaning}" for s in branch.special])

@@ -1,45 +1,35 @@
 """casahunt diagram: both branches, the fold, pictures and files; points are on disk before the next ones begin.
 
-Points that were computed in batches are written together, and a point is announced when it is on disk.
+The table grows with the points, those together whose multipliers were computed in one batch, and a point is announced
+when it is on disk; the archive is written once, when the branch has ended, however that was.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, cast
 
 from ... import effort
-from ...checks import to_and_back
-from ...continuation import FOLD, SpecialPoint, follow
-from ...continuation import Branch as AnyBranch
-from ...design.diagram import (
-    SIGNS,
-    DiagramPoint,
-    DiagramTask,
-    Words,
-    branch_of,
-    diagram_points,
-    keep,
-    starting_gain,
-)
-from ...errors import InputError, NoOrbit
+from ...continuation import FOLD, Branch, SpecialPoint
+from ...design.diagram import diagram, starting_gain
+from ...errors import NoOrbit
 from ...export import MAKER
 from ...files import drop_replaced, set_aside
 from ...interrupts import held, word
-from ...orbits import Options, SystemOrbit
-from ...servo.branch import INTERRUPTED, Branch
+from ...orbits import Archive, Options, Orbit
 from ...servo.friction import Model
 from ...servo.lopsided import with_lopsided
-from ...servo.parts.verbs import FAR_UP, check_present, loop_cycle
-from ...servo.problem import HuntingOrbit
+from ...servo.parts.loop import Loop
+from ...servo.saved import save_branch
+from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT, kinds_of
 from ..answers.answer import parts_of, record_of, short
-from ..answers.diagram import diagram_answer, loop_diagram_answer
+from ..answers.diagram import diagram_answer
 from .arguments import (
     add_command,
     add_models,
@@ -48,7 +38,6 @@ from .arguments import (
     add_vary,
     finite,
     how_of,
-    left_out,
     loop_of,
     models_of,
     positive,
@@ -60,9 +49,6 @@ from .output import drawing, give
 from .output_paths import keep_others
 from .progress import Progress, progress, say, tell
 
-if TYPE_CHECKING:
-    from ...servo.parts import Loop
-
 PICTURES = {
     "diagram.png": "branches.diagram",
     "multipliers.png": "branches.multipliers",
@@ -70,8 +56,8 @@ PICTURES = {
     "phase_portrait.png": "orbits.phase_portrait",
 }
 """What `casahunt diagram` draws, and by which function of views/pictures: of the branches, or of their first orbits."""
-LOOP_SIGNS = {"loop.csv": b",period,amplitude,error_estimate,stable,status,special\n", "loop.json": b'"type": "Branch"'}
-"""What is written of a loop of parts, and what stands in it."""
+SIGNS = {".csv": b",error_estimate,", ".npz": Archive.SIGN}
+"""What stands in a table and in an archive of a branch, and in no other file."""
 BROKEN_OFF = ("stuck", "points", "time")
 """Kinds of an end of a branch behind which it goes on."""
 PICTURE_SIGN = f"Software\0{MAKER}".encode()
@@ -93,15 +79,14 @@ def add(commands: Any) -> None:
         help="natural continuation in the gain instead of pseudo-arclength: it ends at the fold",
     )  # fmt: skip
     add_vary(picture, "that is varied")
-    picture.add_argument("--to", metavar="X", help="where the branch of a loop of parts ends (default: far up)")
+    picture.add_argument("--to", metavar="X", help="where the branch ends that does not turn back (default: far up)")
     add_out(picture, _results, default="casahunt-diagram", help="folder to write into")
 
 
 def _results(options: argparse.Namespace) -> dict[str, bytes]:
     """The files that are written into --out, and what stands in each."""
-    if loop_of(options) is not None:
-        return dict.fromkeys(PICTURES, PICTURE_SIGN) | LOOP_SIGNS
-    tables = {f"{model}{end}": sign for model in models_of(options) for end, sign in SIGNS.items()}
+    names = models_of(options) if loop_of(options) is None else ["loop"]
+    tables = {f"{name}{end}": sign for name in names for end, sign in SIGNS.items()}
     return dict.fromkeys(PICTURES, PICTURE_SIGN) | tables
 
 
@@ -111,20 +96,18 @@ def run(options: argparse.Namespace) -> int:
     Raises InputError: the command line is wrong; KeyboardInterrupt: interrupted; says where the points computed so far
     are.
     """
-    models = models_of(options)
+    models: list[Any] = models_of(options)
     loop, vary, how = loop_of(options), vary_of(options), how_of(options)
-    if loop is not None:
-        return _of_a_loop(options, loop, vary, how)
-    left_out(options, "a servo's diagram goes round its fold and back", "to")
-    start = None if options.start is None else positive("from", options.start, GAIN_UNIT)
-    task = DiagramTask(servo_of(options), start, how, options.natural)
+    start, to = _number(options, "from", loop, vary), _number(options, "to", loop, vary)
+    servo = servo_of(options) if loop is None else loop
+    task = DiagramTask(servo, vary, start, to, how, options.natural)
     began = time.perf_counter()
     results = _results(options)
     with folder(options.out, results) as out:
         # What an earlier run has left makes room when this one has its first point, and not before.
         found = _Branches(task, out, dict(results), progress(options), options.details)
         try:
-            for model in models:
+            for model in models if loop is None else [None]:
                 found.add(model)
             if found.branches:
                 options.outputs.write(_pictures, found.branches, out)
@@ -137,59 +120,36 @@ def run(options: argparse.Namespace) -> int:
         "out": str(out) if found.branches else None,
         "continuation": "natural" if options.natural else "pseudo-arclength",
         "solver": how.solver,
+        **({} if loop is None else record_of(loop)),
         "branches": found.branches,
         "failures": found.failures,
         "wall_s": time.perf_counter() - began,
     }
     every = [one for branch in found.branches for one in (branch, *branch.lopsided)]
     said = {special.kind for branch in every for special in branch.special}
-    give(options, summary, diagram_answer(found.branches, _written(options, out)), said=said)
+    written = "" if options.outputs.troubles else str(out)  # "" where something is missing in it
+    give(options, summary, diagram_answer(found.branches, parts_of(servo), written), said=said)
     return 1 if found.failures else 0
 
 
-def _of_a_loop(options: argparse.Namespace, loop: Loop, vary: str, how: Options) -> int:
-    """The branch of a loop in one of its parameters, written when it is there; returns the exit code."""
-    left_out(options, "they go with the diagram of a servo", "natural")
-    start = None if options.start is None else finite("from", options.start, *kinds_of(vary))
-    to = None if options.to is None else finite("to", options.to, *kinds_of(vary))
-    began, stream = time.perf_counter(), progress(options)
-    with folder(options.out, _results(options)) as out:
-        branch = _branch_of(
-            loop, vary, start, to, how, lambda orbit: tell(stream, orbit_line(stream, orbit, vary=vary))
-        )
-        options.outputs.write(branch.to_csv, out / "loop.csv")
-        options.outputs.write(branch.to_json, out / "loop.json")
-        options.outputs.write(_pictures, [branch], out)
-    failures = [branch.ended] if branch.end.kind in BROKEN_OFF else []
-    for said in (*failures, *(gap.meaning for gap in branch.missed)):
-        complain("casahunt diagram", said)
-    summary = {
-        "out": str(out), "continuation": "pseudo-arclength", "solver": how.solver, **record_of(loop),
-        "branches": [branch], "failures": failures, "wall_s": time.perf_counter() - began,
-    }  # fmt: skip
-    answer = loop_diagram_answer(branch, vary, parts_of(loop), _written(options, out))
-    give(options, summary, answer, said={special.kind for special in branch.special})
-    return 1 if failures else 0
+def _number(options: argparse.Namespace, key: str, loop: Loop | None, vary: str) -> float | None:
+    """The value of an option, in the parameter that is varied; None where it is not given."""
+    text = options.start if key == "from" else options.to
+    if text is None:
+        return None
+    return positive(key, text, GAIN_UNIT) if loop is None else finite(key, text, *kinds_of(vary))
 
 
-def _branch_of(
-    loop: Loop, vary: str, start: float | None, to: float | None, options: Options,
-    progress: Callable[[SystemOrbit], None],
-) -> AnyBranch[SystemOrbit]:  # fmt: skip
-    """The branch of a loop in one of its parameters: from its own value or `start`, to `to` or far up."""
-    if start is not None:
-        loop = loop.replace(**{vary: start})
-    check_present(loop, vary)
-    here = loop.value(vary)
-    if to is None and here <= 0:
-        raise InputError(f"to: must be given, {vary} = {here:g} at the start cannot be multiplied")
-    to, _ = to_and_back(vary, here, FAR_UP * here if to is None else to, None)
-    return follow(loop_cycle(loop, vary, options=options), vary, to=to, options=options, progress=progress)
+@dataclass(frozen=True)
+class DiagramTask:
+    """What is asked for, of every model: servo, vary, start, to, options and natural as in `diagram`."""
 
-
-def _written(options: argparse.Namespace, out: Path) -> str:
-    """The folder that is written into; "" where something is missing in it."""
-    return "" if options.outputs.troubles else str(out)
+    servo: Servo | Loop
+    vary: str
+    start: float | None
+    to: float | None
+    options: Options
+    natural: bool
 
 
 @dataclass
@@ -202,7 +162,7 @@ class _Branches:
     """Files that an earlier run may have left, and what stands in each."""
     stream: Progress | None
     details: bool
-    branches: list[Branch] = field(default_factory=list)
+    branches: list[Branch[Any]] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     moved: dict[Path, Path] = field(default_factory=dict)
 
@@ -217,23 +177,23 @@ class _Branches:
         self.moved.update(set_aside(self.out / name for name in self.stale))
         self.stale.clear()
 
-    def add(self, model: Model) -> None:
-        """Compute the branch of a model, and say what is missing of it."""
+    def add(self, model: Model | None) -> None:
+        """Compute the branch of a model, or of a loop of parts, and say what is missing of it."""
         try:
-            branch = self.branch(model, self.task.start or self.own_start(model))
+            branch = self.branch(model, self.task.start if model is None else self.task.start or self.own_start(model))
         except NoOrbit as error:
-            start = self.instead(model)
+            start = None if model is None else self.instead(model)
             if start is None:
                 self.lacks(error)
                 return
             self.lacks(NoOrbit(f"{error.plain}; it is drawn from gain {start:g}", evidence=error.evidence))
             branch = self.branch(model, start)
         self.branches.append(branch)
-        if failure := _shortfall(branch, float(branch.gains[0]), self.task.natural):
+        if failure := _shortfall(branch, self.task):
             self.lacks(failure)
         for gap in (*branch.missed, *(gap for pair in branch.lopsided for gap in pair.missed)):
-            complain("casahunt diagram", f"{model}: {gap.meaning}")
-            if gap.kind == FOLD.kind and gap in branch.missed:  # what the diagram is there for
+            complain("casahunt diagram", f"{model}: {gap.meaning}" if model else gap.meaning)
+            if model and gap.kind == FOLD.kind and gap in branch.missed:  # what the diagram is there for
                 self.failures.append(gap.meaning)
 
     def lacks(self, failure: str | NoOrbit) -> None:
@@ -244,7 +204,7 @@ class _Branches:
     def own_start(self, model: Model) -> float:
         """The gain that the servo has for itself."""
         effort.at(lambda: f"{model}: looking for the gain to start from")
-        return starting_gain(self.task.servo, model, self.task.options)
+        return starting_gain(cast(Servo, self.task.servo), model, self.task.options)
 
     def instead(self, model: Model) -> float | None:
         """Where its cycles begin above the gain that was asked for; None where none is known to."""
@@ -255,95 +215,89 @@ class _Branches:
             return start if start > self.task.start else None
         return None
 
-    def branch(self, model: Model, start: float) -> Branch:
-        """Compute the branch of a model from a gain."""
-        task = replace(self.task, start=start)
-        return _one_branch(task, model, self.make_room, self.out, self.stream)
+    def branch(self, model: Model | None, start: float | None) -> Branch[Any]:
+        """Compute a branch; its table is on disk before more is computed, its archive when it ends, however that is."""
+        task, files = self.task, {end: self.out / f"{model or 'loop'}{end}" for end in SIGNS}
+        so_far: list[Branch[Any]] = []
 
+        def report(branch: Branch[Any]) -> None:
+            with held():
+                if not so_far:
+                    self.make_room()
+                if not so_far or len(branch.orbits) > len(so_far[-1].orbits) or branch.lopsided:
+                    branch.to_csv(files[".csv"])
+                so_far.append(branch)
+                for how, line in _news(branch, so_far[-2:-1], model, self.stream):
+                    how(self.stream, line)
+            effort.heard()
 
-def _one_branch(
-    task: DiagramTask,
-    model: Model,
-    make_room: Callable[[], None],
-    out: Path,
-    stream: Progress | None,
-) -> Branch:
-    """Compute a branch; what is found is on disk before more is computed."""
-    found: list[DiagramPoint] = []
-    words = Words()
-    points = diagram_points(task.servo, model, start=task.start, options=task.options, natural=task.natural)
-    lines: list[tuple[Callable[[Progress | None, str], None], str]] = []  # about points that are not on disk yet
+        asked: Any = {"to": task.to, "options": task.options, "natural": task.natural, "report": report}
+        whose: tuple[Any, Any] = task.servo, model
+        try:
+            branch: Branch[Any] = diagram(*whose, vary=task.vary, start=start, **asked)
+            report(branch)
+            if model:
+                branch = with_lopsided(branch, options=task.options, progress=self.lopsided)
+                report(branch)
+            return branch
+        finally:
+            if so_far:
+                with held():
+                    save_branch(so_far[-1], files[".npz"])
 
-    def written() -> None:
-        said = [lines.pop(0) for _ in tuple(lines)]  # whatever becomes of it, this is done once
-        with held():
-            make_room()
-            keep(task, model, found, INTERRUPTED, out, words)
-        for how, line in said:
-            how(stream, line)
+    def lopsided(self, orbit: Orbit) -> None:
+        """Say that a cycle of a lopsided pair is there."""
+        tell(self.stream, f"{orbit_line(self.stream, orbit)}  lopsided")
         effort.heard()
 
-    try:
-        while True:
-            point = next(points)
-            with held():
-                found.append(point)
-                lines += [(say, _met(model, special, stream)) for special in point.special if _worth(special, stream)]
-                lines.append((tell, orbit_line(stream, point.orbit)))
-            if not point.ahead:
-                written()
-    except StopIteration as end:
-        ended = str(end.value)
-    except NoOrbit as error:
-        if not found:  # nothing is written for a servo that does not hunt
-            raise
-        ended = str(error)
-    finally:
-        if lines:
-            written()
-    beside = _beside(branch_of(task.servo, model, found, ended), task, stream)
-    return keep(task, model, found, ended, out, words, beside)
+
+def _news(
+    branch: Branch[Any], before: list[Branch[Any]], model: Model | None, stream: Progress | None
+) -> Iterator[tuple[Callable[[Progress | None, str], None], str]]:
+    """What is said of a branch that has grown, line by line, and how; before: what it was, or nothing."""
+    orbits, special = max(((len(each.orbits), len(each.special)) for each in before), default=(0, 0))
+    met = {id(one.orbit): one for one in branch.special[special:]}
+    new = {id(orbit) for orbit in branch.orbits[orbits:]}
+    for orbit, _ in branch.along():
+        if id(orbit) in met and _worth(met[id(orbit)], stream):
+            yield say, _met(met[id(orbit)], model, branch.vary, stream)
+        if id(orbit) in new:
+            yield tell, orbit_line(stream, orbit, vary=branch.vary)
 
 
-def _worth(special: SpecialPoint[HuntingOrbit], stream: Progress | None) -> bool:
+def _worth(special: SpecialPoint[Any], stream: Progress | None) -> bool:
     """Whether a special point is a milestone: where hunting ends is one to everybody."""
     return special.kind == FOLD.kind or stream is not None and stream.every
 
 
-def _met(model: Model, special: SpecialPoint[HuntingOrbit], stream: Progress | None) -> str:
+def _met(special: SpecialPoint[Any], model: Model | None, vary: str, stream: Progress | None) -> str:
     """What is said of a special point."""
     if stream is not None and stream.every:
-        return f"{model:7s} {special.meaning}"
-    return f"{model}: cycles of one kind end at gain {short(special.orbit.gain)} V/rad"
+        return f"{model or 'loop':7s} {special.meaning}"
+    at = f"gain {short(special.value)} V/rad" if model else f"{vary} {short(special.value)}"
+    return f"{model or 'loop'}: cycles of one kind end at {at}"
 
 
-def _beside(branch: Branch, task: DiagramTask, stream: Progress | None) -> Branch:
-    """The branch with one cycle of each lopsided pair that branches off from it, followed too."""
+def _shortfall(branch: Branch[Any], task: DiagramTask) -> str:
+    """What is missing of a branch that does not come back to the value where it began; "" where nothing is.
 
-    def shown(orbit: HuntingOrbit) -> None:
-        tell(stream, f"{orbit_line(stream, orbit)}  lopsided")
-        effort.heard()
-
-    return with_lopsided(branch, options=task.options, progress=shown)
-
-
-def _shortfall(branch: Branch, start: float, natural: bool) -> str:
-    """What is missing of a branch that does not come back to the gain where it began; "" where nothing is.
-
-    Natural continuation is to end at a fold.
+    Natural continuation is to end at a fold; the branch of a loop of parts may end where its cycles do.
     """
-    if natural:
+    model, start, end = getattr(branch, "model", None), branch.values[0], branch.values[-1]
+    if model is None:
+        return branch.ended if branch.end.kind in BROKEN_OFF else ""
+    whose = f"the branch of the {model} servo was followed"
+    if task.natural:
         if branch.special and branch.special[-1].orbit is branch.orbits[-1]:
             return ""
         return (
-            f"the branch of the {branch.model} servo was followed by natural continuation from gain {start:g} to gain "
-            f"{branch.orbits[-1].gain:.10g}, but not to a fold: {branch.ended}; without --natural it may lead further"
+            f"{whose} by natural continuation from gain {start:g} to gain {end:.10g}, but not to a fold: "
+            f"{branch.ended}; without --natural it may lead further"
         )
-    if len(branch.orbits) > 1 and branch.orbits[-1].gain == start:
+    if len(branch.orbits) > 1 and end in (start, task.to):
         return ""
     return (
-        f"the branch of the {branch.model} servo was followed from gain {start:g} to gain "
-        f"{branch.orbits[-1].gain:.6g}, but not back to where it began: {branch.ended}; "
+        f"{whose} from gain {start:g} to gain {end:.6g}, but not back to where it began: {branch.ended}; "
         "another --tol or --from may lead further"
     )
 

@@ -20,7 +20,6 @@ from ...export import write_csv
 from ...interrupts import held, word
 from ...orbits import Options
 from ...results import tables_of
-from ...servo.branch import INTERRUPTED
 from ...servo.friction import Model
 from ...servo.parts.loop import Loop
 from ...servo.parts.table import unit_of
@@ -130,8 +129,8 @@ class _Desk:
             there.append(point)
             ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
             wall_s, fold_in = time.perf_counter() - self.began, self.asked["fold_in"]
-            unfinished = Status.NOT_CONVERGED
-            self.keep(FoldCurve(model, self.servo, vary, ordered, (), INTERRUPTED, unfinished, wall_s, False, fold_in))
+            ended = "interrupted", Status.NOT_CONVERGED
+            self.keep(FoldCurve(model, self.servo, vary, ordered, (), *ended, wall_s, False, fold_in))
         tell(self.stream, _line(vary, fold_in, point, model))
 
     def keep(self, curve: FoldCurve) -> None:

@@ -15,15 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...axis_units import label, shown
-from ...continuation import Branch as BranchOfCycles
+from ...continuation import Branch
 from ...errors import InputError
 from ...orbits import Orbit
-from ...servo.branch import Branch
 from ...servo.parts.table import unit_of
 from .orbits import look_of
 from .plotting import (
     GAIN_LABEL,
-    LOOKS,
     NAMES,
     NEUTRAL,
     SMALL,
@@ -42,8 +40,6 @@ from .plotting import (
     stacked,
 )
 
-AnyBranch = Branch | BranchOfCycles[Any]
-"""A branch of a servo in its gain, or of a loop of parts in any of its parameters."""
 SPECIAL_MARKERS = {"fold": "o", "symmetry breaking": "X", "flip": "D", "grazing": "v", "superstable": "*"}
 OTHER_MARKERS = ("P", "H", "p", "h", "<", ">")
 """For the kinds of special points that users define, in turn."""
@@ -51,16 +47,12 @@ LEGEND_COLUMNS, NOTES = 5, 0.85
 """Entries of the legend side by side, and room for the notes at the right of the multipliers [in]."""
 LOPSIDED_MARKER, THIN = "d", 0.6
 """Of lopsided cycles; their line is this part of that of the symmetric ones."""
-FAR = 1e3
-"""A detour longer than any in a picture of size one."""
-TINY = 1e-12
-"""Span below which all gains, or all amplitudes, are the same."""
 EXCHANGING = ("fold", "symmetry breaking", "flip")
 """Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
 
 
 @in_units_of_the_axis
-def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any = None) -> Array:
+def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any = None) -> Array:
     """Bifurcation diagram: amplitude [rad] and period [s] of the cycles against the controller gain.
 
     Parameters
@@ -92,13 +84,15 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any =
     """
     # One cycle of each lopsided pair, thin; the other one has the same amplitude and period
     result = []
-    for branch in _of_servos(branches):
-        look = LOOKS[branch.model]
-        look = look._replace(width=THIN * look.width, marker=LOPSIDED_MARKER, zorder=look.zorder + 2)
-        name = f"{NAMES[branch.model]}, lopsided"
-        result += [_Curve(look, name, "gain", *_with_special(pair)) for pair in branch.lopsided]
+    for branch in branches:
+        for pair in branch.lopsided:
+            curve = _curve(pair)
+            look = curve.look._replace(
+                width=THIN * curve.look.width, marker=LOPSIDED_MARKER, zorder=curve.look.zorder + 2
+            )
+            result.append(curve._replace(look=look, name=f"{curve.name}, lopsided"))
     curves = [*_curves(branches), *result]
-    markers = _special_markers([*branches, *(pair for branch in _of_servos(branches) for pair in branch.lopsided)])
+    markers = _special_markers([*branches, *(pair for branch in branches for pair in branch.lopsided)])
     handles = _legend(curves, markers)
     figure, both = stacked(ax, (1.35, 1), legend_rows=_rows(handles))
     above, below = both
@@ -115,7 +109,7 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any =
     if high > 10 * low:
         logarithmic(below, "y")
     below.set_xlabel(_label(branches))
-    if equilibria and len(_of_servos(branches)) == len(branches):
+    if equilibria and all(hasattr(branch, "model") for branch in branches):
         _draw_equilibria(above)
     _label_folds(above, curves)
     legend(figure, below, handles, ncols=LEGEND_COLUMNS)
@@ -123,7 +117,7 @@ def diagram(branches: Sequence[AnyBranch], *, equilibria: bool = True, ax: Any =
 
 
 @in_units_of_the_axis
-def multipliers(branches: Sequence[AnyBranch], *, ax: Axes | None = None) -> Axes:
+def multipliers(branches: Sequence[Branch[Any]], *, ax: Axes | None = None) -> Axes:
     """Leading half multiplier mu against the controller gain, linear between -1 and 1, logarithmic beyond.
 
     Orbits that were not computed on the half cycle have no mu and leave a gap.
@@ -204,29 +198,21 @@ class _Curve(NamedTuple):
         return result
 
 
-def _curves(branches: Sequence[AnyBranch]) -> list[_Curve]:
+def _curves(branches: Sequence[Branch[Any]]) -> list[_Curve]:
     at_least_one("branches", branches)
-    result = []
-    for branch in branches:
-        at_least_one("orbits of the branch", branch.orbits)
-        orbits, kinds = _with_special(branch)
-        name = NAMES[branch.model] if isinstance(branch, Branch) else "loop"
-        result.append(_Curve(look_of(orbits[0]), name, _vary(branch), orbits, kinds))
-    return result
+    return [_curve(branch) for branch in branches]
 
 
-def _vary(branch: AnyBranch) -> str:
-    """What is varied along a branch."""
-    return "gain" if isinstance(branch, Branch) else branch.vary
+def _curve(branch: Branch[Any]) -> _Curve:
+    at_least_one("orbits of the branch", branch.orbits)
+    orbits, kinds = zip(*branch.along(), strict=True)
+    name = NAMES[branch.model] if hasattr(branch, "model") else "loop"
+    return _Curve(look_of(orbits[0]), name, branch.vary, [*orbits], [*kinds])
 
 
-def _of_servos(branches: Sequence[AnyBranch]) -> list[Branch]:
-    return [branch for branch in branches if isinstance(branch, Branch)]
-
-
-def _label(branches: Sequence[AnyBranch]) -> str:
+def _label(branches: Sequence[Branch[Any]]) -> str:
     """Of the axis of what is varied.  Raises InputError: several things are."""
-    names = {_vary(branch) for branch in branches}
+    names = {branch.vary for branch in branches}
     if len(names) > 1:
         raise InputError(f"branches in {' and in '.join(sorted(names))}: must be in one parameter")
     (vary,) = names
@@ -234,43 +220,7 @@ def _label(branches: Sequence[AnyBranch]) -> str:
     return GAIN_LABEL if vary == "gain" else f"{vary.replace('_', ' ')} [{unit}]" if unit else vary.replace("_", " ")
 
 
-def _with_special(branch: AnyBranch) -> tuple[list[Orbit], list[str]]:
-    """The orbits with every special point put in where it belongs, and the kinds ("" for the others).
-
-    That is where the detour to it is shortest in the parameter and the logarithm of the amplitude, over their spans;
-    for a point with |mu| = 1, of the places where stability changes, if there is one for each of them.
-    """
-    orbits, kinds = list(branch.orbits), [""] * len(branch.orbits)
-    inside = {id(orbit): i for i, orbit in enumerate(orbits)}
-    apart = []
-    for special in branch.special:
-        if id(special.orbit) in inside:
-            kinds[inside[id(special.orbit)]] = special.kind
-        else:
-            apart.append(special)
-
-    every = [*orbits, *(special.orbit for special in apart)]
-    vary = _vary(branch)
-    place = np.array([(orbit.problem.value(vary), math.log(orbit.amplitude)) for orbit in every])  # (m, 2)
-    place /= np.maximum(np.ptp(place, axis=0), TINY)
-    for special, target in zip(apart, place[len(orbits) :].copy(), strict=True):
-        path = place[: len(orbits)]
-        to = np.linalg.norm(path - target, axis=1)
-        between = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        detours = np.concatenate([to[:1], to[:-1] + to[1:] - between, to[-1:]])  # before, between, after
-        if special.kind in EXCHANGING:
-            stable = np.array([orbit.stable for orbit in orbits])
-            changes = np.concatenate([[False], stable[:-1] != stable[1:], [False]])
-            enough = changes.sum() >= sum(each.kind in EXCHANGING for each in branch.special)
-            detours[~changes] += enough * FAR
-        where = int(np.argmin(detours))
-        orbits.insert(where, special.orbit)
-        kinds.insert(where, special.kind)
-        place = np.insert(path, where, target, axis=0)
-    return orbits, kinds
-
-
-def _special_markers(branches: Sequence[AnyBranch]) -> dict[str, str]:
+def _special_markers(branches: Sequence[Branch[Any]]) -> dict[str, str]:
     """Marker of every kind of special point that occurs."""
     kinds = list(dict.fromkeys(special.kind for branch in branches for special in branch.special))
     own = [kind for kind in kinds if kind not in SPECIAL_MARKERS]

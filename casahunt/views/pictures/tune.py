@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ...continuation import Branch
 from ...design.diagram import diagram
 from ...design.sensitivity import fold_sensitivities
 from ...design.tune.tasks import SimulatedTask
 from ...design.tune.tuning import Tuning
 from ...errors import NoOrbit
-from ...servo.branch import Branch
 from .branches import diagram as drawn_diagram
 from .fold_curve import elasticities
 from .plotting import ALONE, NEUTRAL, SMALL, Array, Line2D, in_units_of_the_axis, panels, png
@@ -21,7 +21,7 @@ CHOSEN = "#1d6b3f"
 
 
 @in_units_of_the_axis
-def operating_point(tuning: Tuning, branch: Branch, *, ax: Any = None) -> Array:
+def operating_point(tuning: Tuning, branch: Branch[Any], *, ax: Any = None) -> Array:
     """The diagram of the worst servo with the recommended gain and the fold gain plus margin.
 
     Parameters

@@ -18,7 +18,7 @@ for point in branch.special:
 fold = next(point for point in branch.special if point.kind == "fold")
 
 figure, ax = plt.subplots(figsize=(6.4, 4), layout="constrained")
-ax.plot(branch.gains, branch.amplitudes, ".-")
+ax.plot(branch.values, branch.amplitudes, ".-")
 ax.set(xscale="log", yscale="log", xlabel="gain K [V/rad]", ylabel="amplitude [rad]")
 
 # %%
