@@ -1,6 +1,6 @@
 """Whether motions that lie side by side part from each other for ever: the largest exponent of hunting.
 
-    exponent = sum of log(d_k/d_0) / sum of T_k    d_k, how far beside another motion is at a stop, d_0 at the one before
+    exponent = sum of log(d_k/d_0) / sum of T_k    d_k, how far beside another motion is at a stop, d_0 at that before
 
 T_k from stop to stop; then the other one is put back beside it, in the same direction (G. Benettin, L. Galgani, A.
 Giorgilli, J.-M. Strelcyn, Meccanica 15 (1980) 9-20 and 21-30).  Both are compared where they stop, each at its own
