@@ -118,6 +118,24 @@ def test_implicit_steps_follow_a_fast_relaxation_exactly():
     assert phase.nodes[-1, 2] == pytest.approx(0.25, abs=1e-12)
 
 
+def test_a_ringing_that_has_died_out_is_not_kept_alive():
+    """x" = -w^2 x - 2 d w x' from x = 1, beside y' = -y/1000, up to y = 1e-3: behind that steps are as long as y lets
+    them be, for their ends are exact."""
+    w, d = 200.0, 0.2
+    ends = (Event("low", lambda x, p: x.y - 1e-3, -1, to="rests"),)
+    field = lambda x, p: {"x": w * x.v, "v": -w * x.x - 2 * d * w * x.v, "y": -x.y / 1e3}  # noqa: E731
+    rests = Mode("rests", lambda x, p: {"x": 0.0, "v": 0.0, "y": 0.0})
+    system = System("rings", ("x", "v", "y"), {}, (Mode("goes", field, ends=ends), rests))
+    (phase,) = followed(system, "goes", [1.0, 0.0, 1.0], 1, meshed=False, tol=1e-7)
+    t, damped = phase.breaks * phase.duration, w * np.sqrt(1 - d * d)
+    x = np.exp(-d * w * t) * (np.cos(damped * t) + d * w / damped * np.sin(damped * t))
+    assert phase.w.shape[1] == 3 and len(phase.w) < 600
+    assert phase.duration == pytest.approx(1e3 * np.log(1e3), rel=1e-12)
+    assert np.abs(phase.nodes[:, 0] - x).max() < 1e-8
+    late = t > 10.0  # by then 1e-18 is left
+    assert np.abs(phase.nodes[late, 0]).max() < 1e-12 and np.abs(phase.nodes[:, 2] - np.exp(-t / 1e3)).max() < 1e-10
+
+
 def test_what_rings_for_long_is_no_stiff_mode():
     """x = sin t beside t, up to t = 150: more steps than a slip has, and each of them needed."""
     ends = (Event("half", lambda x, p: x.t - 150, +1, to="rests"),)
