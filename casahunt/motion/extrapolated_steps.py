@@ -42,9 +42,9 @@ FIRST_MOVES = 1e-3
 """No state moves by a larger part of its size in the first step of a phase."""
 SEEN_BEHIND = 1e-3
 """Part of the first step after which it is seen to which side an event is left."""
-DOUBLINGS, TERMS = 40, 4
+STEP_DOUBLINGS, STEP_TERMS = 40, 4
 """S and terms of the series, of an exact step: of modes of 1e3 1/s it may be 1e8 s long."""
-INSIDE = 100.0
+WITHIN_A_STEP = 100.0
 """By which a cubic may miss its middle, in units of the error of other steps: its end is exact, and what events do in
 between is seen as well as inside an interval."""
 ROUNDING_OF_ONE = float(np.finfo(float).eps)
@@ -82,18 +82,18 @@ def _midpoint(f: ca.Function, x: ca.SX, rate: ca.SX, h: ca.SX, A: ca.SX | None) 
 def _exact(x: ca.SX, rate: ca.SX, h: ca.SX, A: ca.SX) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
     """The end of a step along an affine field, and by how much the cubic through both ends misses its middle.
 
-    z = A h/2^S:  E = exp(z) - 1, v = h/2^S (exp(z) - 1)/z rate; of twice the length they are E + E + E^2 and v + v + E v,
-    which loses no digits as the squares of exp(z) would.  x, rate, A: state, field and its Jacobian there; h: length.
+    z = A h/2^S:  E = exp(z) - 1, v = h/2^S (exp(z) - 1)/z rate; of twice the length they are E + E + E^2 and
+    v + v + E v, which loses no digits as the squares of exp(z) would.  x, rate, A: state, field and its Jacobian there; h: length.
     """
-    part = h / 2**DOUBLINGS
+    part = h / 2**STEP_DOUBLINGS
     z = A * part
     E, v, power, factorial = ca.SX.zeros(A.shape), ca.SX.zeros(x.shape), ca.SX.eye(x.numel()), 1.0
-    for k in range(1, TERMS + 1):
+    for k in range(1, STEP_TERMS + 1):
         factorial *= k
         v += ca.mtimes(power, rate) * part / factorial
         power = ca.mtimes(power, z)
         E += power / factorial
-    for _ in range(DOUBLINGS):
+    for _ in range(STEP_DOUBLINGS):
         half, v = v, 2 * v + ca.mtimes(E, v)
         E = 2 * E + ca.mtimes(E, E)
     missed = half - v / 2 + h / 8 * ca.mtimes(A, v)
@@ -173,7 +173,7 @@ class _Formulas:
     def step(self, h: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Its end, error and largest jump of the feature, both in units of what they may be."""
         end, error, jumps = self.stepped(self.x, h, *self.fixed)
-        return end, error / (self.tol * (INSIDE if self.exact else 1)), jumps
+        return end, error / (self.tol * (WITHIN_A_STEP if self.exact else 1)), jumps
 
     def watched(self, y: ca.SX, time: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Events, in the direction of their exits, and the rates at which they rise."""
