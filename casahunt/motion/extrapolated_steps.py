@@ -83,7 +83,8 @@ def _exact(x: ca.SX, rate: ca.SX, h: ca.SX, A: ca.SX) -> tuple[ca.SX, ca.SX, lis
     """The end of a step along an affine field, and by how much the cubic through both ends misses its middle.
 
     z = A h/2^S:  E = exp(z) - 1, v = h/2^S (exp(z) - 1)/z rate; of twice the length they are E + E + E^2 and
-    v + v + E v, which loses no digits as the squares of exp(z) would.  x, rate, A: state, field and its Jacobian there; h: length.
+    v + v + E v, which loses no digits as the squares of exp(z) would.  x, rate, A: state, field and its Jacobian there;
+    h: length.
     """
     part = h / 2**STEP_DOUBLINGS
     z = A * part
