@@ -212,9 +212,11 @@ def _compiled(mode: _Law, n: int, parameters: int, implicit: bool) -> tuple[Call
                          [tried, *sides, ca.if_else(on, just, 0), at_first[0], of.holds(x, *of.fixed)])  # fmt: skip
     tried = ca.fmin(h, left)
     end, error, _ = of.step(tried)
-    good = ca.logic_and(error <= 1, ca.sum1(ca.fabs(end)) < np.inf)  # else no number
+    finite = ca.sum1(ca.fabs(end)) < np.inf  # the largest error takes no notice of what is no number
+    good = ca.logic_and(error <= 1, finite)
     factor = PART_OF_A_STEP * ca.fmax(error, 1e-30) ** (-1 / (2 * EXTRAPOLATIONS - 1))
-    factor = ca.if_else(error >= 0, ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH), LEAST_GROWTH)
+    factor = ca.fmin(ca.fmax(factor, LEAST_GROWTH), MOST_GROWTH)
+    factor = ca.if_else(ca.logic_and(finite, error >= 0), factor, LEAST_GROWTH)
     taken, end = ca.if_else(good, tried, 0), ca.if_else(good, end, x)
     e_end, r_end = (ca.if_else(good, a, b) for a, b in zip(of.watched(end, t + taken), (e, r), strict=True))
     top = ca.fmin(e + 2 * r * taken, e_end - 2 * r_end * taken)  # no event rings above it (_Steps._above)

@@ -50,7 +50,10 @@ TAKES_PART = 0.02
 
 
 def one_of_many(start: Start) -> str:
-    """What a cycle next to a starting point has beside it, as a sentence; "" where it stands alone, or is at a fold."""
+    """What a cycle next to a starting point has beside it, as a sentence.
+
+    "" where it stands alone, or is at a fold, or has so many unknowns that it is not asked.
+    """
     here = _nearest(start) if start[0].system.size <= MOST_NODE_UNKNOWNS else None
     if here is None or stands_still(*here[:2]):
         return ""

@@ -136,6 +136,20 @@ def test_a_ringing_that_has_died_out_is_not_kept_alive():
     assert np.abs(phase.nodes[late, 0]).max() < 1e-12 and np.abs(phase.nodes[:, 2] - np.exp(-t / 1e3)).max() < 1e-10
 
 
+def test_a_step_that_ends_at_no_number_is_not_taken_and_a_shorter_one_is():
+    """x' = -sqrt(x) from x = 1/1000, by 1 s, after which it would be less than nothing: x = (sqrt(1/1000) - t/2)^2."""
+    ends = (Event("late", lambda x, p: x.t - 1e3, +1, to="goes", reset=lambda x, p: {"t": 0.0}),)
+    mode = Mode("goes", lambda x, p: {"x": -ca.sqrt(x.x), "t": 1.0}, ends=ends)
+    form = System("drains", ("x", "t"), {}, (mode,)).vector_form
+    many = steps_of(form.modes["goes"], form.exits["goes"], 2, 0, False)[0].buffers
+    given = [1e-3, 0.0], (0.0, 1.0, 10.0, 1e-9, 0.0), 1, [], [1.0, 1.0], [1]
+    for store, value in zip(many.inputs, given, strict=True):
+        store[:] = value
+    many.trigger()
+    x, t = many.outputs[0][many.outputs[0][:, 4] > 0, :2].T
+    assert t.size > 5 and x == pytest.approx((np.sqrt(1e-3) - t / 2) ** 2, abs=1e-8)
+
+
 def test_what_rings_for_long_is_no_stiff_mode():
     """x = sin t beside t, up to t = 150: more steps than a slip has, and each of them needed."""
     ends = (Event("half", lambda x, p: x.t - 150, +1, to="rests"),)

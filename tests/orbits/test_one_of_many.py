@@ -7,7 +7,7 @@ import pytest
 from casahunt import NoOrbit
 from casahunt.continuation import follow
 from casahunt.hybrid import Event, Mode, System
-from casahunt.orbits import find_cycle
+from casahunt.orbits import find_cycle, fold_side
 from casahunt.orbits.fold_side import one_of_many
 from casahunt.orbits.orbit import unknowns_of
 
@@ -73,6 +73,15 @@ def test_clocks_of_their_own(many):
     with pytest.raises(NoOrbit, match="it is one of many") as refusal:
         find_cycle(System("clocks", names, {"i": 1.5}, (mode,)), start=start)
     assert ("in 2 ways" in str(refusal.value)) is (many == 3)
+
+
+def test_a_system_too_large_for_its_singular_values_is_not_asked(monkeypatch):
+    """As `test_what_is_free_is_said`, but for that."""
+    field, start, _ = CASES["Hamiltonian"]
+    monkeypatch.setattr(fold_side, "MOST_NODE_UNKNOWNS", 1)
+    with pytest.raises(NoOrbit) as refusal:
+        find_cycle(System("swings", tuple(start), {"m": 1.0}, (Mode("m", field),)), start=start)
+    assert "beside it are other cycles" not in str(refusal.value)
 
 
 def test_a_cycle_alone_and_one_at_a_fold_are_none_of_many():

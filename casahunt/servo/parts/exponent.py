@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ... import effort
+from ...errors import HuntsIrregularly
 from ...motion import MarchFailure, Segment, march
 from .fate import Swing
 from .loop import Loop
@@ -63,6 +64,11 @@ def in_words(exponent: tuple[float, float]) -> str:
     if mean < -ERRORS_FROM_ZERO * error:
         return f"a small difference dies out, so that it may repeat in a longer pattern ({said})"
     return f"whether a small difference grows was not seen ({said})" if mean == mean else ""
+
+
+def told(hunting: HuntsIrregularly) -> str:
+    """What is said of irregular hunting, and of its exponent."""
+    return "; ".join(filter(None, (str(hunting), in_words(hunting.exponent))))
 
 
 def _grown(loop: Loop, mode: str, x: Array, scale: Array, stops: int) -> list[tuple[float, float]]:

@@ -20,7 +20,7 @@ from ...orbits import Multipliers, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.linear.open_loop import open_loop
-from ...servo.parts.exponent import in_words
+from ...servo.parts.exponent import told
 from ...servo.servo import Servo
 from ...servo.units import column
 from ..answers.answer import Answer, angle, called, complex_text, exactly, item, parts_of, record_of, rhythm
@@ -61,9 +61,8 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     try:
         orbit = find_orbit(*asked, branch=branch, options=how)
-    except HuntsIrregularly as refusal:
-        more = in_words(refusal.exponent)
-        raise NoOrbit(f"{refusal.plain}{more and '; '}{more}", refusal.status, evidence=refusal.evidence) from None
+    except HuntsIrregularly as irregular:
+        raise hunts_on(options, NoOrbit(told(irregular), irregular.status), gain) from None
     except NoOrbit as refusal:
         raise hunts_on(options, refusal, gain) from None
     below = parts_of(servo)

@@ -27,7 +27,7 @@ from ...servo.linear.open_loop import open_loop_of_parts
 from ...servo.other_end import other_end
 from ...servo.outcome import SETTLES
 from ...servo.parts import Loop, Remedy, loop_of
-from ...servo.parts.exponent import in_words
+from ...servo.parts.exponent import told
 from ...servo.parts.fate import Swing, on_the_cycle
 from ...servo.parts.verbs import FIRST_OFF, fold_in
 from ...servo.servo import Servo
@@ -98,8 +98,7 @@ class Stages:
         self.verdict, more = "rests" if proved else "unknown", refused(why)
         self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
         if isinstance(why, HuntsIrregularly):
-            evidence = "; ".join(filter(None, [str(why), in_words(why.exponent)]))
-            self.verdict, more = "uneven", {"why": "none: no swing repeats", "evidence": evidence}
+            self.verdict, more = "uneven", {"why": "none: no swing repeats", "evidence": told(why)}
             self.said = "It hunts irregularly: it turns {:.4g} to {:.4g} rad from the set point.".format(*why.amplitude)
         if isinstance(why, ComesToRest):
             self.verdict, self.rests, more = "unknown", True, {"evidence": str(why)}
