@@ -19,7 +19,7 @@ import numpy as np
 from ... import effort
 from ...errors import HuntsIrregularly
 from ...motion import MarchFailure, Segment, march
-from .fate import Swing
+from .fate import ROUNDING_OF_A_STATE, Swing
 from .loop import Loop
 
 Array = np.ndarray
@@ -77,9 +77,10 @@ def _grown(loop: Loop, mode: str, x: Array, scale: Array, stops: int) -> list[tu
     at = [k for k, phase in enumerate(phases[:-1]) if phase.event == STOP]
     aside, grown = np.random.default_rng(0).standard_normal(x.size), list[tuple[float, float]]()
     for here, there in zip(at, at[1:], strict=False):
-        aside[loop.system.states.index("x2")] = 0.0  # both are stuck there
-        beside = phases[here].behind + BEGINS_BESIDE * scale * aside / np.linalg.norm(aside)
-        other = _followed(loop, phases[here + 1].mode, beside, scale, 1)[-1]
+        begins, following = phases[here].behind, phases[here + 1]
+        aside[np.abs(begins) <= ROUNDING_OF_A_STATE * scale] = 0.0  # what is stuck, or stops, is so in both motions
+        beside = begins + BEGINS_BESIDE * scale * aside / np.linalg.norm(aside)
+        other = _followed(loop, following.mode, beside, scale, 1)[-1]
         moved = (other.behind - phases[there].behind) / scale
         far = float(np.linalg.norm(moved))
         aside = moved if far > 0 else aside

@@ -10,9 +10,20 @@ import pytest
 
 from casahunt import Servo
 from casahunt.errors import HuntsIrregularly, Status
-from casahunt.servo.parts import INTEGRATOR, PID_BY_GAINS, SWITCH, TWO_MASSES, Loop, loop_of
+from casahunt.servo.parts import (
+    INTEGRATOR,
+    LOAD_SWITCH,
+    PID_BY_GAINS,
+    PID_BY_TIMES,
+    SWITCH,
+    TWO_MASSES,
+    Loop,
+    exponent,
+    loop_of,
+)
+from casahunt.servo.parts.ahead import measured
 from casahunt.servo.parts.exponent import in_words, largest_exponent
-from casahunt.servo.parts.fate import Swing
+from casahunt.servo.parts.fate import Swing, fate
 from casahunt.servo.parts.verbs import loop_cycle
 from scripts.axes import Axis
 from scripts.peers.axis_motion import NAMES, AxisMotion
@@ -69,6 +80,16 @@ def test_of_irregular_hunting_it_is_positive_and_that_of_another_program():
     assert found > 3 * error and other > 3 * known
     assert abs(found - other) <= 3 * math.hypot(error, known)
     assert f"grows e-fold every {1 / found:.3g} s" in in_words((found, error))
+
+
+@pytest.mark.parametrize("beside", [1e-5, 1e-7])
+def test_it_is_that_of_any_small_difference_also_where_the_load_sticks(monkeypatch, beside):
+    """Of a load with friction of its own: what is stuck stays so beside, whatever the size of the difference."""
+    loop = Loop((TWO_MASSES, SWITCH, LOAD_SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.04, "shaft_damping": 0.05})
+    swing = fate(loop, loop.at_rest(-1.0), measured(loop, loop.at_rest(-1.0), 1.0)).swing
+    known = largest_exponent(loop, swing, 60)
+    monkeypatch.setattr(exponent, "BEGINS_BESIDE", beside)
+    assert largest_exponent(loop, swing, 60) == pytest.approx(known, rel=0.05)
 
 
 def test_what_is_not_known_is_not_said():
