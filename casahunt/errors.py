@@ -6,6 +6,7 @@ Numerical failure is a `Status` on a result.  An exception is raised only at the
 
 from __future__ import annotations
 
+import copyreg
 import math
 from collections.abc import Callable
 from enum import Enum
@@ -103,6 +104,10 @@ class NoOrbit(Exception):
     def __init__(self, message: str, status: Status | None = None, *, evidence: str = "") -> None:
         super().__init__(f"{message} ({evidence})" if evidence else message)
         self.status, self.plain, self.evidence = status, message, evidence
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """On the way to another process: made again by what it holds, for its message does not tell what made it."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class NotFollowed(NoOrbit):

@@ -43,7 +43,7 @@ class MarchFailure(Exception):
 class NoEnd(MarchFailure):
     """More intervals than there may be: the message says where, `time` how far the motion was followed with them."""
 
-    def __init__(self, sentence: str, time: float) -> None:
+    def __init__(self, sentence: str, time: float = float("nan")) -> None:
         super().__init__(sentence)
         self.time = time
 

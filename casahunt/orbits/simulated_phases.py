@@ -63,12 +63,14 @@ def marched(posed: Posed, start: Start) -> list[Start]:
     x = t.nodes_of(u)[0] * setting.scale
     found: list[tuple[float, int, list[Segment]]] = []
     for segments in _motions(posed, start):
-        closing = _closing(posed, segments, x, setting.scale)
-        found += [(distance, many, _as_cut(posed, some, t.cycle.signature)) for distance, many, some in closing]
+        found += _closing(posed, segments, x, setting.scale)
     starts: dict[Signature, Start] = {}
-    for _, _, segments in sorted(found, key=lambda way: way[:2]):
+    for _, _, some in sorted(found, key=lambda way: way[:2]):
+        if len(starts) == RESTARTS:
+            break
+        segments = _as_cut(posed, some, t.cycle.signature)
         label = tuple((s.mode, s.event) for s in segments)
-        if label not in starts and len(starts) < RESTARTS:
+        if label not in starts:
             with suppress(ValueError):  # a stop that is left at once: the system has no phase from event to event
                 starts[label] = start_of(posed, segments, start)
     return list(starts.values())

@@ -54,7 +54,8 @@ MOST_UNSTABLE = 20
 """Cycles that are followed on where they have lost their stability: they may win it back, or come to a fold."""
 MOST_CYCLES, MOST_WORK_OF_AN_END = 150, 4e5
 """Orbits, and work (effort.py: ten seconds of a processor or less), after which cycles are followed no further, and
-motions tell where hunting ends: where slips all but stop half-way, steps become ever smaller."""
+motions tell where hunting ends: where slips all but stop half-way, steps become ever smaller.  Twice as much where
+nothing is tried behind it but motions, which know the size to parts of a hundred."""
 OUTSIDE_BY = 1e-4
 """A multiplier that is larger than 1 by more makes a cycle unstable."""
 FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
@@ -145,7 +146,7 @@ def border(loop: Loop, remedy: Remedy, before: Swing, options: Options) -> Borde
         try:
             if families > MOST_FAMILIES:
                 raise NoOrbit("one kind of cycles follows the other", Status.NOT_FOUND)
-            with effort.at_most(MOST_WORK_OF_AN_END):
+            with effort.at_most(MOST_WORK_OF_AN_END * (2 if rest == NEARLY_THERE else 1)):
                 found = _end_of_stable(with_remedy(loop, remedy, size), remedy, swing, last, options, lost)
             if found.kind == "none":
                 return replace(found, first=first, why=_unstable_from(remedy, limit))
