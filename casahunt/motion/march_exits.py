@@ -170,7 +170,8 @@ def locate_exit(
 
     beyond: watched local time (0..1] at which its event is beyond zero; start, stages: (n,), (d n,) states of the
     interval, in units of the scale; h: its length [s]. Returns length [s], (d n,) stages and (n,) end of the interval
-    at whose end the event vanishes; None where none is found.
+    at whose end the event vanishes; None where none is found.  Where it begins on the event, but for rounding, and dips
+    away by no more than that, it ends on the way back.
     """
     stepper, which = watch.stepper, watch.exits.index(way_out)
     s = stepper.scheme
@@ -184,17 +185,19 @@ def locate_exit(
     # Rounding in the states keeps the event from vanishing better than this.
     tolerance = max(EVENT_TOLERANCE, EXIT_ROUNDING * max(size, stepper.scale_of(way_out)))
     solved: SolvedInterval | None = None
-    f = last = np.inf
+    begins, f, last = value(start)[0], np.inf, np.inf
     reach = 1.0  # local time at the end of the interval whose polynomial w is
     for _ in range(MOST_HALVINGS):
         solved = stepper(start, ExtrapolatedStages(w, 0.0, theta / reach), theta * h, EXACT)
         if solved is None:
             return None
-        w, reach = np.concatenate([start, solved.stages]).reshape(s.degree + 1, -1), theta
         f, rate = value(solved.end)
         if np.isnan(f):
             return None
-        if abs(f) <= tolerance or bracket.width < 1e-15:
+        nearer = not f <= begins < 0  # else it has dipped, and is not back
+        if nearer:
+            w, reach = np.concatenate([start, solved.stages]).reshape(s.degree + 1, -1), theta
+        if (nearer and abs(f) <= tolerance) or bracket.width < 1e-15:
             break
         bracket = bracket.told(theta, f)
         rate *= h

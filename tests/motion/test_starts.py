@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
@@ -179,3 +180,28 @@ def test_a_balance_of_forces_that_is_off_by_rounding_ends_no_slip():
     motion = simulate(system, "slips", start={"v": 0.0, "u": float(np.nextafter(c, 0)), "t": 0.0}, duration=2.0)
     assert [crossing.event for crossing in motion.events] == ["stops"]
     assert motion.events[0].time == pytest.approx(1.5, rel=1e-7)
+
+
+@pytest.mark.parametrize("away", [-1e-9, -1e-8, -1e-7])
+def test_a_start_beside_an_event_that_dips_away_meets_it_on_the_way_back(away):
+    """By less than an event is known to: x = x_0 + t - (1 - a)(1 - e^-t), with the rate a < 0 at the start.
+
+    Where it leads is asked of the rate, which is below zero until the way back.
+    """
+
+    def field(x, p):
+        return {"x": x.v, "v": 1.0 - x.v}
+
+    zero = Event("zero", lambda x, p: x.x, +1, to=lambda x, p: "before" if x.v < 0 else "after")
+    one = Event("one", lambda x, p: x.x - 1, +1, to="last")
+    modes = (
+        Mode("before", field, stiff=True, ends=(zero,)),
+        Mode("after", field, stiff=True, ends=(one,)),
+        Mode("last", lambda x, p: {"x": 1.0, "v": 0.0}),
+    )
+    began = -1e-17
+    motion = simulate(System("dip", ("x", "v"), {}, modes), mode="before", x=began, v=away, duration=2.0)
+    assert [crossing.event for crossing in motion.events] == ["zero", "one"]
+    assert motion.events[0].time < 1e-6
+    exact = brentq(lambda t: began + t - (1 - away) * -np.expm1(-t) - 1, 1.0, 3.0, xtol=1e-14)
+    assert motion.events[1].time == pytest.approx(exact, rel=1e-10)
