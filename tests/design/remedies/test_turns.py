@@ -129,6 +129,23 @@ def test_no_size_is_told_where_motions_alone_do_not_show_the_end(monkeypatch):
     assert "whether any hunts beyond is not known" in row.why
 
 
+def test_cycles_may_take_twice_the_work_where_motions_alone_are_left(monkeypatch):
+    """The first time they are tried again from where motions come nearer to them, the second time nothing is."""
+    allowed, swing = list[float](), fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
+    seen = border.EndOfMotions(0.03, swing, 0.05, "at rest")
+
+    def end_of_cycles(*more):
+        allowed.append(0.0)
+        while True:
+            effort.problem(10_000)
+            allowed[-1] += 10_000
+
+    monkeypatch.setattr(border, "end_of_motions", lambda *more: seen)
+    monkeypatch.setattr(border, "_end_of_stable", end_of_cycles)
+    assert remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0].kind == "motions"
+    assert allowed == [border.MOST_WORK_OF_AN_END, 2 * border.MOST_WORK_OF_AN_END]
+
+
 def test_what_motions_leave_open_is_the_error_of_their_size(monkeypatch):
     """None is known to hunt from 0.03 on, none does from 0.05 on."""
     swing = fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
