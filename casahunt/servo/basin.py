@@ -27,6 +27,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from ..axis_units import in_its_units, several
 from ..checks import of_kind, require
@@ -238,11 +239,11 @@ def _of_one_inertia(servo: Servo, model: Any, gain: Any, loop: Loop, options: Op
         outer_position = stick_position(outer)
     except NoOrbit as error:
         why = str(error)
-    border = stick_position(unstable)
+    border, error = stuck_at(unstable)
     beyond = offset if outer is None else min(offset, 0.5 * abs(outer_position / border - 1))
     motions = _Motions(loop, Swing.of(outer or unstable))
     inside, outside = (motions.follow(-border * factor) for factor in (1 - offset, 1 + beyond))
-    return Basin(motions.loop, border, unstable.error_estimate, inside, outside, offset, unstable, outer, why,
+    return Basin(motions.loop, border, error, inside, outside, offset, unstable, outer, why,
                  outer_position=outer_position)  # fmt: skip
 
 
@@ -332,9 +333,18 @@ def stick_position(orbit: HuntingOrbit) -> float:
 
     Raises NoOrbit: the torque does not come up to 0.9 Fs at a standstill.
     """
+    return stuck_at(orbit)[0]
+
+
+def stuck_at(orbit: HuntingOrbit) -> tuple[float, float]:
+    """(`stick_position`, relative error).  Raises NoOrbit.
+
+    Inside an interval a cycle is known less well than at its ends: the degree of its polynomials, less one, shows how.
+    """
     if orbit.model == "switch":
-        return orbit.amplitude
-    _, x = orbit.sample()
+        return orbit.amplitude, orbit.error_estimate
+    per = orbit.degree + 1  # of an interval: with its end more than its polynomials need
+    _, x = orbit.sample(per)
     torque = np.asarray(motor_torque(x, orbit.servo.parameters(orbit.gain)), float)
     level = SECTION * orbit.servo.friction.static
     # Breakaway in either direction: stuck on one side of the set point, torque towards the other.
@@ -343,9 +353,14 @@ def stick_position(orbit: HuntingOrbit) -> float:
         rising = np.flatnonzero((m[:-1] < level) & (m[1:] >= level) & (side * x[0, :-1] > 0))
         slow = [i for i in rising if abs(x[1, i]) < 1e-2 * np.max(np.abs(x[1]))]
         if slow:
-            i = slow[-1]
-            weight = (level - m[i]) / (m[i + 1] - m[i])
-            return float(abs(x[0, i] + weight * (x[0, i + 1] - x[0, i])))
+            i = int(slow[-1])
+            first, tau = i // per * per, np.linspace(0, 1, per + 1)
+            places = list[float]()
+            for degree in (orbit.degree, orbit.degree - 1):
+                m_of, x_of = (Polynomial.fit(tau, y[first : first + per + 1], degree) for y in (m, x[0]))
+                at, _ = boundary(lambda s, of=m_of: of(s) >= level, *tau[i - first : i - first + 2].tolist())
+                places.append(abs(float(x_of(at))))
+            return places[0], max(orbit.error_estimate, abs(places[1] / places[0] - 1))
     raise NoOrbit(
         f"the {orbit.model} cycle at gain {orbit.gain:g} does not stand still at {SECTION:g} Fs: no stick position",
         Status.INADMISSIBLE,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -79,11 +80,76 @@ def test_where_a_lugre_servo_is_stuck(side):
         x1, m = -(0.02 - creep * t), (0.9 + 0.5 * (t - at)) * servo.friction.static
         v = np.where(t < 0.9, creep, 1.0)  # at the end it slips
         x = side * np.stack([x1, v, -(m + kp * x1 + kd * v) / ki, 0 * t])
-        return SimpleNamespace(model="lugre", servo=servo, gain=0.1, sample=lambda: (t, x))
+        return SimpleNamespace(model="lugre", servo=servo, gain=0.1, degree=4, error_estimate=0.0,
+                               sample=lambda per_interval: (t, x))  # fmt: skip
 
     assert stick_position(stuck(1e-3, 0.47)) == pytest.approx(0.02 - 0.47e-3, rel=1e-12)
     with pytest.raises(NoOrbit, match="does not stand still"):
         stick_position(stuck(0.02, 0.47))
+
+
+@pytest.mark.parametrize(("gain", "dies", "grows"), [(0.04, 0.486926e-3, 0.486929e-3), (0.1, 0.612869e-3, 0.612871e-3)])
+def test_the_border_of_a_lugre_servo_is_known_to_its_error(gain, dies, grows):
+    """Between starts from which scipy's motions die out and grow; and to its error, whatever mesh its cycle has."""
+    borders = [basin(Servo(), "lugre", gain, options=Options(tol=tol)) for tol in (1e-5, 1e-10)]
+    assert all(dies < found.border < grows for found in borders)
+    coarse, fine = ((found.border, found.border * found.error_estimate) for found in borders)
+    assert abs(coarse[0] - fine[0]) < 3 * (coarse[1] + fine[1]) and fine[1] < 1e-8 * fine[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.04, 0.1, 0.3])
+def test_motions_of_scipy_part_at_the_border_of_a_lugre_servo(gain):
+    """A part of 1e-5 of it on either side: they turn ever nearer to the set point, or ever farther off.
+
+    Where bristles begin at rest, and the cycle creeps, a part of some 1e-6 of the place lies between the two.
+    """
+    border = basin(Servo(), "lugre", gain).border
+    for side in (-1, 1):
+        places = _swings_of_scipy(gain, border * (1 + side * 1e-5))
+        assert all(side * (after - before) > 0 for before, after in pairwise(places)) and len(places) > 1
+        assert side < 0 or places[-1] > 3 * border
+
+
+def _swings_of_scipy(gain, a):
+    """Where Table 1 stands with LuGre friction at 0.9 Fs, from one standstill to the next, by Radau IIA of scipy."""
+    servo, f = Servo(), Servo().friction
+    kp, kd, ki = servo.torque_gains(gain)
+    level = 0.9 * f.static
+
+    def torque(y):
+        return -(kp * y[0] + kd * y[1] + ki * y[2])
+
+    def rates(t, y):
+        x, v, _, z = y
+        sliding = f.coulomb + (f.static - f.coulomb) * math.exp(-((v / f.stribeck_velocity) ** 2))
+        bends = v - f.stiffness * abs(v) * z / sliding
+        friction = f.stiffness * z + f.damping * bends + f.viscous * v
+        return [v, (torque(y) - friction) / servo.inertia, x, bends]
+
+    def followed(y, duration, event=None):
+        return solve_ivp(rates, (0, duration), y, "Radau", events=event, rtol=1e-10, atol=[1e-15, 1e-14, 1e-14, 1e-17])
+
+    def up_to(y, function, direction):
+        def event(t, y):
+            return function(y)
+
+        event.terminal, event.direction = True, direction
+        motion = followed(y, 4e3, event)
+        return motion.y[:, -1] if motion.t_events[0].size else None
+
+    places, side = [a], -1  # where it stands, and on which side of the set point
+    y = np.array([-a, 0.0, (kp * a - level) / ki, level / f.stiffness])
+    while a / 3 < places[-1] < 3 * a:
+        if (y := up_to(y, lambda y: y[0], -side)) is None:
+            break
+        side, y[0] = -side, -side * 1e-18
+        while (y := up_to(y, lambda y, side=side: -side * torque(y) - level, 1)) is not None and abs(y[1]) > 1e-4:
+            y = followed(y, 1e-3).y[:, -1]  # it slips as the torque comes up
+        if y is None:
+            break
+        places.append(abs(y[0]))
+    return places
 
 
 def test_no_cycle_no_border(capsys):
