@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -237,8 +238,8 @@ def _of_one_inertia(servo: Servo, model: Any, gain: Any, loop: Loop, options: Op
     try:
         outer = find_orbit(servo, model, gain, options=options)
         outer_position = stick_position(outer)
-    except NoOrbit as error:
-        why = str(error)
+    except NoOrbit as refusal:
+        why = str(refusal)
     border, error = stuck_at(unstable)
     beyond = offset if outer is None else min(offset, 0.5 * abs(outer_position / border - 1))
     motions = _Motions(loop, Swing.of(outer or unstable))
@@ -358,10 +359,15 @@ def stuck_at(orbit: HuntingOrbit) -> tuple[float, float]:
             places = list[float]()
             for degree in (orbit.degree, orbit.degree - 1):
                 m_of, x_of = (Polynomial.fit(tau, y[first : first + per + 1], degree) for y in (m, x[0]))
-                at, _ = boundary(lambda s, of=m_of: of(s) >= level, *tau[i - first : i - first + 2].tolist())
+                at, _ = boundary(partial(_comes_up, m_of, level), *tau[i - first : i - first + 2].tolist())
                 places.append(abs(float(x_of(at))))
             return places[0], max(orbit.error_estimate, abs(places[1] / places[0] - 1))
     raise NoOrbit(
         f"the {orbit.model} cycle at gain {orbit.gain:g} does not stand still at {SECTION:g} Fs: no stick position",
         Status.INADMISSIBLE,
     )
+
+
+def _comes_up(torque: Polynomial, level: float, s: float) -> bool:
+    """Whether a torque has come up to a level at a place of an interval."""
+    return float(torque(s)) >= level
