@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -354,20 +353,22 @@ def stuck_at(orbit: HuntingOrbit) -> tuple[float, float]:
         rising = np.flatnonzero((m[:-1] < level) & (m[1:] >= level) & (side * x[0, :-1] > 0))
         slow = [i for i in rising if abs(x[1, i]) < 1e-2 * np.max(np.abs(x[1]))]
         if slow:
-            i = int(slow[-1])
-            first, tau = i // per * per, np.linspace(0, 1, per + 1)
-            places = list[float]()
-            for degree in (orbit.degree, orbit.degree - 1):
-                m_of, x_of = (Polynomial.fit(tau, y[first : first + per + 1], degree) for y in (m, x[0]))
-                at, _ = boundary(partial(_comes_up, m_of, level), *tau[i - first : i - first + 2].tolist())
-                places.append(abs(float(x_of(at))))
-            return places[0], max(orbit.error_estimate, abs(places[1] / places[0] - 1))
+            first, k = divmod(int(slow[-1]), per)
+            within = slice(first * per, (first + 1) * per + 1)
+            place, coarser = (_where(m[within] - level, x[0, within], k, d) for d in (orbit.degree, orbit.degree - 1))
+            return abs(place), max(orbit.error_estimate, abs(coarser / place - 1))
     raise NoOrbit(
         f"the {orbit.model} cycle at gain {orbit.gain:g} does not stand still at {SECTION:g} Fs: no stick position",
         Status.INADMISSIBLE,
     )
 
 
-def _comes_up(torque: Polynomial, level: float, s: float) -> bool:
-    """Whether a torque has come up to a level at a place of an interval."""
-    return float(torque(s)) >= level
+def _where(f: Array, x: Array, k: int, degree: int) -> float:
+    """x where f comes up to zero behind sample k of an interval, as polynomials of a degree.
+
+    f, x: (m,) at equal distances, the ends of the interval included; f < 0 at sample k, and not at the next one.
+    """
+    tau = np.linspace(0, 1, f.size)
+    of_f, of_x = (Polynomial.fit(tau, y, degree) for y in (f, x))
+    at, _ = boundary(lambda s: float(of_f(s)) >= 0, float(tau[k]), float(tau[k + 1]))
+    return float(of_x(at))
