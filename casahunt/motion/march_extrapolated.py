@@ -18,6 +18,7 @@ import numpy as np
 
 from .. import effort
 from ..collocation.admissibility import PASSED
+from ..collocation.successors import at_speed
 from ..hybrid.system import Exit, VectorMode, VectorSystem
 from ..roots import MOST_HALVINGS, Bracket
 from .extrapolated_steps import PLACES_OF_A_CALL, ROUNDING_OF_ONE, STEPS_OF_A_CALL, steps_of
@@ -69,7 +70,8 @@ class Landing(NamedTuple):
 
 
 class Lost(Exception):
-    """Steps are many, as in a stiff mode, or became nothing, or an event is no number on the way to its zero."""
+    """Steps are many, as in a stiff mode, or became nothing, or an event is no number on the way to its zero, or comes
+    back to it between the start and the first look."""
 
 
 def by_steps(
@@ -107,7 +109,7 @@ class _Steps:
     """The steps of one mode."""
 
     def __init__(self, mode: VectorMode, exits: tuple[Exit, ...], p: Array, scale: Array, tol: float) -> None:
-        self._exits, self._tol = exits, tol
+        self._mode, self._exits, self._tol = mode, exits, tol
         self._fixed = mode.sign, p, scale, [way_out.direction for way_out in exits]
         self._own = [i for i, way_out in enumerate(exits) if not way_out.mark or way_out.reset is not None]
         self._compiled = lambda implicit: steps_of(mode, exits, scale.size, p.size, implicit)
@@ -140,6 +142,8 @@ class _Steps:
                 h = float(rows[0, n + 2])
                 if h <= max(lows, default=0.0):  # it is not seen yet to which side an event is left
                     continue
+                if any(low > 0 and self._dips(i, x, table[0, n + 4 + i]) for i, low in enumerate(lows)):
+                    raise Lost
                 near = [i for i in self._own if abs(at_first[i]) <= NEAR_EVENT]
                 clean = table[0, n + 3] >= 0 and not any(rows[:3, n + 4 + i].min() > 0 for i in near)
             before, last = (rows[-2] if m > 1 else table[0]), rows[-1]
@@ -163,6 +167,13 @@ class _Steps:
                 states = np.vstack(tables)
                 return Followed(states[:, n], states[:, :n], None, clean)
         raise Lost
+
+    def _dips(self, i: int, x: Array, seen: float) -> bool:
+        """Whether an event that is not seen below zero just behind the start went there, and has come back."""
+        if seen < 0:
+            return False
+        way_out, (_, p, scale, _) = self._exits[i], self._fixed
+        return at_speed(self._mode, way_out.event, -way_out.direction, x * scale, p)
 
     def _steps(self, x: Array, given: tuple[float, ...]) -> tuple[Array, list[float], list[float]]:
         """The next steps: their table, where each event was seen first, and what it was at the start."""

@@ -30,6 +30,7 @@ import numpy as np
 from .. import effort
 from ..collocation.admissibility import hides
 from ..collocation.scheme import Scheme
+from ..collocation.successors import at_speed
 from ..hybrid.system import Exit, VectorMode
 from ..roots import LOOKED_AT, MOST_HALVINGS, Bracket
 from .march_exits import EVENT_TOLERANCE, EXIT_ROUNDING
@@ -92,7 +93,7 @@ class Following:
 
     Attributes
     ----------
-    exits, stepper, series : of the mode: its exits, its intervals, its series.
+    mode, exits, stepper, series : the mode: its exits, its intervals, its series.
     x : (n,) scaled state.
     tol, max_time, most : tolerance of intervals; time after which it ends; steps after which the rest is left to
         intervals.
@@ -104,6 +105,7 @@ class Following:
     taken, trial : steps so far; after so many an interval is tried.
     """
 
+    mode: VectorMode
     exits: tuple[Exit, ...]
     stepper: Stepper
     series: Series
@@ -152,8 +154,9 @@ class Following:
         j, s, way_out, lost = right, 1.0, None, False
         if right and self.exits:
             try:
+                fresh = self.mode if self.fresh else None
                 found = first_exit(
-                    self.exits, self.stepper, steps.C[:right], points[:right], self.fresh, self._is_over(began[right])
+                    self.exits, self.stepper, steps.C[:right], points[:right], fresh, self._is_over(began[right])
                 )
                 j, s, way_out = found
             except NotLocated as refusal:
@@ -224,20 +227,21 @@ def _is_stiff(stepper: Stepper, x: Array, h: float, tol: float) -> bool:
 
 
 def first_exit(
-    exits: tuple[Exit, ...], stepper: Stepper, C: Array, points: Array, fresh: bool, over: bool
+    exits: tuple[Exit, ...], stepper: Stepper, C: Array, points: Array, fresh: VectorMode | None, over: bool
 ) -> tuple[int, float, Exit | None]:
     """The first exit of steps in a row.
 
     C, points: (K, P + 1, n) coefficients of the steps; (K, looks, n) states at which they are looked at;
-    fresh, over: the first step may begin on an event, of which is seen to which side it is left; at the end of the last
-    one the time is over, and an event is met that the motion comes to there but for rounding.
+    fresh: the mode, where the first step may begin on an event: to which side this is left is seen just behind it, or
+    told by its rate where the motion is back by then; over: at the end of the last one the time is over, and an event
+    is met that the motion comes to there but for rounding.
     Returns number of the step, place 0 < s <= 1 in it, and exit; the number of steps, 1 and None where there is none.
     Raises NotLocated: an event is crossed, and vanishes nowhere.
     """
     inner = points[:, :-1].reshape(-1, points.shape[2])
     looks, parts = len(inner) + 1, LOOKED_AT.size - 1
     states = (
-        np.vstack([inner, points[-1, -1], *([series_value(C[0], JUST_BEHIND)] if fresh else [])]).T
+        np.vstack([inner, points[-1, -1], *([series_value(C[0], JUST_BEHIND)] if fresh is not None else [])]).T
         * stepper.scale[:, None]
     )
     best: Exit | None = None
@@ -245,9 +249,11 @@ def first_exit(
     for way_out in exits:
         h = way_out.direction * np.asarray(way_out.event.function(states, 0.0, stepper.p), float)
         inside = h[: looks - 1] < 0
-        if fresh and abs(h[0]) <= ON_EVENT:
+        if fresh is not None and abs(h[0]) <= ON_EVENT:
             begins = float(h[looks]) - h[0]
             inside[0] = begins < 0 if begins != 0 else h[1] < 0
+            if not inside[0]:
+                inside[0] = at_speed(fresh, way_out.event, -way_out.direction, states[:, 0], stepper.p)
         if over and -ON_EVENT <= h[looks - 1] < 0 and h[looks - 2] < h[looks - 1]:
             h[looks - 1] = 0.0
         crossed = np.flatnonzero(inside & (h[1:looks] >= 0))
@@ -258,8 +264,10 @@ def first_exit(
         if k > first:
             continue
         low, f_low = (k % parts) / parts, float(h[k])
-        if k == 0 and fresh and abs(f_low) <= ON_EVENT and h[looks] < 0:  # the zero that it begins on is none to come
-            low, f_low = JUST_BEHIND, float(h[looks])
+        if k == 0 and fresh is not None and abs(f_low) <= ON_EVENT:  # the zero that it begins on is none to come
+            value = partial(_event_at, way_out, stepper, C[0])
+            low = next((s for s in JUST_BEHIND * 0.5 ** np.arange(MOST_HALVINGS) if value(s) < 0), 0.0)
+            f_low = value(low)
         s = _root(way_out, stepper, C[k // parts], low, f_low, f_high, high)
         if s is None:
             raise NotLocated(k // parts)

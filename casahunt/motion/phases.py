@@ -272,7 +272,7 @@ def _followed(
     reached = Reached(0.0, x / scale, None, False, begins.length)
     series = None if mode.stiff or not by_series else series_of(mode.field, mode.sign, p, scale)
     if series is not None:
-        following = Following(exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
+        following = Following(mode, exits, stepper, series, x / scale, tol, max_time, max_intervals, passes)
         reached, stretches = following.run(), following.stretches
     if stretches and reached.over and most_intervals(stretches, stepper.scheme, tol) <= max_intervals:
         event = "" if reached.way_out is None else reached.way_out.event.name
