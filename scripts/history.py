@@ -89,7 +89,7 @@ def answer(seed: int, question: Question, options: Options, limit: float) -> Ans
         try:
             if question.what == "fold":
                 fold = find_fold(servo, question.model, options=options)
-                found, numbers = fold.orbit, [fold.gain, fold.gain_error, fold.optimised_gain]
+                found, numbers = fold.orbit, [fold.gain, fold.gain_error, fold.confirmed_gain]
             else:
                 branch: Any = question.what
                 found, numbers = find_orbit(servo, question.model, question.gain, branch=branch, options=options), []

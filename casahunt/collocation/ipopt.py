@@ -250,7 +250,6 @@ class Maximum:
     multipliers : (size,) IPOPT's multipliers of the equations: the adjoint of the fold,
         d lambda / d q = - multipliers . dG/dq for every parameter q.
     status, iterations : how it ended.
-    bend : d2 lambda/d a2 along the row a that its finder was given; NaN where it was given none.
     """
 
     u: Array
@@ -258,7 +257,6 @@ class Maximum:
     multipliers: Array
     status: Status
     iterations: int
-    bend: float = np.nan
 
 
 def maximise_parameter(t: Transcription, u: Array, setting: Setting, *, freedom: float = 0.01) -> Maximum:

@@ -22,8 +22,8 @@ terminations.py     where cycles end: shrunk, grown, at an equilibrium; and thro
 branch.py           a branch on its way, and as it is handed out
 closed_branch.py    where a branch closes
 following.py        a branch of a user's system, with what is met on the way
-optimum.py          a fold as an optimisation problem: its conditions, and how much it moves with every parameter
-fold.py             a fold as a point of the branch and as an optimum
+fold.py             a fold as a point of the branch, and how much it moves with every parameter
+fold_conditions.py  a fold as constraints of a larger optimisation problem
 fold_check.py       a located fold, confirmed, on its mesh and on finer ones
 fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
 fold_ensemble.py    folds of many problems near one whose fold is known, with their errors and derivatives
@@ -46,8 +46,9 @@ if TYPE_CHECKING:
     from .crossings import special_points_between
     from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import grazing, largest, smallest
-    from .fold import Fold, FoldConstraints, fold_between
+    from .fold import Fold, fold_between
     from .fold_check import next_fold
+    from .fold_conditions import FoldConstraints
     from .fold_ensemble import Folds, expansion, expansion_beside, folds_near
     from .fold_expansion import Expansion
     from .following import follow

@@ -1,10 +1,7 @@
-"""The largest and the smallest value of a parameter along a branch, as optimisation problems.
+"""The largest and the smallest value of a parameter along a branch.
 
-    maximise  +- lambda   subject to  G(u, lambda; q) = 0       by Newton's method on the conditions (optimum.py)
-
-The branch is followed to its fold; there the optimisation problem is solved on the mesh of the orbit and on the mesh
-with halved intervals, by IPOPT with the exact Hessian where that is named or the conditions are not seen to hold
-(fold_check.py).  Its multipliers give the derivatives of the value by all other parameters at once (optimum.py).
+The branch is followed to its fold; there the turning point is solved for on the mesh of the orbit and on the mesh with
+halved intervals (fold_check.py).  Its adjoint gives the derivatives of the value by all other parameters (fold.py).
 
 The first cycle on the way of a parameter that grazes an event, from one that keeps clear of it.
 

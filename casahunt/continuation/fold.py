@@ -1,41 +1,41 @@
 """The cyclic fold: where a branch turns back in its parameter.
 
-Two ways that share nothing but the collocation equations:
+    d lambda/d s = 0        the point of the branch whose tangent has no parameter component (special_points.py)
 
-* along the branch: the point where the tangent has no parameter component (special_points.py), the mesh adapted
-  and the error of the parameter estimated there by an adjoint;
-* as an optimisation problem: maximise lambda subject to the transcription, with the exact Hessian: by Newton's method
-  on its conditions (optimum.py); by IPOPT where that is named, or where the conditions are not seen to hold.
-  Its multipliers are the adjoint of the fold, d lambda/d q = -nu . dG/dq for every parameter q.  Where Newton is to
-  work alone, the turning point of the curve on a fixed mesh takes the place of IPOPT (newton.py).
+located between two orbits, on a mesh adapted to the tolerance, where the error of the parameter is estimated by an
+adjoint, and confirmed by the turning point on the mesh of halved intervals (fold_check.py); where IPOPT is named, as
+the optimum of
 
-fold_check.py does both, and refuses where they disagree.
+    maximise lambda   subject to  G(u, lambda) = 0        with the exact Hessian (collocation/ipopt.py).
+
+How it moves with a parameter q, a the way along the curve by a row w:  psi [G_u, G_lambda; w] = e_lambda  is the
+adjoint of lambda at a fixed a, which at a fold is the fold,
+
+    d lambda/d q = -psi . dG/dq        of all parameters at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Generic
+from typing import ClassVar, Generic
 
 import numpy as np
 
 from ..checks import to_error
-from ..collocation.transcription import Setting, Transcription
+from ..collocation.transcription import Setting, Transcription, settings_of
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
+from ..orbits.bordering import row_along
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..results import Result
 from .curve import along, ends, parameter_value
+from .fold_expansion import borders
 from .locating import locate_special_point, turned_orbit
-from .optimum import data_of, fold_conditions, parameter_slopes
 from .special_points import FOLD, SpecialPoint, special_point
 
 Array = np.ndarray
 
-LEAST_LAMBDA = -0.9
-"""lambda of a fold as a constraint: the parameter stays above zero."""
 FREEDOM = 0.01
 """|lambda| at which an extremum is no longer next to a point."""
 
@@ -50,9 +50,8 @@ class Fold(Result, Generic[AnyOrbit]):
     parameter : the name of the parameter.
     value : its value at the fold.
     value_error : estimated relative error of the value.
-    optimised_value : that of the optimisation problem on the same mesh; of the turning point there where Newton works
-        alone.
-    multipliers : (size,) multipliers of the collocation equations, the adjoint of the fold.
+    confirmed_value : the value again, of the turning point on the mesh of halved intervals; where IPOPT works alone, of
+        the optimum there.
     status, wall_s : as everywhere.
     sense : +1 where the parameter is largest there, -1 where it is smallest.
 
@@ -72,15 +71,14 @@ class Fold(Result, Generic[AnyOrbit]):
         "period = orbit.period ~ orbit.period_error", "status",
     )  # fmt: skip
     _details: ClassVar[tuple[str, ...]] = (
-        "value_error", "optimised_value", "error_estimate", "sensitivities", "orbit", "wall_s",
+        "value_error", "confirmed_value", "error_estimate", "sensitivities", "orbit", "wall_s",
     )  # fmt: skip
 
     orbit: AnyOrbit
     parameter: str
     value: float
     value_error: float
-    optimised_value: float
-    multipliers: Array
+    confirmed_value: float
     status: Status
     wall_s: float
     sense: float = 1.0
@@ -92,11 +90,16 @@ class Fold(Result, Generic[AnyOrbit]):
 
     @cached_property
     def sensitivities(self) -> dict[str, float]:
-        """By how much the value moves with every other parameter, all of them from the multipliers (optimum.py)."""
-        problem = self.orbit.problem
-        others = tuple(name for name in problem.names if name != self.parameter)
-        slopes = parameter_slopes(self.orbit, self.multipliers, others)
-        return {name: float(problem.unit(self.parameter) * slope) for name, slope in zip(others, slopes, strict=True)}
+        """By how much the value moves with every other parameter."""
+        problem, (t, u, setting) = self.orbit.problem, unknowns_along(self.orbit, self.parameter)
+        names = [name for name in problem.names if name != self.parameter]
+        sizes = [problem.unit(name) or 1.0 for name in names]
+        if not names:
+            return {}
+        one = settings_of(setting, setting.p[None], setting.dp[None])
+        ways = np.array([[problem.direction(name) * size for name, size in zip(names, sizes, strict=True)]])
+        slopes = problem.unit(self.parameter) * fold_slopes(t, u[None], one, row_along(t, u, setting), ways)[0]
+        return {name: 0.0 + float(slope) / size for name, slope, size in zip(names, slopes, sizes, strict=True)}
 
     def __str__(self) -> str:
         error = self.value_error * abs(self.orbit.problem.unit(self.parameter))
@@ -109,65 +112,6 @@ class Fold(Result, Generic[AnyOrbit]):
     def absolute_error(self) -> float:
         """Estimated error of the value, in its own unit."""
         return float(self.value_error * abs(self.orbit.problem.unit(self.parameter)))
-
-
-@dataclass(frozen=True, eq=False)
-class FoldConstraints:
-    """A fold as constraints of a larger optimisation problem, with exact Jacobian: see optimum.py.
-
-    Attributes
-    ----------
-    equations, jacobian : functions of (q, z, n): q the logarithms of the free parameters, z the unknowns of the cycle
-        and lambda (value of the fold = what it is here times 1 + lambda), n the multipliers; and by all three, sparse.
-    right : what the equations must be.
-    z, lowest, n : where z starts, the smallest it may be, and where n starts.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from casahunt.continuation import FoldConstraints, largest
-    >>> from casahunt.hybrid.examples import ball
-    >>> from casahunt.orbits import find_cycle
-    >>> fold = largest(find_cycle(ball, x=0.0119, v=1.54, t=0.07, settled=True), "g")
-    >>> conditions = FoldConstraints.of(fold, ("omega",))
-    >>> q = np.log([fold.orbit.problem.value("omega")])
-    >>> left = np.array(conditions.equations(q, conditions.z, conditions.n)).ravel() - conditions.right
-    >>> bool(np.abs(left).max() < 1e-5)
-    True
-    """
-
-    equations: Callable[..., Any]
-    jacobian: Callable[..., Any]
-    right: Array
-    z: Array
-    lowest: Array
-    n: Array
-
-    @classmethod
-    def of(cls, fold: Fold[Any], free: tuple[str, ...]) -> FoldConstraints:
-        """The conditions of a fold.
-
-        Parameters
-        ----------
-        fold, free
-            the fold, and the names of the free parameters, all above zero.
-
-        Returns
-        -------
-        FoldConstraints.
-        """
-        problem = fold.orbit.problem
-        t, u, setting = unknowns_along(fold.orbit, fold.parameter)
-        equations, jacobian = fold_conditions(t, tuple(problem.names.index(name) for name in free))
-        data, S = data_of(setting), float(np.max(np.abs(fold.multipliers)))
-        lowest = np.full(t.size + 1, -np.inf)
-        lowest[t.size - t.phases : t.size] = 0.0  # durations
-        lowest[-1] = LEAST_LAMBDA
-        right = np.append(np.zeros(2 * t.size), 1.0)
-        return cls(
-            lambda q, z, n: equations(q, z, n, data, S), lambda q, z, n: jacobian(q, z, n, data, S),
-            right, np.append(u, 0.0), lowest, fold.multipliers / S,
-        )  # fmt: skip
 
 
 def turns_back(before: Orbit, after: Orbit, vary: str, sense: float = 1.0) -> bool:
@@ -255,3 +199,17 @@ def unknowns_along(orbit: Orbit, vary: str, sense: float = 1.0) -> tuple[Transcr
     """The unknowns of an orbit, lambda the relative change of the parameter, times `sense`."""
     t, u, setting = unknowns_of(orbit)
     return t, u, replace(setting, dp=sense * along(orbit.problem, vary))
+
+
+def fold_slopes(t: Transcription, u: Array, settings: Setting, row: Array, ways: Array) -> Array:
+    """How much the folds of many members move.
+
+    t, u, settings: transcription, (B, size) unknowns at their folds, their settings; row: (n + 2,) weights along the
+    curve; ways: (B, k, np) directions of p. Returns (B, k) d lambda/d q.
+    """
+    lin = t.linearise(u, replace(settings, others=ways))
+    goal = np.zeros((len(u), 1, t.system.size))
+    goal[:, 0, -1] = 1.0
+    psi = t.system.solve_transposed(lin.matrix(borders(t, u, row)), goal)[:, 0]
+    columns = [np.matmul(psi[:, None], lin.rhs(direction=1 + k)[:, :, None])[:, 0, 0] for k in range(ways.shape[1])]
+    return np.stack(columns, axis=1)

@@ -44,7 +44,7 @@ from ..orbits.ensemble import ROOM_FOR_KNOWN, sizes_of_steps
 from ..orbits.orbit import Orbit, SolvedOrbit, orbit_of, unknowns_of
 from ..orbits.restart import Start
 from .curve import along
-from .fold import Fold
+from .fold import Fold, fold_slopes
 from .fold_expansion import Expansion, borders, from_expansion
 
 Array = np.ndarray
@@ -426,19 +426,14 @@ def _on_coarse(t: Transcription, fine: Transcription, y: Array) -> Array:
 
 
 def slopes_of_many(known: Expansion, u: Array, settings: Setting, names: tuple[str, ...]) -> Array:
-    """How much folds move with parameters, from the adjoint of lambda: a held, which at a fold is the fold.
+    """How much folds move with parameters (fold.py).
 
     known, u, settings: as in `confirmed_many`. Returns (B, k) d ln value/d ln q.
     """
-    t, problem = known.t, known.problem
+    problem = known.problem
     at = [problem.names.index(name) for name in names]
-    directions = np.zeros((len(u), len(at), settings.p.shape[1]))
-    directions[:, np.arange(len(at)), at] = settings.p[:, at]
-    lin = t.linearise(u, replace(settings, others=directions))
-    goal = np.zeros((len(u), 1, t.system.size))
-    goal[:, 0, -1] = 1.0
-    psi = t.system.solve_transposed(lin.matrix(borders(t, u, known.row)), goal)[:, 0]
-    columns = [np.matmul(psi[:, None], lin.rhs(direction=1 + k)[:, :, None])[:, 0, 0] for k in range(len(at))]
+    ways = np.zeros((len(u), len(at), settings.p.shape[1]))
+    ways[:, np.arange(len(at)), at] = settings.p[:, at]
     place = problem.names.index(known.vary)
     relative = settings.dp[:, place] / settings.p[:, place]
-    return np.stack(columns, axis=1) * relative[:, None]
+    return fold_slopes(known.t, u, settings, known.row, ways) * relative[:, None]

@@ -1,7 +1,7 @@
 """How much the fold gain moves with every parameter of the servo, all at once.
 
-The fold is where K = K_fold (1 + lambda) is largest (continuation/fold.py), and its multipliers give the derivatives of
-lambda (continuation/optimum.py):
+The fold is where K = K_fold (1 + lambda) is largest, and its adjoint gives the derivatives of lambda
+(continuation/fold.py):
 
     dK_fold/dq = K_fold d lambda/d q.
 
@@ -77,8 +77,7 @@ def fold_sensitivities(fold: Fold[Any]) -> Sensitivities:
     Parameters
     ----------
     fold
-        from `find_fold`, or that of a loop of parts from `casahunt.continuation.largest` or `smallest`; its multipliers
-        are those of the optimisation problem on the mesh of its orbit.
+        from `find_fold`, or that of a loop of parts from `casahunt.continuation.largest` or `smallest`.
 
     Returns
     -------

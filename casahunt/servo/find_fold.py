@@ -272,7 +272,7 @@ def find_fold(
 
     Returns
     -------
-    Fold, confirmed by the optimisation problem.
+    Fold, confirmed on the mesh of halved intervals.
 
     Raises
     ------

@@ -170,7 +170,7 @@ class HuntingFold(Fold[HuntingOrbit]):
     ----------
     gain, gain_error : the fold gain K [V/rad], and its estimated relative error.
     orbit : the cycle there.
-    optimised_gain, multipliers : what the optimisation problem on the same mesh says [V/rad], and its multipliers.
+    confirmed_gain : the fold gain again, on the mesh of halved intervals [V/rad].
     status, wall_s : how it ended, and the time that it took [s].
 
     Examples
@@ -185,7 +185,7 @@ class HuntingFold(Fold[HuntingOrbit]):
         "model = orbit.model", "gain [V/rad] ~ gain_error", "amplitude = orbit.amplitude [rad] ~ orbit.amplitude_error",
         "period = orbit.period [s] ~ orbit.period_error", "status",
     )  # fmt: skip
-    _details = ("optimised_gain [V/rad]", "error_estimate", "servo = orbit.servo", "sensitivities", "wall_s [s]")
+    _details = ("confirmed_gain [V/rad]", "error_estimate", "servo = orbit.servo", "sensitivities", "wall_s [s]")
 
     @property
     def gain(self) -> float:
@@ -198,9 +198,9 @@ class HuntingFold(Fold[HuntingOrbit]):
         return self.value_error
 
     @property
-    def optimised_gain(self) -> float:
-        """The fold gain of the optimisation problem on the same mesh (of the turning point, by Newton alone)."""
-        return self.optimised_value
+    def confirmed_gain(self) -> float:
+        """The fold gain again, on the mesh of halved intervals."""
+        return self.confirmed_value
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from casahunt.collocation import newton as newton_module
 from casahunt.collocation.ipopt import POLISHING, Maximum, ipopt, ipopt_then_newton, maximise_parameter, minimise, solve
 from casahunt.collocation.newton import ROUNDED, newton
 from casahunt.collocation.transcription import Setting, transcribe
-from casahunt.continuation.optimum import optimum
 from casahunt.errors import Status
 from casahunt.orbits.bordering import curve_border, row_along
 from problems import stuart_landau as sl
@@ -122,10 +121,6 @@ B, C = 1.2, 0.9
 SMALLEST = 1 - B**2 / (4 * C)
 
 
-def by_its_conditions(t, u, setting, **how):
-    return optimum(t, u, setting, row_along(t, u, setting), **how)
-
-
 def where_the_slope_vanishes(t, u, setting, *, freedom):
     border = curve_border(t, u, row_along(t, u, setting))
     found = solve(t, u, setting, solver="newton", border=border, bend=-np.inf)
@@ -133,7 +128,7 @@ def where_the_slope_vanishes(t, u, setting, *, freedom):
     return Maximum(found.u, found.parameter, np.zeros(t.size), status, found.iterations)
 
 
-@pytest.mark.parametrize("search", [maximise_parameter, where_the_slope_vanishes, by_its_conditions])
+@pytest.mark.parametrize("search", [maximise_parameter, where_the_slope_vanishes])
 @pytest.mark.parametrize("beside", [1e-3, 8e-3, 3e-2])
 def test_the_fold_is_found_within_the_freedom(search, beside):
     """lambda = 1 - nu_f/nu downwards from a cycle at nu; T is 2 pi/omega and r^2 = b/(2 c)."""

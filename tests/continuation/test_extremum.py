@@ -39,7 +39,7 @@ def difference(**at):
 def test_the_smallest_amplitude_of_the_bouncing_ball(bouncing):
     fold = smallest(bouncing, "a", options=TIGHT)
     assert fold.value == pytest.approx(slowest(), rel=1e-11) and fold.error_estimate < 1e-9
-    assert fold.optimised_value == pytest.approx(slowest(), rel=1e-11)
+    assert fold.confirmed_value == pytest.approx(slowest(), rel=1e-11)
     exact = {"e": -2 * slowest() / (1 - 0.8**2), "w": -2 * slowest() / 20, "g": slowest() / 9.81}
     assert fold.sensitivities == pytest.approx(exact, rel=1e-8)
     by_difference = {"e": difference(e=0.8), "w": difference(w=20.0), "g": difference(g=9.81)}
@@ -93,7 +93,7 @@ def test_a_value_of_zero():
     )  # fmt: skip
     orbit = find_cycle(hump, x=math.sqrt(1 + 0.1 - math.sqrt(0.5)), y=0.0)
     fold = largest(orbit, "lam", options=TIGHT)
-    assert abs(fold.value) < 1e-10 and abs(fold.optimised_value) < 1e-10
+    assert abs(fold.value) < 1e-10 and abs(fold.confirmed_value) < 1e-10
     assert fold.sensitivities == pytest.approx({"m": 1.0, "beta": 0.1}, rel=1e-8)
     assert np.isfinite(fold.error_estimate) and fold.error_estimate < 1e-9
     assert "lam = " in str(fold)

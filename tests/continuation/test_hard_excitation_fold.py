@@ -16,7 +16,7 @@ from casahunt.continuation import fold as folds
 from casahunt.continuation import fold_check
 from casahunt.continuation.fold import located
 from casahunt.continuation.fold_check import confirmed, next_fold
-from casahunt.continuation.optimum import data_of, fold_conditions
+from casahunt.continuation.fold_conditions import data_of, fold_conditions
 from casahunt.continuation.special_points import SpecialPoint
 from casahunt.errors import InputError, Status
 from casahunt.orbits import adapt
@@ -47,21 +47,16 @@ def test_a_fold_is_confirmed_or_refused(solver, monkeypatch):
     options = Options(tol=1e-4, solver=solver)
     beside = cycle(LARGEST * (1 - 1e-8), tol=1e-11)
     fold = confirmed(SpecialPoint("fold", beside, ""), "c", options)
-    assert fold.value == c_of(beside) and fold.optimised_value == pytest.approx(LARGEST, rel=1e-9)
+    assert fold.value == c_of(beside) and fold.confirmed_value == pytest.approx(LARGEST, rel=1e-9)
     assert 0.95e-8 < fold.value_error < 1.2e-8  # what the halved mesh leaves itself is allowed for
     assert fold.error_estimate >= fold.value_error and fold.status is Status.CONVERGED
     r, f = beside.amplitude, np.sqrt(B / (2 * LARGEST))
     assert 0.99 < fold.orbit.amplitude_error / abs(f / r - 1) < 1.2
-    t, u, along = unknowns_of(fold.orbit)
-    g = graphs(t)
-    column = ca.Function("column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
-    problem = fold.orbit.problem
     for name, expected in (("nu", NU / (1 - NU)), ("b", 2.0), ("omega", 0.0), ("shear", 0.0)):
-        along = replace(along, dp=problem.direction(name) * problem.value(name))
-        relative = -float(fold.multipliers @ np.array(column(np.append(u, 0.0), data_of(along))).ravel())
+        relative = fold.sensitivities[name] * fold.orbit.problem.value(name) / fold.value
         assert relative == pytest.approx(expected, abs=1e-3)  # r is 1e-4 off
     monkeypatch.setattr(fold_check, "turned_orbit", lambda *a: None)  # nor is it located anew
-    with pytest.raises(NoOrbit, match=r"not confirmed: the optimisation problem gives 3\.6") as caught:
+    with pytest.raises(NoOrbit, match=r"not confirmed: the turning point is at 3\.6") as caught:
         confirmed(SpecialPoint("fold", beside, ""), "c", replace(options, tol=5e-9))
     assert caught.value.status is Status.TOLERANCE_NOT_REACHED
     for kind in ("a corner", "superstable"):

@@ -1,24 +1,25 @@
-"""The fold located by its turning point and confirmed by its conditions as an optimum; what stands guard over both."""
+"""The fold located by its turning point, against IPOPT's optimum; what stands guard over it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from casahunt import NoOrbit, Options, find_fold
 from casahunt.collocation.admissibility import check_admissible
+from casahunt.collocation.graphs import graphs
 from casahunt.collocation.ipopt import maximise_parameter, solve
 from casahunt.collocation.mesh import on_halved_mesh
 from casahunt.collocation.node_system import Linearisation
-from casahunt.continuation import fold_check as folds
-from casahunt.continuation import locating
-from casahunt.continuation import optimum as conditions
+from casahunt.collocation.transcription import settings_of
+from casahunt.continuation import locating, next_fold
 from casahunt.continuation.curve import along
-from casahunt.continuation.fold import located
+from casahunt.continuation.fold import fold_slopes, located
+from casahunt.continuation.fold_conditions import data_of
 from casahunt.continuation.locating import turned_between
-from casahunt.continuation.optimum import optimum
 from casahunt.errors import Status
 from casahunt.orbits import adapt
 from casahunt.orbits.bordering import curve_border, row_along
@@ -50,41 +51,20 @@ def beside(orbit):
     return orbit("switch", 0.64), orbit("switch", 0.64, "unstable")
 
 
-def test_conditions_and_ipopt_agree(at_fold):
-    """The same problem, the same Hessian, another linear algebra."""
+def test_turning_point_and_optimum_agree(at_fold):
+    """Without and with the Hessian; and how it moves, by the adjoint of the condensed equations and IPOPT's own."""
     t, u, setting, row = at_fold
-    ours, theirs = optimum(t, u, setting, row), maximise_parameter(t, u, setting)
-    assert ours.status is theirs.status is Status.CONVERGED
-    assert ours.parameter == pytest.approx(theirs.parameter, abs=1e-12)
-    assert ours.multipliers == pytest.approx(theirs.multipliers, abs=1e-6 * np.abs(theirs.multipliers).max())
-    assert ours.bend < 0 and np.isnan(theirs.bend)
-
-
-def test_a_smallest_gain_is_no_largest(at_fold):
-    t, u, setting, row = at_fold
-    assert optimum(t, u, replace(setting, dp=-setting.dp), row).status is Status.NOT_CONVERGED
-
-
-def test_conditions_that_do_not_hold_confirm_nothing(at_fold, orbit):
-    """Far from the fold, and where there are no numbers: a matrix that cannot be factorised."""
-    t, u, setting, row = at_fold
-    assert optimum(t, np.nan * u, setting, row).status is Status.NOT_CONVERGED
-    far = orbit("switch", 0.3)
-    t, u, setting = unknowns_of(far)
-    setting = replace(setting, dp=along(far.problem, "gain"))
-    assert optimum(t, u, setting, row_along(t, u, setting)).status is Status.NOT_CONVERGED
-
-
-def test_ipopt_confirms_where_the_conditions_are_not_seen_to_hold(monkeypatch):
-    """Patched: at a fold that is solved they are seen to hold."""
-    options = Options(tol=1e-9)
-    ours = find_fold(table1.servo(), "switch", options=options)
-    monkeypatch.setattr(
-        folds, "optimum", lambda t, u, *_: conditions.Maximum(u, 0.0, u, Status.NOT_CONVERGED, 1)
-    )  # fmt: skip
-    theirs = find_fold(table1.servo(), "switch", options=options)
-    assert theirs.optimised_gain == pytest.approx(ours.optimised_gain, rel=1e-11)
-    assert theirs.sensitivities == pytest.approx(ours.sensitivities, rel=1e-5)
+    (_, ours), theirs = turning_place(t, u, setting, row=row), maximise_parameter(t, u, setting)
+    assert theirs.status is Status.CONVERGED and ours == pytest.approx(theirs.parameter, abs=1e-12)
+    g, ways = graphs(t), np.diag(setting.p)
+    column = ca.Function("column", [g.z, g.data], [ca.densify(g.jacobian[:, t.size])])
+    moves = [
+        -float(theirs.multipliers @ np.array(column(np.append(u, 0.0), data_of(replace(setting, dp=way)))).ravel())
+        for way in ways
+    ]
+    one = settings_of(setting, setting.p[None], setting.dp[None])
+    assert fold_slopes(t, u[None], one, row, ways[None])[0] == pytest.approx(moves, abs=1e-6)
+    assert np.abs(moves).max() > 1
 
 
 def test_a_row_is_found_where_the_first_node_does_not_move(at_fold, monkeypatch):
@@ -106,7 +86,7 @@ def test_a_row_is_found_where_the_first_node_does_not_move(at_fold, monkeypatch)
 def test_a_bend_need_be_known_about(at_fold, orbit, wrong):
     """Five times off either way, a million times too small, or not but for its sign."""
     t, u, setting, row = at_fold
-    bend = optimum(t, u, setting, row).bend
+    bend = solve(t, u, setting, solver="newton", border=curve_border(t, u, row), bend=-np.inf).bend
     near = orbit("switch", 0.647)
     t, u, setting = unknowns_of(near)
     setting = replace(setting, dp=along(near.problem, "gain"))
@@ -182,7 +162,7 @@ def test_intervals_that_are_not_clear_are_cut(beside, monkeypatch):
 def test_turning_point_is_not_sought_without_end(at_fold):
     """An accuracy that rounding does not grant is not waited for."""
     t, u, setting, row = at_fold
-    bend = optimum(t, u, setting, row).bend
+    bend = solve(t, u, setting, solver="newton", border=curve_border(t, u, row), bend=-np.inf).bend
     assert turning_place(t, u, setting, accuracy=1e-18, bend=bend, row=row) is not None
 
 
@@ -199,7 +179,7 @@ def test_slopes_are_believed_on_the_curve_and_compared_far_apart(orbit, gain, of
 
 def test_a_turning_point_beyond_the_freedom_is_not_next_to_the_start(orbit):
     with pytest.raises(NoOrbit, match="not located on its branch"):
-        folds.next_fold(orbit("switch", 0.1), "gain", Options(tol=1e-8, solver="newton"))
+        next_fold(orbit("switch", 0.1), "gain", Options(tol=1e-8, solver="newton"))
 
 
 def test_a_turning_point_is_a_maximum_where_only_the_sign_of_the_bend_is_known(orbit):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from tuning import TIME, crossover_phase
 
 from casahunt import Drive, Servo, find_fold
-from casahunt.continuation.optimum import data_of, fold_conditions
+from casahunt.continuation import FoldConstraints
 from casahunt.design.tune.demands import Demands, log_numbers
 from casahunt.design.tune.problem import Cut, Round, solve_round
 from casahunt.design.tune.tuning import tune
@@ -20,31 +19,28 @@ from casahunt.orbits.orbit import unknowns_of
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.linear.margins import margins
 from casahunt.servo.linear.sampled_loop import Lag
-from casahunt.servo.servo import PARAMETERS
 from problems import table1
 
 
 @pytest.mark.parametrize("model", ["switch", pytest.param("lugre", marks=pytest.mark.slow)])
 def test_fold_conditions_hold_at_a_fold_and_their_jacobian_is_the_derivative(servo, model):
     fold = find_fold(servo, model)
-    t, u, setting = unknowns_of(fold.orbit)
-    data = data_of(replace(setting, dp=fold.orbit.problem.direction("gain") * fold.gain))
-    equations, jacobian = fold_conditions(t, tuple(PARAMETERS.index(name) for name in servo.controller_names))
-    size = float(np.max(np.abs(fold.multipliers)))
+    t, u, _ = unknowns_of(fold.orbit)
+    conditions = FoldConstraints.of(fold, servo.controller_names)
     q = np.log([servo.controller.lead_time, servo.controller.integral_time])
-    x = np.concatenate([q, u, [0.0], fold.multipliers / size])
+    x = np.concatenate([q, u, [0.0], conditions.n])
 
     def value(x):
         z = x[2 : 3 + t.size]
-        return np.array(equations(x[:2], z, x[3 + t.size :], data, size)).ravel()
+        return np.array(conditions.equations(x[:2], z, x[3 + t.size :])).ravel()
 
     held = value(x)
-    assert np.max(np.abs(held[:-1])) < 1e-8  # residual of the orbit and of IPOPT's dual
+    assert np.max(np.abs(held[:-1])) < 1e-8  # residual of the orbit and of its adjoint
     assert held[-1] == pytest.approx(1.0, abs=1e-8)
     v, h = np.random.default_rng(1).normal(size=x.size), 1e-6
     difference = (value(x + h * v) - value(x - h * v)) / (2 * h)
     z = x[2 : 3 + t.size]
-    exact = np.array(jacobian(x[:2], z, x[3 + t.size :], data, size)) @ v
+    exact = np.array(conditions.jacobian(x[:2], z, x[3 + t.size :])) @ v
     # h^2 of a third derivative, and eps/h of the values
     assert np.max(np.abs(difference - exact)) < 1e-9 * np.max(np.abs(exact)) + 1e-7
 

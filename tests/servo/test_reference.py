@@ -89,7 +89,7 @@ def test_folds_by_one_solver_alone(monkeypatch, model, solver, others):
     forbid(monkeypatch, *others)
     found = find_fold(table1.servo(), model, options=Options(tol=1e-9, solver=solver))
     assert found.gain == pytest.approx(FOLDS[model]["K"], rel=1e-10)
-    assert found.optimised_gain == pytest.approx(FOLDS[model]["K"], rel=1e-10)
+    assert found.confirmed_gain == pytest.approx(FOLDS[model]["K"], rel=1e-10)
     assert found.orbit.amplitude == pytest.approx(FOLDS[model]["amplitude"], rel=SIZES)
     assert found.orbit.period == pytest.approx(FOLDS[model]["period"], rel=SIZES)
     assert found.orbit.solver == solver

@@ -88,7 +88,7 @@ def test_folds_in_any_parameter(capsys, loop_file, parts, values, vary, way, tru
     found = one_json(out)
     assert code == 0 and (found["parameter"], found["way"]) == (vary, way)
     assert found["value"] == pytest.approx(truth, rel=off) and found["parameters"][vary] == found["value"]
-    assert found["optimised_value"] == pytest.approx(truth, rel=off)
+    assert found["confirmed_value"] == pytest.approx(truth, rel=off)
     if vary == "gain":  # exact: only the product with the gain counts
         assert found["elasticities"]["motor_gain"] == pytest.approx(-1)
 

@@ -8,7 +8,7 @@
                 bounds on K, tau_d, tau_i
 
 in (ln K, ln tau_d, ln tau_i), the logarithms of the crossovers, and u_b, lambda_b, nu_b of every fold:
-continuation/optimum.py, servo/linear.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
+continuation/fold_conditions.py, servo/linear.  Jacobian and Hessian are exact.  With b_2, b_1, b_0 the
 coefficients of chi(s - rho)/J, the settling cost adds the Routh-Hurwitz conditions of the shifted polynomial, b_2 >= 0,
 b_1 >= 0, b_0 >= 0, b_2 b_1 >= b_0.
 

@@ -39,8 +39,9 @@ MOST_UNSETTLED = 2
 WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring; and of
 following a cycle to another gain, five seconds of a processor or less."""
-FAR_UP = 1e3
-"""A parameter that hunting does not end in is followed to so many times its value."""
+FAR_UP, FARTHEST_FOLD = 1e3, 1e6
+"""A parameter that hunting does not end in is followed to so many times its value; where a fold of it is looked for, to
+so many times or that part: where hunting ends nowhere, as with too much of a feedforward, it becomes ever stiffer."""
 
 
 def loop_cycle(
@@ -222,9 +223,13 @@ def fold_in(
     cycle: SystemOrbit, vary: str, *, sense: int = 1, to: float | None = None, options: Options | None = None,
     max_points: int = 200, progress: Callable[[SystemOrbit], None] | None = None,
 ) -> Fold[SystemOrbit]:  # fmt: skip
-    """Where the branch of a cycle turns back in a parameter, on the way up (sense +1) or down, up to a value at most.
+    """Where the branch of a cycle turns back in a parameter, on the way up (sense +1) or down.
+
+    to: as of `largest`; default `FARTHEST_FOLD`.
 
     Raises InputError, NoOrbit: as of `largest`.
     """
-    extremum, far = (largest if sense > 0 else smallest), sense * math.inf if to is None else to
-    return extremum(cycle, vary, to=far, options=options, max_points=max_points, progress=progress)
+    extremum, here = (largest if sense > 0 else smallest), cycle.problem.value(vary)
+    if to is None:
+        to = here * FARTHEST_FOLD ** (sense if here > 0 else -sense) if here else sense * math.inf
+    return extremum(cycle, vary, to=to, options=options, max_points=max_points, progress=progress)

@@ -46,7 +46,7 @@ def fold_answer(
     """What is said of a fold.
 
     title: the first line; below: lines of its own; stable: the record of `stability_of`, None for a loop of parts;
-    value, again: the parameter at the fold, and by the optimisation problem, in all digits and with the unit.
+    value, again: the parameter at the fold, and as it was confirmed, in all digits and with the unit.
     """
     orbit, vary = fold.orbit, fold.parameter
     plain = [
@@ -101,8 +101,8 @@ def _details(
     yield item("period there", f"{to_error(orbit.period, orbit.period_error)} s")
     if stable is not None:
         yield item("a stable cycle", stable["sentence"])
-    way = "turning point of the equations (Newton)" if solver == "newton" else "optimisation problem (IPOPT)"
-    yield item("computed twice", f"as {way}: {again}")
+    way = "optimum (IPOPT)" if solver == "ipopt" else "turning point (Newton)"
+    yield item("computed again", f"as {way} on a mesh of half the intervals' length: {again}")
     yield "  one per cent more of, to the tolerance"
     yield from _sensitivities(slopes, MOST_DECIMALS, tol=tol)
     yield item("computed in", f"{fold.wall_s:.2f} s")

@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     first, value, again = (
         f"{text} {unit_of(vary)}".rstrip() for text in (
             short(fold.value, fold.value_error), to_error(fold.value, fold.value_error),
-            to_error(fold.optimised_value, fold.value_error),
+            to_error(fold.confirmed_value, fold.value_error),
         )
     )  # fmt: skip
     answer = fold_answer(
