@@ -55,8 +55,9 @@ MOST_WORK_OF_A_FOLD = {"switch": 3e5, "lugre": 9e5, None: 9e5}
 servos takes, None for a loop of parts.  Where slips become ever shorter a branch goes on for minutes."""
 LEAST_END = 1e-6
 """Of the upper end of an interval, for which a lower end of zero counts where intervals are compared."""
-MOST_EVALUATIONS, MOST_FOLDS_ALONG = 100, 25
-"""Folds per search for a worst corner, which takes a few on a monotone way, and per search along one coordinate."""
+MOST_EVALUATIONS, MOST_FOLDS_ALONG, MOST_FAILED_FOLDS = 100, 25, 6
+"""Folds per search for a worst corner, which takes a few on a monotone way, and per search along one coordinate; and of
+those that are not computed, behind which it is given up: where two masses hunt irregularly, each takes seconds."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -167,8 +168,9 @@ class _CornerSearch:
                 fold = fold_near(servo_at(self.servo, self.names, place.q), self.model, place.gain, self.options)
         except (NoOrbit, effort.GivenUp) as error:
             self.failures.append(f"at {said(dict(zip(self.names, place.q, strict=True)))}: {error}")
-            if isinstance(error, effort.GivenUp):
-                self.given_up = self.given_up or self.failures[-1]
+            if isinstance(error, effort.GivenUp) or len(self.failures) == MOST_FAILED_FOLDS:
+                many = f"{len(self.failures)} of {self.evaluations} folds were not computed, the last one "
+                self.given_up = self.given_up or many + self.failures[-1]
             return _SearchPoint(place.q, -np.inf)
         return (
             _SearchPoint(place.q, 0.0)
@@ -211,7 +213,8 @@ class _CornerSearch:
         """Whether nothing was given up, or the best point is one without it."""
         if not self.given_up:
             return True
-        return best.gradient is not None and float(self._rise(best).sum()) <= self.options.tol * best.gain
+        known = best.fold is not None and best.gradient is not None
+        return known and float(self._rise(best).sum()) <= self.options.tol * best.gain
 
     def _along(self, here: _SearchPoint, i: int) -> Generator[list[Array], list[_SearchPoint], _SearchPoint]:
         """The best point along coordinate i, upwards from `here`: the zero of the gradient by Illinois steps."""
@@ -228,7 +231,7 @@ class _CornerSearch:
             slope = np.nan if place.gradient is None else float(sense * place.gradient[i])
             best = place if place.gain > best.gain else best
             level = abs(slope) * abs(end - start) <= self.options.tol * place.gain
-            if level or (x == end and slope > 0 and best is place):
+            if self.given_up or level or (x == end and slope > 0 and best is place):
                 break
             rises = slope > 0 and place.gain >= here.gain
             bracket = bracket.told(x, slope if rises or slope < 0 else -np.inf)
@@ -264,7 +267,7 @@ class _CornerSearch:
         while True:
             inside = [p for p in self.places.values() if (self.low <= p.q).all() and (p.q <= self.high).all()]
             best = max(inside, key=lambda p: (p.gain, np.array_equal(p.q, favourable)))
-            if best.fold is not None or not best.gain > 0:
+            if best.fold is not None or not best.gain > 0 or self.given_up:
                 return best
             self._keep(self._alone(best))
 
