@@ -39,6 +39,8 @@ MOST_UNSETTLED = 2
 WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring; and of
 following a cycle to another gain, five seconds of a processor or less."""
+BESIDE_A_FOLD, OF_ITS_AMPLITUDE = 0.01, (2.0, 1.0, 0.5)
+"""How far beyond a fold other hunting is looked for, and from where motions start at rest there."""
 FAR_UP = 1e3
 """A parameter that hunting does not end in is followed to so many times its value."""
 
@@ -228,3 +230,27 @@ def fold_in(
     """
     extremum, far = (largest if sense > 0 else smallest), sense * math.inf if to is None else to
     return extremum(cycle, vary, to=far, options=options, max_points=max_points, progress=progress)
+
+
+def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> SystemOrbit | HuntsIrregularly | None:
+    """What hunts all the same a little beyond a fold, where the cycle that was followed has ended.
+
+    Motions from rest beside it; None where they come to rest, or it is not known of any what it leads to.
+    """
+    name = fold.parameter
+    beyond, rough = loop.replace(**{name: beyond_fold(fold)}), Options(tol=TOLERANCE_ON_THE_WAY)
+    for part in OF_ITS_AMPLITUDE:
+        start = beyond.at_rest(-part * fold.orbit.amplitude)
+        try:
+            with effort.at_most(WORK_OF_A_START):
+                return _settled(beyond, name, _led_on(beyond, start), rough)
+        except HuntsIrregularly as irregular:
+            return irregular
+        except (NoOrbit, effort.PartGivenUp):
+            continue
+    return None
+
+
+def beyond_fold(fold: Fold[SystemOrbit]) -> float:
+    """The value of the parameter at which `hunting_beyond` looks."""
+    return fold.value * (1 + fold.sense * BESIDE_A_FOLD)
