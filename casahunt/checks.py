@@ -271,7 +271,8 @@ def choice_of(what: str, name: str, allowed: Iterable[str]) -> str:
     hint = f"; did you mean {near!r}?" if math.isfinite(far) else ""
     section = name.partition(".")[0] + "."
     beside = [n for n in names if n.startswith(section)] if "." in name else []
-    raise InputError(f"unknown {what} {name!r}{hint} (known: {', '.join(beside or names)})")
+    known = ", ".join(repr(n) if "," in n else n for n in beside or names)
+    raise InputError(f"unknown {what} {name!r}{hint} (known: {known})")
 
 
 def _misspelt(given: str, name: str) -> float:

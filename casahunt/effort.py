@@ -103,7 +103,7 @@ class WorkCount:
         """A count of a part of it, of which so much is allowed."""
         left = self._limit - self.work
         part = WorkCount(self._tell, min(limit, left), self._dropped)
-        part._raised = PartGivenUp if limit < left else GivenUp
+        part._raised = PartGivenUp if limit < left else self._raised
         return part
 
     def took(self, part: WorkCount) -> None:

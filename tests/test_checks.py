@@ -10,6 +10,7 @@ import pytest
 
 import casahunt
 from casahunt import Controller, Friction, InputError, Options, Pid, Servo, Uncertainty
+from casahunt.checks import choice_of
 from casahunt.continuation import follow
 from casahunt.motion import simulate as simulate_system
 from casahunt.orbits import find_cycle
@@ -116,3 +117,8 @@ def test_numbers_of_other_kinds_are_numbers(number):
     assert type(Controller(lead_time=number).lead_time) is float and type(Pid(kp=number, ki=1, kd=0).ki) is float
     plain = plain.replace(**{"friction.viscous": float(number)})
     assert servo == plain and linear_loop(servo, 0.1).poles.tolist() == linear_loop(plain, 0.1).poles.tolist()
+
+
+def test_names_with_a_comma_are_told_apart():
+    with pytest.raises(InputError, match=r"\(known: two masses, 'two masses, load measured'\)"):
+        choice_of("part", "three masses", ["two masses", "two masses, load measured"])

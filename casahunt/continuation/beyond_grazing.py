@@ -60,14 +60,15 @@ MET_AT_ONCE = replace(
     GRAZING,
     meaning="grazing at {name} = {value:.10g}: two events are met at once, and no cycle with these phases follows",
 )
-PHASE_ENDS = (
-    "grazing at {{name}} = {{value:.10g}}: the phase {mode!r} shrinks to nothing, and no cycle without it was found: "
-    "there is none, or beyond it is one of many"
-)
+PHASE_ENDS = "grazing at {{name}} = {{value:.10g}}: the phase {mode!r} shrinks to nothing{follows}"
+GOES_ON = ", and it goes on with the cycle next to it that has others"
+NONE_WITHOUT = ", and no cycle without it was found: there is none, or beyond it is one of many"
 
 SUCCESSOR_CHANGES = "the successor changes"
 LEADS_ELSEWHERE = Complaint("an event leads to another mode than the one that follows", Status.INADMISSIBLE)
 """Why a walk is left at an orbit at which a successor has changed by less than counts."""
+MET_FROM_BEHIND = Complaint("an event is met with no speed", Status.INADMISSIBLE)
+"""Why a walk is left at an orbit that meets an event from behind by less than counts."""
 
 
 class Behind(NamedTuple, Generic[AnyOrbit]):
@@ -95,6 +96,16 @@ def leads_elsewhere(orbit: Orbit) -> bool:
     return bool(undecided(*unknowns_of(orbit)))
 
 
+def without_speed(orbit: Orbit, *, within: float = 0.0) -> bool:
+    """Whether an event at the end of a phase is met with no speed, or from behind by less than counts.
+
+    within: with how much, per period.
+    """
+    phases = enumerate(orbit.cycle.phases)
+    ends = (Contact(k, phase.end.name, phase.direction, at_end=True) for k, phase in phases if phase.direction)
+    return any(contact_value(end, orbit) <= within for end in ends)
+
+
 def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, options: Options) -> Behind[AnyOrbit]:
     """The grazing that a branch has come to, and the cycle that it goes on with.
 
@@ -110,9 +121,12 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
             return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, other))
     distance, mode, event = nearest_touch(posed, start)
     if distance > NEAR_CONTACT:
-        if (special := _phase_ends(last, vary)) is not None:
-            return Behind(special, _clear_of_it(last, vary, options))
-        if failure.status is not Status.INADMISSIBLE:
+        if (error := _phase_ends(last, vary)) is not None:
+            following = _clear_of_it(last, vary, options)
+            shortest = min(last.arcs, key=lambda arc: arc.duration)
+            meaning = PHASE_ENDS.format(mode=shortest.mode, follows=NONE_WITHOUT if following is None else GOES_ON)
+            return Behind(special_point(replace(GRAZING, meaning=meaning), last, vary, error), following)
+        if failure.status is not Status.INADMISSIBLE and not without_speed(last, within=NEAR_CONTACT):
             return Behind(None, None)
         corner = corner_at(last, vary, options)
         if corner is None:
@@ -133,16 +147,14 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
     return Behind(contact, more or _clear_of_it(last, vary, options), _beyond(place))
 
 
-def _phase_ends(last: AnyOrbit, vary: str) -> SpecialPoint[AnyOrbit] | None:
-    """Where the shortest phase of a cycle shrinks to nothing, and no cycle without it was found."""
+def _phase_ends(last: Orbit, vary: str) -> float | None:
+    """The error of the parameter at which the shortest phase of a cycle shrinks to nothing; None where it does not."""
     k = may_vanish([arc.duration for arc in last.arcs])
     if k is None or last.arcs[k].duration * last.repeats > VANISHING_SHARE * last.period:
         return None
     t, u, setting = unknowns_of(last)
     lacks = lacking((t, u, replace(setting, dp=along(last.problem, vary))), k)
-    called = PHASE_ENDS.format(mode=last.arcs[k].mode)
-    error = max(lacks, last.error_estimate)
-    return special_point(replace(GRAZING, meaning=called), last, vary, error) if lacks <= NEAR_CONTACT else None
+    return max(lacks, last.error_estimate) if lacks <= NEAR_CONTACT else None
 
 
 def _beyond(place: Contact) -> Callable[[Orbit], bool]:

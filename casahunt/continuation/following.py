@@ -28,7 +28,7 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.fold_side import one_of_many
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
-from .beyond_grazing import LEADS_ELSEWHERE, behind_grazing, leads_elsewhere
+from .beyond_grazing import LEADS_ELSEWHERE, MET_FROM_BEHIND, behind_grazing, leads_elsewhere, without_speed
 from .bifurcations import monitors_of
 from .branch import Branch, Run
 from .branching import as_whole_as_needed
@@ -227,10 +227,10 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     if isinstance(outcome, End) and outcome.kind == POINT_KIND:
         outcome = through_rest(run.branch.orbits, run.branch.vary, outcome.value, run.options) or outcome
     if not isinstance(outcome, Orbit) and cut_by_planes(run.last):
-        return _after_planes(run, outcome, way, came)
+        outcome = _after_planes(run, outcome, way, came)
     if isinstance(outcome, Complaint):
         outcome = _grazed(run, outcome) if GRAZING in run.looked_for else End("stuck", str(outcome))
-    if isinstance(outcome, End):
+    if isinstance(outcome, End | _Departure):
         return outcome
     if not run.within(outcome):
         # the branch goes on with a cycle beyond its range: it ends with that cycle on the bound, where it is one
@@ -254,8 +254,8 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
 
 def _after_planes(
     run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bool
-) -> End | _Departure[AnyOrbit]:
-    """The same of cycles that are cut by planes, which may be others."""
+) -> End | Complaint | _Departure[AnyOrbit]:
+    """The same of cycles that are cut by planes, which may be others; the Complaint where no plane is to blame."""
     failed = isinstance(outcome, Complaint)
     point = isinstance(outcome, End) and outcome.kind == POINT_KIND
     hopf = _shrunk(run.branch) if failed or point or outcome is _Pause.NEXT_TO_NOTHING else None
@@ -267,12 +267,12 @@ def _after_planes(
         return outcome
     insist = failed and outcome.status is Status.INADMISSIBLE and (came or not way.insisted)
     if failed and not insist:
-        return End("stuck", str(outcome))
+        return cast(Complaint, outcome)
     fresh = with_better_section(run.last, run.branch.vary, run.options, insist=insist)
     if fresh is not None:
         return replace(_cut_anew(run, fresh, way.sense), insisted=insist)
     if insist:
-        return End("stuck", str(outcome))
+        return cast(Complaint, outcome)
     return _Departure(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
 
 
@@ -362,8 +362,11 @@ def _phase_gone(run: Run[AnyOrbit], before: AnyOrbit, after: AnyOrbit) -> AnyOrb
 def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
     """The end that a branch has come to with the next orbit, which it is given; None where it goes on.
 
-    A Complaint where an event has begun to lead elsewhere: no step goes beyond.
+    A Complaint where an event has begun to lead elsewhere: no step goes beyond.  And where one is met from behind, by
+    less than counts: the equations turn round there, and that orbit is none of the branch.
     """
+    if GRAZING in run.looked_for and after.signature == run.last.signature and without_speed(after):
+        return MET_FROM_BEHIND
     if (closed := met_itself(run, after) or came_round(run, after)) is not None:
         return closed
     run.add(after)

@@ -99,7 +99,7 @@ def open_loop(servo: Servo | Loop, gain: float | None = None) -> OpenLoop:
 def not_linear(loop: Loop) -> InputError:
     """The refusal of a loop that has no L."""
     why = smooth(loop)[1] or "the rate of a state bends with the states"
-    return InputError(f"{loop.name}: is not linear: {why}; there are no margins")
+    return InputError(f"{loop.name}: is not linear: {why}; there are no margins unless that is left out")
 
 
 def is_hurwitz(polynomial: Sequence[float] | Array) -> bool:

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 from ... import effort
 from ...axis_units import several
@@ -36,9 +37,14 @@ TOLERANCE_ON_THE_WAY = 1e-6
 """Of cycles between that of a smaller gain and that which is asked for: at 1e-9 the way takes three times as long."""
 MOST_UNSETTLED = 2
 """Motions that neither rest nor settle after which no further one is followed: such a one takes seconds."""
+WORK_OF_A_FIRST_LOOK = 1e5
+"""Work (effort.py) of a motion whose turns are no events, before those from nearer to the set point: ten times that of
+one that settles.  With a torque limit a motion from afar may grow for ever, which no search for its cycle sees."""
 WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring; and of
 following a cycle to another gain, five seconds of a processor or less."""
+BESIDE_A_FOLD, OF_ITS_AMPLITUDE = 0.01, (2.0, 1.0, 0.5)
+"""How far beyond a fold other hunting is looked for, and from where motions start at rest there."""
 FAR_UP, FARTHEST_FOLD = 1e3, 1e6
 """A parameter that hunting does not end in is followed to so many times its value; where a fold of it is looked for, to
 so many times or that part: where hunting ends nowhere, as with too much of a feedforward, it becomes ever stiffer."""
@@ -83,13 +89,17 @@ def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOr
     lively = next((each for each in found if each not in resting and not isinstance(each, _Grows)), None)
     if lively is not None:
         raise lively
-    sizes = several((FIRST_OFF, FIRST_OFF / 2**STARTS_HALVED), "rad", ".2g", " to ")
+    sizes = several((FIRST_OFF, FIRST_OFF / 2**STARTS_HALVED), "rad", _two_digits, " to ")
     starts = f"{len(found)} starts, {sizes} beside the set point"
     grows = next((each for each in found if isinstance(each, _Grows)), None)
     if grows is not None:
         raise NoOrbit(f"{grows}; from {len(resting)} of {starts}, it comes to rest{smaller}", Status.NOT_FOUND)
     rests = f"the motion comes to rest from each of {starts}{smaller}"
     raise ComesToRest(f"no cycle of {loop.name} was found: {rests}", Status.NOT_FOUND)
+
+
+def _two_digits(x: float) -> str:
+    return f"{float(f'{x:.2g}'):g}"
 
 
 def cycle_at_a_smaller_gain(loop: Loop, options: Options, vary: str = "gain") -> SystemOrbit | None:
@@ -122,11 +132,17 @@ def _from_rest(
 
     unsettled: motions that neither rest nor settle, behind which no further one is followed.
     """
-    refusals, irregular, grown = list[NoOrbit](), None, math.inf
-    for k in range(STARTS_HALVED + 1):
-        off = FIRST_OFF / 2**k
+    refusals, irregular, grown, put_off = list[NoOrbit](), None, math.inf, list[float]()
+    first_look = math.inf if _turns_are_events(loop) else WORK_OF_A_FIRST_LOOK
+    looks = ((FIRST_OFF / 2**k, first_look) for k in range(STARTS_HALVED + 1))
+    for off, work in chain(looks, ((off, math.inf) for off in put_off)):
         try:
-            return _settled(loop, vary, _led_on(loop, loop.at_rest(-off), irregular, grown), options)
+            with effort.at_most(work):
+                return _settled(loop, vary, _led_on(loop, loop.at_rest(-off), irregular, grown), options)
+        except effort.PartGivenUp:
+            if work is math.inf:
+                raise
+            put_off.append(off)
         except NoOrbit as refusal:
             refusals.append(refusal)
             grown = off if isinstance(refusal, _Grows) else grown
@@ -134,6 +150,10 @@ def _from_rest(
             if sum(not isinstance(each, (ComesToRest, _Grows)) for each in refusals) == unsettled:
                 break
     return refusals
+
+
+def _turns_are_events(loop: Loop) -> bool:
+    return not any(mode.stiff or not mode.ends for mode in loop.system.modes)
 
 
 class _Grows(NoOrbit):
@@ -149,7 +169,7 @@ def _led_on(
     far from the set point another motion began that grows.
     Raises ComesToRest, HuntsIrregularly, NoOrbit: it grows, or is not decided.
     """
-    if any(mode.stiff or not mode.ends for mode in loop.system.modes):
+    if not _turns_are_events(loop):
         return start
     before = irregular or measured(loop, start, FIRST_OFF)
     seen = fate(loop, start, before, work=WORK_OF_A_START, grown=grown)
@@ -233,3 +253,27 @@ def fold_in(
     if to is None:
         to = here * FARTHEST_FOLD ** (sense if here > 0 else -sense) if here else sense * math.inf
     return extremum(cycle, vary, to=to, options=options, max_points=max_points, progress=progress)
+
+
+def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> SystemOrbit | HuntsIrregularly | None:
+    """What hunts all the same a little beyond a fold, where the cycle that was followed has ended.
+
+    Motions from rest beside it; None where they come to rest, or it is not known of any what it leads to.
+    """
+    name = fold.parameter
+    beyond, rough = loop.replace(**{name: beyond_fold(fold)}), Options(tol=TOLERANCE_ON_THE_WAY)
+    for part in OF_ITS_AMPLITUDE:
+        start = beyond.at_rest(-part * fold.orbit.amplitude)
+        try:
+            with effort.at_most(WORK_OF_A_START):
+                return _settled(beyond, name, _led_on(beyond, start), rough)
+        except HuntsIrregularly as irregular:
+            return irregular
+        except (NoOrbit, effort.PartGivenUp):
+            continue
+    return None
+
+
+def beyond_fold(fold: Fold[SystemOrbit]) -> float:
+    """The value of the parameter at which `hunting_beyond` looks."""
+    return fold.value + fold.sense * BESIDE_A_FOLD * abs(fold.orbit.problem.unit(fold.parameter))

@@ -2,7 +2,7 @@
 
 Key `stable` of the JSON object: see views/answers/fold.py; `as_built`: as of orbit; `beyond`: what the drive may do at
 higher gains, or null.  Of a loop of parts: the border of hunting in any parameter; `parameters` are those at the fold,
-`way` is "up" where the loop hunts below it.
+`way` is "up" where the loop hunts below it; `other` what hunts a little beyond it all the same, or null.
 """
 
 from __future__ import annotations
@@ -10,12 +10,15 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+import numpy as np
+
 from ...checks import to_error
 from ...design.sensitivity import fold_sensitivities
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.parts.table import unit_of
-from ..answers.answer import called, parts_of, record_of, short
+from ...servo.parts.verbs import beyond_fold, hunting_beyond
+from ..answers.answer import angle, called, item, parts_of, record_of, short
 from ..answers.fold import fold_answer, stability_of
 from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
 from .console import orbit_line
@@ -39,6 +42,7 @@ def run(options: argparse.Namespace) -> int:
     fold: Any = find_fold(*asked, vary=vary, options=how)
     slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
+    possible = "hunting is possible"
     if loop is None:
         name, way, stable = f"{model} servo", "up", stability_of(fold, how)
         below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
@@ -46,7 +50,14 @@ def run(options: argparse.Namespace) -> int:
     else:
         name, way, stable, below = called(loop), "up" if fold.sense > 0 else "down", None, parts_of(loop)
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
-        more |= {"way": way, **record_of(loop.replace(**{vary: fold.value}))}
+        more |= {"way": way, **record_of(loop.replace(**{vary: fold.value})), "other": None}
+        if (other := hunting_beyond(loop, fold)) is not None:
+            at, possible = beyond_fold(fold), "the hunting that was followed goes"
+            more["other"] = {vary: at, "amplitude": other.amplitude}
+            low, high = np.broadcast_to(other.amplitude, 2)
+            far = angle(float(low)) if low == high else f"{angle(float(low))} to {angle(float(high))}"
+            said = f"at {vary} {short(at)} {unit_of(vary)}".rstrip() + f" other hunting, of {far}: casahunt orbit"
+            below = [item("beyond it", f"{said}; where that ends is not known"), *below]
     tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))
     first, value, again = (
         f"{text} {unit_of(vary)}".rstrip() for text in (
@@ -55,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         )
     )  # fmt: skip
     answer = fold_answer(
-        f"{name}: hunting is possible {way} to {vary} {first}", fold, slopes, below=below, stable=stable, value=value,
+        f"{name}: {possible} {way} to {vary} {first}", fold, slopes, below=below, stable=stable, value=value,
         again=again, solver=how.solver, tol=how.tol,
     )  # fmt: skip
     give(

@@ -1,0 +1,82 @@
+"""casahunt fold of an axis that hunts in two ways: that of the cycle which was followed ends, the other one goes on."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from casahunt.cli import main
+
+AXIS = """
+[loop]
+parts = ["two masses, load measured", "Switch friction", "cascade P-PI", "integrator"]
+[values]
+inertia = 4.0
+load_inertia = 15.0
+shaft_stiffness = 1.5e6
+shaft_damping = 1200.0
+position_gain = 15.0
+velocity_gain = 800.0
+reset_time = 0.03
+motor_gain = 1.0
+gain = 1.0
+static = 50.0
+coulomb = 30.0
+stribeck_velocity = 3e-3
+viscous = 200.0
+"""
+
+
+def stops(K, off, T):
+    """(m, 2) times and motor positions at which the motor stops, let go at rest beside the set point."""
+    gains = 800 * K * np.array([15 + 1 / 0.03, 1, 15 / 0.03])
+
+    def shaft(x):
+        return 1.5e6 * (x[0] - x[2]) + 1200 * (x[1] - x[3])
+
+    def pull(x):
+        return -gains @ [x[2], x[3], x[4]] - shaft(x)
+
+    def rate(way):
+        def field(_, x):
+            friction = way * (30 + 20 * np.exp(-((x[1] / 3e-3) ** 2))) + 200 * x[1]
+            return [abs(way) * x[1], abs(way) * (pull(x) - friction) / 4, x[3], shaft(x) / 15, x[2]]
+
+        return field
+
+    def event(scalar, direction):
+        scalar.terminal, scalar.direction = True, direction
+        return scalar
+
+    t, x, way, found = 0.0, np.array([off, 0, off, 0, 0.0]), 0, []
+    while t < T:
+        if way:
+            ends = [event(lambda _, x: x[1], -way)]
+        else:
+            ends = [event(lambda _, x, s=s: s * pull(x) - 50, 1) for s in (1, -1)]
+        first = {"first_step": 1e-7} if way else {}
+        done = solve_ivp(rate(way), (t, T), x, method="LSODA", rtol=1e-9, atol=1e-13, events=ends, **first)
+        t, x = done.t[-1], done.y[:, -1].copy()
+        if done.status != 1:
+            break
+        if way:
+            found.append((t, x[0]))
+            x[1], way = 0, 0 if abs(pull(x)) <= 50 else int(np.sign(pull(x)))
+        else:
+            way = 1 if done.t_events[0].size else -1
+    return np.array(found)
+
+
+def test_other_hunting_goes_on_beyond_the_fold(tmp_path, capsys):
+    """One slip a half turn up to gain 2.181; three of them beyond, as the motion itself does."""
+    file = tmp_path / "axis.toml"
+    file.write_text(AXIS)
+    assert main(["fold", str(file), "--json", "--quiet"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    other = told["other"]
+    assert other["gain"] == pytest.approx(1.01 * told["gain"], rel=1e-9)
+    seen = stops(other["gain"], 8e-5, 16.0)
+    assert seen[-1, 0] > 12 and np.abs(seen[-12:, 1]).max() == pytest.approx(other["amplitude"], rel=1e-4)
