@@ -11,7 +11,7 @@ from contextlib import suppress
 from ... import effort
 from ...servo.linear.open_loop import linear_stable
 from ...servo.outcome import Kind
-from ...servo.parts.fate import Swing, fate
+from ...servo.parts.fate import GROWN_BY, Swing, fate
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.table import with_remedy
@@ -44,18 +44,20 @@ def stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -
 def handed_down(
     loop: Loop, remedy: Remedy, swing: Swing, sizes: tuple[float, float], before: Swing
 ) -> Swing | None:
-    """The hunting to which that at the first of two sizes leads at the second; None where it ends in between."""
+    """The hunting to which that at the first of two sizes leads at the second; None where it ends in between, or becomes
+    larger than any hunting."""
     size, last = sizes
     step = longest = (last - size) / STEPS_DOWN
+    lost = False  # at twice the step from here, from farther away: it is tried again from next to it
     with suppress(effort.PartGivenUp), effort.at_most(WORK_DOWN_OF_IRREGULAR if before.irregular else math.inf):
         while size != last:
             trial = last if abs(last - size) <= abs(step) * (1 + SMALLEST_STEP_DOWN) else size + step
             found = fate(with_remedy(loop, remedy, trial), swing.state, before).swing
-            if found is not None:
-                size, swing, step = trial, found, min(2 * step, longest, key=abs)
-            elif abs(step) <= SMALLEST_STEP_DOWN * abs(size):
+            smallest = abs(step) <= SMALLEST_STEP_DOWN * abs(size)
+            if smallest if found is None else found.amplitude > GROWN_BY * before.amplitude:
                 return None
-            else:
-                step /= 2
+            size, swing = (size, swing) if found is None else (trial, found)
+            lost = found is None or lost and not smallest
+            step = step / 2 if lost else min(2 * step, longest, key=abs)
         return swing
     return None
