@@ -22,10 +22,10 @@ terminations.py     where cycles end: shrunk, grown, at an equilibrium; and thro
 branch.py           a branch on its way, and as it is handed out
 closed_branch.py    where a branch closes
 following.py        a branch of a user's system, with what is met on the way
+fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
 fold.py             a fold as a point of the branch, and how much it moves with every parameter
 fold_conditions.py  a fold as constraints of a larger optimisation problem
 fold_check.py       a located fold, confirmed, on its mesh and on finer ones
-fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
 fold_ensemble.py    folds of many problems near one whose fold is known, with their errors and derivatives
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
 sheet.py            orbits beside a special one, as a surface over two parameters

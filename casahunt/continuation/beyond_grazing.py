@@ -67,6 +67,10 @@ NONE_WITHOUT = ", and no cycle without it was found: there is none, or beyond it
 SUCCESSOR_CHANGES = "the successor changes"
 LEADS_ELSEWHERE = Complaint("an event leads to another mode than the one that follows", Status.INADMISSIBLE)
 """Why a walk is left at an orbit at which a successor has changed by less than counts."""
+ROUNDING_SHARE = 1e-9
+"""A phase that takes less of the period than this may be rounding."""
+PHASE_GONE = Complaint("a phase has as good as gone", Status.INADMISSIBLE)
+"""Why a walk is left at an orbit with a phase of no duration but for rounding, beside which equations turn back."""
 MET_FROM_BEHIND = Complaint("an event is met with no speed", Status.INADMISSIBLE)
 """Why a walk is left at an orbit that meets an event from behind by less than counts."""
 
@@ -96,6 +100,12 @@ def leads_elsewhere(orbit: Orbit) -> bool:
     return bool(undecided(*unknowns_of(orbit)))
 
 
+def lacks_a_phase(orbit: Orbit, vary: str) -> bool:
+    """Whether a phase is gone but for rounding."""
+    shortest = min(arc.duration for arc in orbit.arcs) * orbit.repeats
+    return shortest <= ROUNDING_SHARE * orbit.period and phase_ends(orbit, vary) is not None
+
+
 def without_speed(orbit: Orbit, *, within: float = 0.0) -> bool:
     """Whether an event at the end of a phase is met with no speed, or from behind by less than counts.
 
@@ -121,7 +131,7 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
             return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, other))
     distance, mode, event = nearest_touch(posed, start)
     if distance > NEAR_CONTACT:
-        if (error := _phase_ends(last, vary)) is not None:
+        if (error := phase_ends(last, vary)) is not None:
             following = _clear_of_it(last, vary, options)
             shortest = min(last.arcs, key=lambda arc: arc.duration)
             meaning = PHASE_ENDS.format(mode=shortest.mode, follows=NONE_WITHOUT if following is None else GOES_ON)
@@ -147,7 +157,7 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
     return Behind(contact, more or _clear_of_it(last, vary, options), _beyond(place))
 
 
-def _phase_ends(last: Orbit, vary: str) -> float | None:
+def phase_ends(last: Orbit, vary: str) -> float | None:
     """The error of the parameter at which the shortest phase of a cycle shrinks to nothing; None where it does not."""
     k = may_vanish([arc.duration for arc in last.arcs])
     if k is None or last.arcs[k].duration * last.repeats > VANISHING_SHARE * last.period:

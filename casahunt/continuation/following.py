@@ -28,7 +28,15 @@ from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.fold_side import one_of_many
 from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
-from .beyond_grazing import LEADS_ELSEWHERE, MET_FROM_BEHIND, behind_grazing, leads_elsewhere, without_speed
+from .beyond_grazing import (
+    LEADS_ELSEWHERE,
+    MET_FROM_BEHIND,
+    PHASE_GONE,
+    behind_grazing,
+    lacks_a_phase,
+    leads_elsewhere,
+    without_speed,
+)
 from .bifurcations import monitors_of
 from .branch import Branch, Run
 from .branching import as_whole_as_needed
@@ -370,9 +378,13 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
     if (closed := met_itself(run, after) or came_round(run, after)) is not None:
         return closed
     run.add(after)
+    if GRAZING in run.looked_for and lacks_a_phase(after, run.branch.vary):
+        return PHASE_GONE
     run.add(passed=run.line.past(after))
     end = run.told_to_end() or comes_to(run.branch.orbits, run.branch.vary)
-    return end or (LEADS_ELSEWHERE if GRAZING in run.looked_for and leads_elsewhere(after) else None)
+    if end or GRAZING not in run.looked_for:
+        return end
+    return LEADS_ELSEWHERE if leads_elsewhere(after) else None
 
 
 def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:

@@ -319,13 +319,7 @@ def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, option
         passed = [] if branch is None else [each for each in branch.special if _may_end(each)]
         for special in passed:
             if special.kind == "fold":
-                try:
-                    fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
-                except NoOrbit:  # where an arc is as good as gone a branch turns back by rounding, too
-                    grazing = _grazing_at(branch, special.value)
-                    if grazing is None:
-                        raise
-                    return _grazed(grazing.value, grazing.error, grazing.orbit, grazing.meaning, options)
+                fold = (largest if remedy.sense > 0 else smallest)(special, remedy.size, options=options)
                 if not fold.value_error <= SIZE_KNOWN:
                     raise NoOrbit(f"the fold is known to {fold.value_error:.2g} only", Status.NOT_FOUND)
                 briefly = len(losses) > 1 and abs(fold.value - losses[-1].value) <= BRIEFLY * abs(fold.value)
@@ -344,22 +338,11 @@ def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, option
         return _lost(losses, math.nan)
     if branch.orbits[-1].problem.value(remedy.size) == last and branch.orbits[-1].seen_stable:
         return Border("none", last, swing=Swing.of(branch.orbits[-1]))
+    if branch.end.kind not in ("grazing", "Hopf"):
+        raise NoOrbit(str(branch.end), Status.NOT_FOUND)
     end = branch.end
-    if end.kind not in ("grazing", "Hopf"):
-        raise NoOrbit(str(end), Status.NOT_FOUND)
-    return replace(_grazed(end.value, end.error, branch.orbits[-1], str(end), options), kind=cast(Kind, end.kind))
-
-
-def _grazing_at(branch: Branch[SystemOrbit] | None, size: float) -> SpecialPoint[SystemOrbit] | None:
-    """The grazing of a branch at a size, to what sizes are known."""
-    met = [] if branch is None else [each for each in branch.special if each.kind == "grazing"]
-    return next((each for each in met if abs(each.value - size) <= SIZE_KNOWN * abs(size)), None)
-
-
-def _grazed(size: float, error: float, orbit: SystemOrbit, why: str, options: Options) -> Border:
-    """A border at which a cycle meets an event."""
-    error = max(error, 10 * FINER_FOR_GRAZINGS * options.tol * abs(size))
-    return Border("grazing", size, error, orbit=orbit, why=why)
+    error = max(end.error, 10 * FINER_FOR_GRAZINGS * options.tol * abs(end.value))
+    return Border(cast(Kind, end.kind), end.value, error, orbit=branch.orbits[-1], why=str(end))
 
 
 def _further(

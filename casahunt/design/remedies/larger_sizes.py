@@ -44,8 +44,10 @@ def stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -
 def handed_down(
     loop: Loop, remedy: Remedy, swing: Swing, sizes: tuple[float, float], before: Swing
 ) -> Swing | None:
-    """The hunting to which that at the first of two sizes leads at the second; None where it ends in between, or becomes
-    larger than any hunting."""
+    """The hunting to which that at the first of two sizes leads at the second.
+
+    None where it ends in between, or becomes larger than any hunting.
+    """
     size, last = sizes
     step = longest = (last - size) / STEPS_DOWN
     lost = False  # at twice the step from here, from farther away: it is tried again from next to it
