@@ -205,8 +205,6 @@ def test_a_servo_that_cannot_hunt_has_no_gain(servo, fold):
 
 
 def test_failures_are_kept(servo, fold, monkeypatch):
-    from casahunt import NoOrbit, Status
-
     def fails(*_, **__):
         raise NoOrbit("no convergence here", Status.NOT_CONVERGED)
 
@@ -228,8 +226,30 @@ def test_a_worst_servo_whose_fold_is_given_up_is_not_another_one(servo, fold, mo
     """The corner of a wide box, where slips are short; named is the interval to narrow."""
     monkeypatch.setattr(search, "MOST_WORK_OF_A_FOLD", {"switch": 100.0})
     wide = Uncertainty({"friction.static": (0.52, 0.54), "friction.stribeck_velocity": (0.002, 0.1)})
-    with pytest.raises(NoOrbit, match="within the intervals was not found: at .*work of .*of friction.stribeck_vel"):
+    with pytest.raises(NoOrbit, match="not found: 1 of . folds .* at .*work of .*of friction.stribeck_vel"):
         worst_corner(servo, "switch", wide, options=QUICK, fold=fold)
+
+
+def test_a_search_among_folds_that_are_not_computed_ends(servo, fold, monkeypatch):
+    """Patched: of two masses that hunt irregularly each takes seconds.  It says how many, and names no corner."""
+    asked = []
+
+    def none(*_):
+        asked.append(1)
+        raise NoOrbit("hunts irregularly", Status.NOT_FOUND)
+
+    monkeypatch.setattr(search, "fold_near", none)
+    honest = search.folds_near
+
+    def only_up_to(known, p, tol, *, slopes_by):
+        found = honest(known, p, tol, slopes_by=slopes_by)
+        far = p[:, known.problem.names.index("friction.static")] > 0.525
+        return replace(found, how=tuple("" if no else how for no, how in zip(far, found.how, strict=True)))
+
+    monkeypatch.setattr(search, "folds_near", only_up_to)
+    with pytest.raises(NoOrbit, match=f"{search.MOST_FAILED_FOLDS} of .* folds were not computed, the last one at"):
+        worst_corner(servo, "switch", Uncertainty({"friction.static": (0.52, 0.54)}), options=QUICK, fold=fold)
+    assert len(asked) <= search.MOST_FAILED_FOLDS + 2
 
 
 def test_worst_corner_of_a_monotone_box(servo, fold):

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from casahunt.errors import NoOrbit
 from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid.examples import belt
-from casahunt.motion import simulate
+from casahunt.motion import march, simulate
 from casahunt.orbits import find_cycle
 
 
@@ -201,8 +201,15 @@ def test_a_start_beside_an_event_that_dips_away_meets_it_on_the_way_back(stiff, 
         Mode("after", field, stiff=stiff, ends=(one,)),
         Mode("last", lambda x, p: {"x": 1.0, "v": 0.0}),
     )
-    motion = simulate(System("dip", ("x", "v"), {}, modes), mode="before", x=began, v=away, duration=2.0)
+    dip = System("dip", ("x", "v"), {}, modes)
+    motion = simulate(dip, mode="before", x=began, v=away, duration=2.0)
     assert [crossing.event for crossing in motion.events] == ["zero", "one"]
     assert motion.events[0].time == pytest.approx(-away + (away**2 - 2 * began) ** 0.5, rel=1e-4, abs=1e-6)
     exact = brentq(lambda t: began + t - (1 - away) * -np.expm1(-t) - 1, 1.0, 3.0, xtol=1e-14)
     assert motion.events[1].time == pytest.approx(exact, rel=1e-10)
+    without_mesh = march(
+        dip.vector_form, "before", np.array([began, away]), np.zeros(0), scale=np.ones(2), tol=1e-9, max_time=2.0,
+        until=lambda segment: segment.event == "one", meshed=False,
+    )  # fmt: skip
+    assert [segment.event for segment in without_mesh] == ["zero", "one"]
+    assert sum(segment.duration for segment in without_mesh) == pytest.approx(exact, rel=1e-8)

@@ -25,6 +25,22 @@ def test_a_freeze_ends_hunting_where_it_is_as_long_as_the_stop():
     assert row.kind == "grazing" and row.size == pytest.approx(stick, rel=1e-7)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("servo", "gain", "size"), [
+    (Servo(inertia=0.0096004, motor_gain=3.7978, controller=Controller(lead_time=0.043276, integral_time=0.044034),
+           friction=Friction(static=0.66985, coulomb=0.3806, stribeck_velocity=0.0025886, viscous=0.0016539)),
+     39.245, 0.000457),
+    (Servo(inertia=0.09437, motor_gain=2.615, controller=Controller(lead_time=0.50836, integral_time=0.21342),
+           friction=Friction(static=0.41549, coulomb=0.31823, stribeck_velocity=0.0065995, viscous=0.0017082)),
+     0.20491, 0.0456),
+])  # fmt: skip
+def test_a_branch_that_turns_back_as_an_arc_vanishes_ends_hunting_there(servo, gain, size):
+    """By heyoka it hunts with 0.999 of the hysteresis and rests with 1.001 of it; what turns back there is rounding."""
+    (row,) = remedies(servo, "switch", gain, only=["hysteresis"]).remedies
+    assert row.kind == "grazing" and row.size == pytest.approx(size, rel=1e-3)
+    assert row.size_error <= 1e-6 * row.size
+
+
 def without_end_of_cycles(*more):
     raise NoOrbit("its cycles are not to be followed", Status.NOT_CONVERGED)
 

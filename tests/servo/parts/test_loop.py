@@ -13,7 +13,7 @@ from peer_support import needs
 from scipy import signal
 from stick_map_support import border
 
-from casahunt import InputError, Options, Servo, find_fold, find_orbit
+from casahunt import InputError, NoOrbit, Options, Servo, find_fold, find_orbit
 from casahunt.continuation import follow, special_curve
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle, orbit_ensemble
@@ -36,6 +36,7 @@ from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
 from casahunt.servo.parts.switch import BY_DIRECTION, SWITCH
+from casahunt.servo.parts.table import remedy_of, with_remedy
 from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
 from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
 from casahunt.servo.parts.verbs import fold_in, loop_cycle
@@ -308,3 +309,11 @@ def test_a_fold_in_another_parameter_is_that_in_the_gain():
     cycle = loop_cycle(Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.1}), "static")
     found = fold_in(cycle, "static", sense=-1)
     assert find_fold(Servo().replace(**{"friction.static": found.value}), "switch").gain == pytest.approx(0.1, rel=1e-8)
+
+
+def test_where_hunting_ends_nowhere_its_fold_is_looked_for_in_six_decades():
+    """Too much of a feedforward makes the friction of a slip negative: it hunts with any gain."""
+    plain = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.04})
+    loop = with_remedy(plain, remedy_of("feedforward", "switch"), 0.5)
+    with pytest.raises(NoOrbit, match="no largest gain .* 0.04 and 40000: .* no smallest .* 0.04 and 4e-08: "):
+        find_fold(loop)
