@@ -137,7 +137,7 @@ VISCOUS_FOLD = {"gain": 0.620271708903377402755, "amplitude": 0.0015844465965807
 @pytest.mark.parametrize("degree", [6, 7, 8, 10])
 def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
     """A coarse mesh moves the fold along the branch: amplitude and period are wrong by ten times what the estimate at
-    that point of the branch says, the gain is not.  The optimum on the halved mesh knows."""
+    that point of the branch says, the gain is not.  The turning point on the halved mesh knows."""
     servo, options, matters = Servo().replace(**{"friction.viscous": 0.2}), Options(tol=1e-5, degree=degree), []
     for gain in (0.1, 0.2):
         far = find_orbit(servo, "switch", gain, options=options)  # whose mesh is not made for the fold

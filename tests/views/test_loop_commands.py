@@ -255,6 +255,14 @@ def test_the_linear_loop_has_the_poles_of_two_masses(capsys, tmp_path):
     assert code == 0 and "phase margin" in out and "friction     stable" not in out
 
 
+@pytest.mark.parametrize(("plant", "told"), [("two masses, load measured", True), ("one inertia", False)])
+def test_of_which_mass_positions_are(capsys, tmp_path, plant, told):
+    path = tmp_path / "axis.toml"
+    path.write_text(f'[loop]\nparts = ["{plant}", "Switch friction", "PID by times", "integrator"]\n')
+    code, out, _ = run(capsys, "equilibria", path)
+    assert code == 0 and ("those of the motor" in out) is told
+
+
 def test_the_linear_loop_as_built_of_two_masses(capsys, tmp_path):
     """The margins of its drive, whose motions die out within them and grow beyond, and its response in the picture."""
     path = tmp_path / "two.toml"

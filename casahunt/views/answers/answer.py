@@ -48,10 +48,13 @@ def called(servo: Servo | Loop, model: str | None = None) -> str:
 
 
 def parts_of(servo: Servo | Loop) -> list[str]:
-    """The line of its parts, of a loop of a file."""
+    """The line of its parts, of a loop of a file; and of which mass positions are, where it has more than one."""
     if isinstance(servo, Servo) or servo.name != Loop.name:
         return []
-    return [item("parts", ", ".join(part.name for part in servo.present))]
+    lines = [item("parts", ", ".join(part.name for part in servo.present))]
+    if any(len(part.angles) > 1 for part in servo.present):
+        lines.append(item("positions are", "those of the motor, and so are amplitudes; its load swings otherwise"))
+    return lines
 
 
 def record_of(servo: Servo | Loop) -> dict[str, Any]:
