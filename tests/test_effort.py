@@ -94,3 +94,11 @@ def test_a_part_may_take_so_much_and_counts_for_the_whole():
         assert (whole.work, whole.problems) == (26, 2)
         with pytest.raises(GivenUp, match=r"work of 3.6e\+01"), effort.at_most(50):
             effort.problem(10)
+
+
+def test_a_part_that_is_allowed_more_than_is_left_of_another_part_ends_that_one():
+    """And no more than that: the whole goes on."""
+    with effort.at_most(1000):
+        with pytest.raises(effort.PartGivenUp), effort.at_most(10), effort.at_most(100):
+            effort.problem(20)
+        effort.problem(20)
