@@ -36,7 +36,7 @@ def multipliers(model, gain):
 
 def fold(static):
     f = find_fold(servo.replace(**{"friction.static": static}), "switch", options=Options(tol=1e-6))
-    return [f.gain, f.multipliers, *fold_sensitivities(f).derivatives.values()]
+    return [f.gain, f.confirmed_gain, *fold_sensitivities(f).derivatives.values()]
 
 def motion(model, gain):
     m = simulate(servo, model, gain, time=10.0)

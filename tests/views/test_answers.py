@@ -40,7 +40,7 @@ ANSWERS = {
     "unstable": (["orbit", "--gain", 0.04, "--branch", "unstable"], "multipliers"),
     "orbit of a PID": (["orbit", CANUDAS, "--gain", 0.5, "--model", "lugre"], "multipliers"),
     "no orbit": (["orbit", "--gain", 2], "in a fold"),
-    "fold": (["fold"], "IPOPT"),
+    "fold": (["fold"], "turning point"),
     "fold of a PID": (["fold", CANUDAS], "half multipliers"),
     "diagram": (["diagram", "--model", "switch", "--from", 0.6], "superstable"),
     "no diagram": (["diagram", "--model", "switch", "--from", 0.8], "in a fold"),

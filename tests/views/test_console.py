@@ -41,7 +41,7 @@ def test_digits_shown_are_digits_known(capsys, tmp_path, tol):
         (["orbit", "--gain", "0.4"], rf"amplitude +({NUMBER}) rad", stable["amplitude"]),
         (["orbit", "--gain", "0.4"], rf"period +({NUMBER}) s", stable["period"]),
         (["fold"], rf"gain there +({NUMBER}) V/rad", fold["K"]),
-        (["fold"], rf"optimisation problem .*: ({NUMBER}) V/rad", fold["K"]),
+        (["fold"], rf"on a finer mesh .*: ({NUMBER}) V/rad", fold["K"]),
         (["fold"], rf"period there +({NUMBER}) s", fold["period"]),
         (["basin", "--gain", "0.4"], rf"border +({NUMBER}) rad", unstable["amplitude"]),
         (["basin", "--gain", "0.4"], rf"  stable cycle .* = ({NUMBER}) rad", stable["amplitude"]),

@@ -102,7 +102,7 @@ def _details(
     if stable is not None:
         yield item("a stable cycle", stable["sentence"])
     way = "optimum (IPOPT)" if solver == "ipopt" else "turning point (Newton)"
-    yield item("computed again", f"as {way} on a mesh of half the intervals' length: {again}")
+    yield item("on a finer mesh", f"{way}: {again}")
     yield "  one per cent more of, to the tolerance"
     yield from _sensitivities(slopes, MOST_DECIMALS, tol=tol)
     yield item("computed in", f"{fold.wall_s:.2f} s")
