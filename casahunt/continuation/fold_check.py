@@ -142,11 +142,14 @@ def _turning_point(
 
     bend: d2 lambda/d a2 there, about; NaN where it is not known.
     """
-    solver: Solver = "ipopt" if options.solver == "ipopt" else "newton"
-    found = solve(
-        t, u, setting, solver=solver, border=curve_border(t, u, row), accuracy=SECOND_PLACE * options.tol,
-        bend=-math.inf if solver == "ipopt" else bend,
-    )  # fmt: skip
+    solvers: tuple[Solver, ...] = ("newton", "ipopt") if options.solver == "auto" else (options.solver,)
+    for solver in solvers:
+        found = solve(
+            t, u, setting, solver=solver, border=curve_border(t, u, row), accuracy=SECOND_PLACE * options.tol,
+            bend=-math.inf if solver == "ipopt" else bend,
+        )  # fmt: skip
+        if found.status.ok:
+            break
     beside = found.status.ok and abs(found.parameter) < FREEDOM
     return found if beside or not found.status.ok else replace(found, status=Status.NOT_CONVERGED)
 

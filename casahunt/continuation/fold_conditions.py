@@ -16,9 +16,10 @@ import casadi as ca
 import numpy as np
 
 from ..collocation.graphs import graphs, lagrangian_hessian
+from ..collocation.interval import interval_map
 from ..collocation.transcription import Setting, Transcription
-from ..compiled import alone, kept
-from ..orbits.bordering import row_along
+from ..compiled import kept
+from ..orbits.bordering import curve_border, row_along
 from .fold import Fold, unknowns_along
 
 Array = np.ndarray
@@ -92,17 +93,32 @@ def data_of(setting: Setting) -> Array:
     return np.concatenate([setting.fractions, setting.p, setting.dp, setting.scale])
 
 
-@alone
-def _multipliers(t: Transcription, u: Array, setting: Setting) -> Array:
-    """(size,) nu at a fold:  [G_u, G_lambda; w]^T (nu, s) = e_lambda  with the row w along the curve, and s = 0."""
-    g, row = graphs(t), row_along(t, u, setting)
-    jacobian = ca.Function("jacobian", [g.z, g.data], [g.jacobian])(np.append(u, 0.0), data_of(setting))
-    nodes, first = t.node_index[0], t.size - t.phases
-    weights = [*row[: t.n], row[t.n] / u[first]]
-    along = ca.DM.triplet([0] * (t.n + 1), [*nodes.tolist(), first], weights, 1, t.size + 1)
-    goal = np.zeros(t.size + 1)
-    goal[-1] = 1.0
-    return np.array(ca.solve(ca.vertcat(jacobian, along).T, goal, "csparse")).ravel()[:-1]
+def _multipliers(
+    t: Transcription, u: Array, setting: Setting
+) -> Array:
+    """(size,) nu at a fold: those of the node system, and of the stage rows what takes the stages out of L.
+
+    Of an interval, with stages X, stage rows c and node rows e:    nu_c c_X + nu_e e_X = 0.
+    """
+    E, n, d, z = t.elements, t.n, t.degree, np.append(u, 0.0)
+    lin, border = t.linearise(u, setting), curve_border(t, u, row_along(t, u, setting))
+    goal = np.zeros((1, t.system.size))
+    goal[0, -1] = 1.0
+    psi = t.system.solve_transposed(lin.matrix(border), goal)[0]
+    of_elements = psi[: E * n].reshape(E, n)
+    nu = np.empty((t.intervals, t.rows))
+    nu[:, n * d :] = of_elements[t.interval_elements]
+    w, T = t.intervals_of(z[:-1]), t.durations_of(z[:-1])
+    duration, p = T[t.phase_of[t.interval_elements]], setting.p + z[-1] * setting.dp
+    x_next = z[t.node_index[t.interval_elements + 1]]
+    for field, i in t.groups:
+        blocks = interval_map(field, n, p.size, d, t.kind, i.size)(
+            w[i], x_next[i], duration[i], setting.fractions[i], t.signs[i], p, setting.dp, setting.scale
+        )[:, n + 1 : t.rows + 1]
+        known = blocks[:, :, n * d :] @ nu[i, n * d :, None]
+        nu[i, : n * d] = -np.linalg.solve(blocks[:, :, : n * d], known)[:, :, 0]
+    closed = of_elements[t.closed_elements].ravel()
+    return np.concatenate([nu.ravel(), closed, psi[E * n : -1]])
 
 
 @kept(maxsize=8)
