@@ -3,8 +3,8 @@
     d lambda/d s = 0        the point of the branch whose tangent has no parameter component (special_points.py)
 
 located between two orbits, on a mesh adapted to the tolerance, where the error of the parameter is estimated by an
-adjoint, and confirmed by the turning point on the mesh of halved intervals (fold_check.py); where IPOPT is named, as
-the optimum of
+adjoint, and confirmed by the turning point on the mesh of halved intervals (fold_check.py); where IPOPT is named, and
+where Newton's method does not lead there, as next to the end of a phase, as the optimum of
 
     maximise lambda   subject to  G(u, lambda) = 0        with the exact Hessian (collocation/ipopt.py).
 
@@ -50,8 +50,7 @@ class Fold(Result, Generic[AnyOrbit]):
     parameter : the name of the parameter.
     value : its value at the fold.
     value_error : estimated relative error of the value.
-    confirmed_value : the value again, of the turning point on the mesh of halved intervals; where IPOPT works alone, of
-        the optimum there.
+    confirmed_value : the value again, of the turning point on the mesh of halved intervals, or of the optimum there.
     status, wall_s : as everywhere.
     sense : +1 where the parameter is largest there, -1 where it is smallest.
 

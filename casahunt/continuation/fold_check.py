@@ -148,10 +148,9 @@ def _turning_point(
             t, u, setting, solver=solver, border=curve_border(t, u, row), accuracy=SECOND_PLACE * options.tol,
             bend=-math.inf if solver == "ipopt" else bend,
         )  # fmt: skip
-        if found.status.ok:
-            break
-    beside = found.status.ok and abs(found.parameter) < FREEDOM
-    return found if beside or not found.status.ok else replace(found, status=Status.NOT_CONVERGED)
+        if found.status.ok and abs(found.parameter) < FREEDOM:
+            return found
+    return replace(found, status=Status.NOT_CONVERGED) if found.status.ok else found
 
 
 def _with_second_place(

@@ -371,16 +371,20 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
     """The end that a branch has come to with the next orbit, which it is given; None where it goes on.
 
     A Complaint where an event has begun to lead elsewhere: no step goes beyond.  And where one is met from behind, by
-    less than counts: the equations turn round there, and that orbit is none of the branch.
+    less than counts: the equations turn round there, and that orbit is none of the branch.  Or a phase is gone but for
+    rounding, by which they turn back: a fold in that step is none; what changes the stability is looked for in it.
     """
     if GRAZING in run.looked_for and after.signature == run.last.signature and without_speed(after):
         return MET_FROM_BEHIND
     if (closed := met_itself(run, after) or came_round(run, after)) is not None:
         return closed
+    before, gone = run.last, GRAZING in run.looked_for and lacks_a_phase(after, run.branch.vary)
     run.add(after)
-    if GRAZING in run.looked_for and lacks_a_phase(after, run.branch.vary):
+    if gone and before.seen_stable is after.seen_stable:
         return PHASE_GONE
     run.add(passed=run.line.past(after))
+    if gone:
+        return PHASE_GONE
     end = run.told_to_end() or comes_to(run.branch.orbits, run.branch.vary)
     if end or GRAZING not in run.looked_for:
         return end

@@ -46,8 +46,9 @@ following a cycle to another gain, five seconds of a processor or less."""
 BESIDE_A_FOLD, OF_ITS_AMPLITUDE = 0.01, (2.0, 1.0, 0.5)
 """How far beyond a fold other hunting is looked for, and from where motions start at rest there."""
 FAR_UP, FARTHEST_FOLD = 1e3, 1e6
-"""A parameter that hunting does not end in is followed to so many times its value; where a fold of it is looked for, to
-so many times or that part: where hunting ends nowhere, as with too much of a feedforward, it becomes ever stiffer."""
+"""A parameter that hunting does not end in is followed to so many times its value; the gain, where its fold is looked
+for, to so many times or that part: where hunting ends nowhere, as with too much of a feedforward, it becomes ever
+stiffer."""
 
 
 def loop_cycle(
@@ -245,13 +246,13 @@ def fold_in(
 ) -> Fold[SystemOrbit]:  # fmt: skip
     """Where the branch of a cycle turns back in a parameter, on the way up (sense +1) or down.
 
-    to: as of `largest`; default `FARTHEST_FOLD`.
+    to: as of `largest`; default, of the gain, `FARTHEST_FOLD`.
 
     Raises InputError, NoOrbit: as of `largest`.
     """
-    extremum, here = (largest if sense > 0 else smallest), cycle.problem.value(vary)
-    if to is None:
-        to = here * FARTHEST_FOLD ** (sense if here > 0 else -sense) if here else sense * math.inf
+    extremum = largest if sense > 0 else smallest
+    if to is None:  # other parameters than the gain may go through zero
+        to = cycle.problem.value(vary) * FARTHEST_FOLD**sense if vary == "gain" else sense * math.inf
     return extremum(cycle, vary, to=to, options=options, max_points=max_points, progress=progress)
 
 

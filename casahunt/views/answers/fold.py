@@ -101,7 +101,7 @@ def _details(
     yield item("period there", f"{to_error(orbit.period, orbit.period_error)} s")
     if stable is not None:
         yield item("a stable cycle", stable["sentence"])
-    way = "optimum (IPOPT)" if solver == "ipopt" else "turning point (Newton)"
+    way = {"ipopt": "optimum (IPOPT)", "newton": "turning point (Newton)"}.get(solver, "turning point")
     yield item("on a finer mesh", f"{way}: {again}")
     yield "  one per cent more of, to the tolerance"
     yield from _sensitivities(slopes, MOST_DECIMALS, tol=tol)
