@@ -217,6 +217,17 @@ def test_the_lowest_versions_are_those_of_the_extras_too():
     } and len(printed) == len(set(printed))  # fmt: skip
 
 
+def test_the_lowest_versions_are_asked_without_the_packages_of_tests():
+    """What .ci/run asks in their environment is collected where there is none of them but pytest's own."""
+    steps = (ROOT / ".ci" / "run").read_text(encoding="utf-8").replace("\\\n", " ")
+    words = shlex.split(steps[steps.index("DeprecationWarning tests/") :].splitlines()[0])[1:]
+    absent = ["scipy", "heyoka", "control", "dask", "numpydoc", "nbclient", "nbformat", "mypy"]
+    words += ["--collect-only", "-q", "-n0", "-p", "no:cacheprovider"]
+    code = f"import sys, pytest; sys.modules.update(dict.fromkeys({absent})); sys.exit(pytest.main({words}))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+
+
 def test_there_are_commands():
     assert len(COMMANDS) >= 15
 
