@@ -67,12 +67,13 @@ if TYPE_CHECKING:
     from .servo.lopsided import with_lopsided
     from .servo.move import Move
     from .servo.outcome import Outcome
+    from .servo.parts.file import load, load_drive
     from .servo.problem import HuntingFold as Fold
     from .servo.problem import HuntingOrbit as Orbit
     from .servo.sampled.check import AsBuilt, Cause, as_built, cause_of
     from .servo.sampled.motion import SampledMotion, simulate_sampled
     from .servo.saved import load_branch, load_orbit, save_branch
-    from .servo.servo import Servo, load, load_drive
+    from .servo.servo import Servo
     from .servo.simulate import simulate
     from .servo.trajectory import Trajectory
     from .views.explore.notebook import explore

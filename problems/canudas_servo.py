@@ -10,9 +10,9 @@ which nothing moves; mu is the ratio of the steps by which they settle.  Switch:
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from casahunt.servo.servo import Servo, load
+from casahunt import Servo, load
 
 TOML = Path(__file__).with_name("canudas.toml")
 """The servo as a file."""
@@ -23,7 +23,7 @@ def servo() -> Servo:
 
     Returns servo, read from its file.
     """
-    return load(TOML)
+    return cast(Servo, load(TOML))
 
 
 GAIN = 1.0

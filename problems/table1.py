@@ -12,9 +12,9 @@ extended precision to what rounding leaves there; its fold in extended precision
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from casahunt.servo.servo import Servo, load
+from casahunt import Servo, load
 
 TOML = Path(__file__).with_name("table1.toml")
 """The servo as a file."""
@@ -22,7 +22,7 @@ TOML = Path(__file__).with_name("table1.toml")
 
 def servo() -> Servo:
     """The servo of Table 1, read from its file."""
-    return load(TOML)
+    return cast(Servo, load(TOML))
 
 
 # Symmetric hunting cycles of the servo of Table 1 (tau_i = tau_d = 1/(2 pi)). amplitude = max |x1| [rad],

@@ -29,10 +29,12 @@ from ..errors import InputError
 from ..files import bounded
 from ..results import html_table
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
-from .drive import DRIVE_TABLE, Drive, drive_of_table
+from .drive import DRIVE_TABLE, drive_of_table
 from .friction import Friction
 from .units import assigned, check_motor_gain, numbers_of, unit_of, value_of
 
+LOOP_TABLE = "loop"
+"""The table by which a file is one of a loop of parts (parts/file.py)."""
 PARAMETERS = (
     "servo.inertia",
     "servo.motor_gain",
@@ -255,75 +257,6 @@ def toml_tables(text: bytes, what: str) -> dict[str, Any]:
         raise InputError(f"{what}: cannot be read: its brackets are nested too deeply") from None
     except ValueError:  # Python's limit for the digits of an integer
         raise InputError(f"{what}: cannot be read: it holds a number of too many digits") from None
-
-
-def load(path: str | Path) -> Servo:
-    """Read a servo from a TOML file with the tables [servo], [controller] and [friction].
-
-    Keys that the file leaves out keep the value of Table 1.  A table [drive] is checked, and read by `load_drive`.
-    A table [units] says whether the axis is rotary or linear, and how its numbers are shown.
-
-    Parameters
-    ----------
-    path
-        the file; a number is in SI, as in `KEYS`' records, a text has its unit: "30 kg", "3 N s/mm".
-
-    Returns
-    -------
-    Servo.
-
-    Raises
-    ------
-    InputError : missing file, broken TOML, unknown key, a value that is not a number or out of range.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from casahunt import load
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = Path(folder, "servo.toml")
-    ...     _ = path.write_text("[friction]\\nstatic = 0.5\\n")
-    ...     servo = load(path)
-    >>> servo.friction.static, servo.friction.coulomb  # what the file leaves out is Table 1
-    (0.5, 0.44)
-    """
-    what = f"servo file {str(path)!r}"
-    return servo_of_tables(read_toml(path, what), what)
-
-
-def load_drive(path: str | Path) -> Drive | None:
-    """Read the drive as built from the table [drive] of a servo file.
-
-    Parameters
-    ----------
-    path
-        the file.
-
-    Returns
-    -------
-    Drive; None where the file has no such table.
-
-    Raises
-    ------
-    InputError : missing file, broken TOML, unknown key, no sample time, or a value out of range.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from casahunt import load_drive
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = Path(folder, "servo.toml")
-    ...     _ = path.write_text("[drive]\\nsample_time = 0.001\\nencoder = 2000\\n")
-    ...     load_drive(path).encoder
-    2000.0
-    """
-    what = f"servo file {str(path)!r}"
-    tables = read_toml(path, what)
-    servo_of_tables(tables, what)
-    units = units_of_table(tables.get(UNITS_TABLE, {}))
-    return drive_of_table(tables[DRIVE_TABLE], units) if DRIVE_TABLE in tables else None
 
 
 def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:

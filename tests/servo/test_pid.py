@@ -37,7 +37,8 @@ from casahunt.servo.gains import lowest_stable_gain, routh_hurwitz_gain
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.linear.margins import margins
 from casahunt.servo.linear.open_loop import open_loop
-from casahunt.servo.servo import flatten, load, with_overrides
+from casahunt.servo.parts.file import load
+from casahunt.servo.servo import flatten, with_overrides
 from problems.taylor import lugre_half_cycle, switch_cycle, switch_half_cycle
 
 FINE = Options(tol=1e-9)

@@ -12,7 +12,8 @@ from servo_files import dump
 from casahunt.errors import InputError
 from casahunt.servo.controller import Controller, Pid
 from casahunt.servo.friction import Friction
-from casahunt.servo.servo import KEYS, PARAMETERS, Servo, flatten, load, unflatten, with_overrides
+from casahunt.servo.parts.file import load
+from casahunt.servo.servo import KEYS, PARAMETERS, Servo, flatten, unflatten, with_overrides
 from problems import table1
 
 # Table 1 of the report, typed in once more.

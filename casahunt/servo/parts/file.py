@@ -1,4 +1,4 @@
-"""A loop in a file: the parts by their names, and their numbers.
+"""A servo in a file: one inertia, as servo.py has it, or a loop: the parts by their names, and their numbers.
 
     [loop]
     parts = ["two masses", "Switch friction", "cascade P-PI", "integrator", "dead band"]
@@ -33,8 +33,8 @@ from typing import Any
 from ...axis_units import UNITS_TABLE, units_of_table
 from ...checks import choice_of, quoted
 from ...errors import InputError
-from ..drive import DRIVE_TABLE, drive_of_table
-from ..servo import read_toml
+from ..drive import DRIVE_TABLE, Drive, drive_of_table
+from ..servo import LOOP_TABLE, Servo, read_toml, servo_of_tables
 from ..units import check_motor_gain, value_of
 from .filters import series
 from .linear_controller import state_space
@@ -43,6 +43,79 @@ from .loop import Loop
 from .part import Part
 from .table import check_in_the_model
 from .tabulated import friction_table
+
+
+def load(path: str | Path) -> Servo | Loop:
+    """Read a servo from a TOML file: by [servo], [controller] and [friction], or by [loop] of parts and their [values].
+
+    Of a rotary servo, keys that the file leaves out keep the value of Table 1, and of parts that of the part.  A table
+    [drive] is checked, and read by `load_drive`.  A table [units] says whether the axis is rotary or linear, and how
+    its numbers are shown.
+
+    Parameters
+    ----------
+    path
+        the file; a number is in SI, as in `KEYS`' records, a text has its unit: "30 kg", "3 N s/mm".
+
+    Returns
+    -------
+    Servo; Loop, of a file of parts.
+
+    Raises
+    ------
+    InputError : missing file, broken TOML, unknown key or part, a value that is not a number or out of range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import load
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "servo.toml")
+    ...     _ = path.write_text("[friction]\nstatic = 0.5\n")
+    ...     servo = load(path)
+    >>> servo.friction.static, servo.friction.coulomb  # what the file leaves out is Table 1
+    (0.5, 0.44)
+    """
+    return _read(path)[0]
+
+
+def load_drive(path: str | Path) -> Drive | None:
+    """Read the drive as built from the table [drive] of a file that `load` reads.
+
+    Parameters
+    ----------
+    path
+        the file.
+
+    Returns
+    -------
+    Drive; None where the file has no such table.
+
+    Raises
+    ------
+    InputError : as `load`; no sample time, or a value out of range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from casahunt import load_drive
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "servo.toml")
+    ...     _ = path.write_text("[drive]\nsample_time = 0.001\nencoder = 2000\n")
+    ...     load_drive(path).encoder
+    2000.0
+    """
+    servo, tables = _read(path)
+    return drive_of_table(tables[DRIVE_TABLE], servo.units) if DRIVE_TABLE in tables else None
+
+
+def _read(path: str | Path) -> tuple[Servo | Loop, dict[str, Any]]:
+    """What a file describes, and its tables."""
+    what = f"servo file {str(path)!r}"
+    tables = read_toml(path, what)
+    return (loop_of_tables if LOOP_TABLE in tables else servo_of_tables)(tables, what), tables
 
 
 def load_loop(path: str | Path) -> Loop:
@@ -84,11 +157,11 @@ def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
     """
     try:
         for table in tree:
-            choice_of("table", table, ("loop", "values", DRIVE_TABLE, UNITS_TABLE))
+            choice_of("table", table, (LOOP_TABLE, "values", DRIVE_TABLE, UNITS_TABLE))
         units = units_of_table(tree.get(UNITS_TABLE, {}))
         if DRIVE_TABLE in tree:
             drive_of_table(tree[DRIVE_TABLE], units)
-        names, values = tree.get("loop", {}).get("parts"), tree.get("values", {})
+        names, values = tree.get(LOOP_TABLE, {}).get("parts"), tree.get("values", {})
         if not isinstance(names, list) or not names:
             raise InputError('[loop]: must say parts = ["one inertia", "Switch friction", ...]')
         given = {units.own_name(name): value for name, value in values.items()}

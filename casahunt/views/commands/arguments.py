@@ -20,7 +20,7 @@ from ...quantities import with_its_unit
 from ...servo.controller import Pid
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table, drive_value
 from ...servo.friction import MODELS, Model
-from ...servo.servo import Servo, read_toml, servo_of_tables, with_overrides
+from ...servo.servo import LOOP_TABLE, Servo, read_toml, servo_of_tables, with_overrides
 from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
@@ -30,8 +30,6 @@ from .taken import of_the_continuous_loop, servo_of_parts, taken_from_table_1
 if TYPE_CHECKING:
     from ...servo.parts import Loop
 
-LOOP_TABLE = "loop"
-"""The table by which a file is one of a loop of parts."""
 OF_DRIVE = f"{DRIVE_TABLE}."
 """Keys of --set that are of the drive begin so."""
 _ARGPARSE_WORDS = {

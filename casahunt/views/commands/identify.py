@@ -31,11 +31,10 @@ from ...errors import InputError, NoOrbit
 from ...results import tables_of
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
-from ...servo.servo import flatten
+from ...servo.servo import LOOP_TABLE, flatten
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
-    LOOP_TABLE,
     add_command,
     add_gain,
     add_out,

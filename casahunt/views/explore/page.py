@@ -232,8 +232,8 @@ def python(state: State) -> str:
     problem = state.problem
     if problem.loop is not None:
         return (
-            "from casahunt import find_orbit\nfrom casahunt.servo.parts import load_loop\n\n"
-            f'loop = load_loop("{FILE_NAME}").replace(gain={problem.gain!r})  # the servo file\n'
+            "from casahunt import find_orbit, load\n\n"
+            f'loop = load("{FILE_NAME}").replace(gain={problem.gain!r})  # the servo file\n'
             "orbit = find_orbit(loop)\nprint(orbit)\n"
         )
     assert problem.servo is not None

@@ -2,7 +2,7 @@
 
 import pytest
 
-from casahunt import InputError
+from casahunt import InputError, load, load_drive
 from casahunt.servo import parts as room
 from casahunt.servo.parts import (
     DEAD_BAND,
@@ -31,6 +31,15 @@ def test_a_loop_is_that_of_its_parts(tmp_path):
     loop = load_loop(path)
     parts = INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR, DEAD_BAND
     assert loop.system == Loop(parts, {"gain": 0.1, "dead_band": 0.01}, loop.name).system
+
+
+def test_one_call_reads_both_kinds_of_files(tmp_path):
+    path = tmp_path / "axis.toml"
+    path.write_text(f"[loop]\nparts = {PARTS}\n[values]\ngain = 0.1\n[drive]\nsample_time = 0.001\n")
+    assert load(path).system == load_loop(path).system and load_drive(path).sample_time == 1e-3
+    path.write_text(f"[loop]\nparts = {PARTS}\n[friction]\nstatic = 0.5\n")
+    with pytest.raises(InputError, match=r"axis\.toml': unknown table 'friction'"):
+        load(path)
 
 
 def loaded(tmp_path, parts):

@@ -20,7 +20,7 @@ playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright
 
 from casahunt import Servo, find_fold, find_orbit, margins  # noqa: E402
 from casahunt.servo.parts import load_loop  # noqa: E402
-from casahunt.servo.servo import load  # noqa: E402
+from casahunt.servo.parts.file import load  # noqa: E402
 from casahunt.views.explore.page import controls_of  # noqa: E402
 from casahunt.views.explore.server import Server  # noqa: E402
 from casahunt.views.explore.state import state_of_address, state_of_servo  # noqa: E402
