@@ -20,6 +20,7 @@ import numpy as np
 from ... import effort
 from ...axis_units import quantity, several
 from ...motion import MarchFailure, Segment, march
+from ...roots import Bracket
 from ..outcome import SETTLES, Outcome
 from .fate import (
     FARTHER_BY,
@@ -33,6 +34,7 @@ from .fate import (
     fate,
 )
 from .loop import Loop
+from .turns import drifts
 
 Array = np.ndarray
 
@@ -44,8 +46,8 @@ WORK_AHEAD, WORK_THAT_MEASURES = 3e6, 2e4
 """Work (effort.py) of following a motion on, 240 turns of two masses that ring; and of its first phases."""
 LAST_SWINGS, LAST_TURNS = 8, 120
 """Swings of the motion ahead that are told; of irregular hunting, turns of which its range is told."""
-ERRORS_LOOKED_AT = (1.0, 1e-3, 1e-6)
-"""Errors at which the torque per rad is looked at: of a limit and a dead band the one between counts [rad]."""
+NEAREST, FARTHEST, ERROR_KNOWN = 1e-15, 1e6, 0.05
+"""Between which the error is looked for at which the torque is so large [rad], and the part to which it is known."""
 STILL_ALIVE = 1e-3
 """Part of its largest value that is the least size of a state."""
 PUSHED_OFF = 1e-3
@@ -159,15 +161,31 @@ def measured(
 
 
 def errors_of(loop: Loop) -> tuple[float, float]:
-    """Errors at which the torque is static friction, and its limit [rad]; 0 where there is none, or not known."""
-    steepest = 0.0
-    for off in ERRORS_LOOKED_AT:
+    """Errors at which the torque is static friction, and its limit, were it linear [rad]; 0 where there is none."""
+    static, limit = (loop.parameters.get(name, 0.0) for name in ("static", "torque_limit"))
+    needed = min(filter(None, (static, limit)), default=0.0)
+    if not needed:
+        return 0.0, 0.0
+
+    def beyond(off: float) -> float:
         start = loop.at_rest(-off)
-        torque = loop.signal("torque", loop.mode_at(**start), np.array(list(start.values()))[:, None])
-        steepest = max(steepest, abs(float(torque[0])) / off)
-    torques = (loop.parameters.get(name, 0.0) for name in ("static", "torque_limit"))
-    static, limit = (torque / steepest if steepest else 0.0 for torque in torques)
-    return static, limit
+        states = np.array(list(start.values()))[:, None]
+        return abs(float(loop.signal("torque", loop.mode_at(**start), states)[0])) / needed - 1 + ERROR_KNOWN
+
+    off = last = 1.0
+    f = f_last = beyond(off)
+    while f * f_last > 0:
+        last, f_last = off, f
+        off *= 0.1 if f > 0 else 10.0
+        if not NEAREST < off < FARTHEST:
+            return 0.0, 0.0
+        f = beyond(off)
+    bracket = Bracket(last, f_last, off, f)
+    while abs(f) > ERROR_KNOWN and bracket.width > ERROR_KNOWN * off:
+        off = bracket.illinois
+        f = beyond(off)
+        bracket = bracket.told(off, f)
+    return static / needed * off, limit / needed * off
 
 
 def _alike(found: Fate, other: Fate) -> bool:
@@ -191,7 +209,9 @@ def _said(found: Fate) -> str:
     if found.still_grows:
         return f"has grown in {turns.size} turns, to {quantity(swings[-2] / 2, 'rad', '.3g')}, and grows on, {lasted}"
     if found.swing is None:
-        return f"neither rests nor repeats in {turns.size} turns, {lasted}"
+        creeps = drifts(swings[:-1][-LAST_TURNS:]) if turns.size > LAST_TURNS else 0
+        way = ("", ", and grows on", ", and becomes smaller from swing to swing")[creeps]
+        return f"neither rests nor repeats in {turns.size} turns{way}, {lasted}"
     if not found.pattern:
         return f"hunts irregularly, {ranges(found)[0]}, {lasted}"
     how = "" if found.pattern <= 2 else f", after a pattern of {found.pattern} swings"

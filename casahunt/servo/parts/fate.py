@@ -32,7 +32,7 @@ from ..outcome import Kind
 from .loop import Loop
 from .lugre import LUGRE
 from .part import Edge, Part, PartMode
-from .turns import PATTERN, grows, may_settle, settles, shrinks, width
+from .turns import PATTERN, drifts, grows, may_settle, settles, shrinks, width
 
 Array = np.ndarray
 Points = Literal["gauss", "radau"]
@@ -260,7 +260,7 @@ class _Watched:
         irregular = differ > REPEATS_NOT * late.max()
         irregular |= differ > DIFFERS * late.max() and before / AS_MUCH_AS_BEFORE < differ < AS_MUCH_AS_BEFORE * before
         settled = late.max() > (1 - LEFT_OF_A_SWING / fewer) * earlier.max()
-        if (irregular or fewer > 1) and settled and not grows(swings, quarter):
+        if (irregular or fewer > 1) and settled and not grows(swings, quarter) and not drifts(swings[-2 * quarter :]):
             self.repeats = quarter, False
             return "hunting"
         comes = not settled or differ <= before / AS_MUCH_AS_BEFORE

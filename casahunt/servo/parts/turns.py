@@ -94,3 +94,13 @@ def grows(swings: Array, many: int) -> bool:
     each = swings[-3 * many :].reshape(3, many)
     ends = np.array([each.min(axis=1), each.max(axis=1)])
     return bool((ends[:, 1:] > (1 + GROWS_BY) * ends[:, :-1]).all())
+
+
+def drifts(swings: Array) -> int:
+    """1 where swings become larger from one to the next of some pattern, all of them, -1 where smaller, else 0: what
+    creeps towards its end is not there, and repeats in no pattern meanwhile."""
+    for n in range(1, PATTERN + 1):
+        ways = np.sign(swings[n:] - swings[:-n])
+        if (ways == ways[:1]).all():
+            return int(ways[0])
+    return 0

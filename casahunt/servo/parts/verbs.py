@@ -1,6 +1,7 @@
 """What is asked of a loop as of a servo: its hunting cycle, the other one, a fold.
 
-    cycle     motions from rest beside the set point, by 1, 1/2, 1/4, ... rad: the cycle on which the first one settles
+    cycle     motions from rest beside the set point, by 8, 4, 2, ... times the error that breaks away: the cycle on
+              which the first one settles
               (where turns are events, a state of it is known from fate.py, and no motion that rests is searched)
               else: that of a smaller gain, followed up to the gain
 
@@ -23,14 +24,15 @@ from ...continuation import FOLD, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
-from .ahead import LAST_TURNS, measured, ranges
+from .ahead import LAST_TURNS, errors_of, measured, ranges
 from .exponent import largest_exponent
 from .fate import Fate, Swing, fate
 from .loop import Loop
 from .turns import PATTERN
 
-FIRST_OFF, STARTS_HALVED = 1.0, 12
-"""Off the set point by so much a motion starts first [rad], and by so many times half as much: to 0.2 mrad."""
+FIRST_OFF, STARTS_HALVED = 8.0, 12
+"""Off the set point by so many times the error that breaks away a motion starts first, and so many times by half as
+much: an axis that moves by micrometres hunts as one that turns by radians."""
 SMALLER_GAINS = (0.5, 0.25, 0.125, 0.0625)
 """Parts of the gain at which a cycle is looked for where no motion settles on one."""
 TOLERANCE_ON_THE_WAY = 1e-6
@@ -90,13 +92,19 @@ def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOr
     lively = next((each for each in found if each not in resting and not isinstance(each, _Grows)), None)
     if lively is not None:
         raise lively
-    sizes = several((FIRST_OFF, FIRST_OFF / 2**STARTS_HALVED), "rad", _two_digits, " to ")
+    far = first_off(loop)
+    sizes = several((far, far / 2**STARTS_HALVED), "rad", _two_digits, " to ")
     starts = f"{len(found)} starts, {sizes} beside the set point"
     grows = next((each for each in found if isinstance(each, _Grows)), None)
     if grows is not None:
         raise NoOrbit(f"{grows}; from {len(resting)} of {starts}, it comes to rest{smaller}", Status.NOT_FOUND)
     rests = f"the motion comes to rest from each of {starts}{smaller}"
     raise ComesToRest(f"no cycle of {loop.name} was found: {rests}", Status.NOT_FOUND)
+
+
+def first_off(loop: Loop) -> float:
+    """How far beside the set point the first motion begins [rad]."""
+    return FIRST_OFF * (errors_of(loop)[0] or 1.0)
 
 
 def _two_digits(x: float) -> str:
@@ -135,7 +143,8 @@ def _from_rest(
     """
     refusals, irregular, grown, put_off = list[NoOrbit](), None, math.inf, list[float]()
     first_look = math.inf if _turns_are_events(loop) else WORK_OF_A_FIRST_LOOK
-    looks = ((FIRST_OFF / 2**k, first_look) for k in range(STARTS_HALVED + 1))
+    far = first_off(loop)
+    looks = ((far / 2**k, first_look) for k in range(STARTS_HALVED + 1))
     for off, work in chain(looks, ((off, math.inf) for off in put_off)):
         try:
             with effort.at_most(work):
@@ -172,7 +181,7 @@ def _led_on(
     """
     if not _turns_are_events(loop):
         return start
-    before = irregular or measured(loop, start, FIRST_OFF)
+    before = irregular or measured(loop, start, first_off(loop))
     seen = fate(loop, start, before, work=WORK_OF_A_START, grown=grown)
     if seen.kind in SETTLES:
         lasted = f"followed for {seen.motion.duration:.6g}"

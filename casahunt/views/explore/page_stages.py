@@ -29,7 +29,7 @@ from ...servo.outcome import SETTLES
 from ...servo.parts import Loop, Remedy, loop_of
 from ...servo.parts.exponent import told
 from ...servo.parts.fate import Swing, on_the_cycle
-from ...servo.parts.verbs import FIRST_OFF, fold_in
+from ...servo.parts.verbs import first_off, fold_in
 from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
@@ -144,7 +144,7 @@ class Stages:
         if self.problem.loop is None:
             return find_orbit(servo, model, gain, options=options)
         bare = self._bare_at(gain)
-        start = loop.at_rest(-FIRST_OFF) if bare is None else on_the_cycle(bare)
+        start = loop.at_rest(-first_off(loop)) if bare is None else on_the_cycle(bare)
         return find_orbit(loop, start=start, options=ROUGH)
 
     def _bare_at(self, gain: float) -> Orbit | None:
