@@ -99,6 +99,11 @@ class Units:
         return self.motion == "linear"
 
     @property
+    def step(self) -> float:
+        """How far a servo goes where that is not stated [rad], [m]: 1 rad, or one unit of length."""
+        return float(unit_of_text(self.coordinate, self.counts)[0]) if self.linear else 1.0
+
+    @property
     def si(self) -> Units:
         """The same axis in SI."""
         return _IN_SI[self.motion]

@@ -76,7 +76,7 @@ NAMED = {"velocity": "x2", "integral": "x3", "bristle": "x4"}
 
 @in_its_units
 def simulate(
-    servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, set_point: float = 1.0,
+    servo: Servo | Loop, model: Model | None = None, gain: float | None = None, *, set_point: float | None = None,
     time: float = 100.0, position: float = 0.0, velocity: float = 0.0, integral: float = 0.0, bristle: float = 0.0,
     start: Mapping[str, float] | None = None, move: Move | None = None, tol: float = 1e-6,
 ) -> Trajectory:  # fmt: skip
@@ -88,7 +88,7 @@ def simulate(
         the servo, "switch" or "lugre", and the gain > 0; or a loop of parts, without a model, at its own gain or
         another one.
     set_point
-        theta_d [rad].
+        theta_d [rad]; default 1 rad, or one unit of length.
     time
         length of the motion [s], > 0.
     position, velocity
@@ -126,7 +126,7 @@ def simulate(
     low, high = Options.TOLERANCES
     if not low <= tol <= high:
         raise InputError(f"tol = {tol:g}: must lie between {low:g} and {high:g}")
-    theta_d = moderate("set_point", set_point, power=COMPUTED)
+    theta_d = moderate("set_point", loop.units.step if set_point is None else set_point, power=COMPUTED)
     given = {"velocity": velocity, "integral": integral, "bristle": bristle}
     if (move := a_move(move)) is not None:
         # Refuse a motion that ends before its move does, behind which alone it rests or hunts

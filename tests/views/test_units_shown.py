@@ -12,6 +12,9 @@ import pytest
 from command_line import one_json, run
 
 from casahunt import (
+    Demands,
+    Drive,
+    NoOrbit,
     Options,
     Units,
     basin,
@@ -20,8 +23,11 @@ from casahunt import (
     load,
     load_orbit,
     pictures,
+    remedies,
     save_orbit,
     simulate,
+    simulate_sampled,
+    tune,
 )
 from casahunt.axis_units import shown
 from casahunt.quantities import in_si
@@ -142,6 +148,17 @@ def test_values_with_units_on_the_command_line(capsys):
 
 
 @pytest.mark.slow
+def test_where_no_step_is_stated_it_is_one_unit_of_length():
+    """Not a metre: the force with which it begins is kp times a millimetre, 240 N/mm."""
+    servo = load(TOML)
+    assert simulate(servo, "switch", 1.0, time=0.5).peak_torque == pytest.approx(240.0, rel=1e-12)
+    table = remedies(servo, "switch", 1.0, only=["reset"])
+    assert table.step == 1e-3 and table.remedies[0].peak_torque == pytest.approx(240.0, rel=1e-12)
+    assert simulate_sampled(servo, 1.0, Drive(sample_time=1e-3), time=1.0).set_point == 1e-3
+    with pytest.raises(NoOrbit, match=r"100 N on a step of 0\.5 mm allows gains of at most 0\.833333"):
+        tune(servo, "switch", demands=Demands(max_torque=100.0, step=5e-4))
+
+
 def test_the_table_of_a_diagram(capsys, tmp_path):
     out, words = tmp_path / "diagram", ("--model", "switch", "--from", "1.3 V/m", "--quiet")
     for _ in range(2):  # the second run knows the files of the first one as its own

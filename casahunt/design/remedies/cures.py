@@ -19,7 +19,6 @@ from ...servo.outcome import SETTLES, Kind
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Corners
 from .border import BORDERS
-from .price import TASK_STEP
 
 MARGIN_TO_CHOOSE = 0.1
 """What is recommended is so much more than the border, relatively: friction is seldom known better than to a tenth."""
@@ -178,7 +177,7 @@ class Cures(Result):
     margin: float = MARGIN_TO_CHOOSE
     stable: bool = True
     irregular: bool = False
-    step: float = TASK_STEP
+    step: float = 1.0
     move: Move | None = None
 
     @property

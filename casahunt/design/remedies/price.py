@@ -20,8 +20,8 @@ from ...servo.parts.loop import Loop
 
 Array = np.ndarray
 
-TASK_STEP, SETTLED_WITHIN = 1.0, 0.02
-"""The step, where no other is asked for [rad], and the part of it within which it has settled."""
+SETTLED_WITHIN = 0.02
+"""Part of the step within which it has settled."""
 TASK_POINTS = 4
 """Of an interval, at which torque and error are looked at."""
 HALF_OF_IT = 0.5
@@ -43,7 +43,7 @@ class Task:
     kind: Kind
 
 
-def task(loop: Loop, before: Swing, rest_error: float, step: float = TASK_STEP, move: Move | None = None) -> Task:
+def task(loop: Loop, before: Swing, rest_error: float, step: float, move: Move | None = None) -> Task:
     """A step from rest, or a move as far.
 
     before: the hunting that is to end: a servo that still hunts, or has that error, has not settled; rest_error: the

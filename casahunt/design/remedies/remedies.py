@@ -49,7 +49,7 @@ from .border import (
 )
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
 from .larger_sizes import stays
-from .price import TASK_STEP, task
+from .price import task
 from .sizes import more_of, scale_of, sized
 
 NEVER_SETTLES = 30.0
@@ -81,7 +81,7 @@ def remedies(
     max_torque: float | None = None,
     margin: float = MARGIN_TO_CHOOSE,
     uncertainty: Uncertainty | None = None,
-    step: float = TASK_STEP,
+    step: float | None = None,
     move: Move | None = None,
     options: Options | None = None,
     progress: Callable[[Cure], None] | None = None,
@@ -104,7 +104,8 @@ def remedies(
     uncertainty
         what is uncertain of the servo: each row then has the size for the worst one.
     step, move
-        by which remedies are priced: how far the servo goes [rad], and the profile of its set point; default: at once.
+        by which remedies are priced: how far the servo goes [rad], default 1 rad or one unit of length, and the profile
+        of its set point; default: at once.
     options
         tolerance of the sizes; default 1e-8.
     progress
@@ -133,8 +134,9 @@ def remedies(
     error = None if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     require("margin", margin, above=0, at_most=LARGER_SIZES[-1])
-    step, move = sensible("step", step), a_move(move)
-    asked = replace(_asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin), step=step, move=move)
+    step, move = None if step is None else sensible("step", step), a_move(move)
+    asked = _asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin)
+    asked = replace(asked, step=step or asked.loop.units.step, move=move)
     tasks = [(asked, remedy, misfit) for remedy, misfit in _looked_at(asked, wanted)]
     rows = []
     for row in (executor.map if executor else map)(_row_of, tasks):
@@ -142,10 +144,10 @@ def remedies(
         if progress:
             progress(row)
     loop, swing = asked.loop, asked.swing
-    rows.sort(key=_price(task(loop, swing, 0.0, step, move).peak_torque, swing))
+    rows.sort(key=_price(task(loop, swing, 0.0, asked.step, move).peak_torque, swing))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
     own = loop.value("gain"), swing.amplitude, swing.period
-    return Cures(loop, asked.model, *own, tuple(rows), best, margin, asked.stable, swing.irregular, step, move)
+    return Cures(loop, asked.model, *own, tuple(rows), best, margin, asked.stable, swing.irregular, asked.step, move)
 
 
 def cheapest(rows: Sequence[Cure], error: float | None, torque: float, *, of_a_set: bool) -> str:
@@ -172,7 +174,7 @@ class _Asked:
     options: Options
     uncertain: tuple[Servo, Uncertainty] | None
     margin: float
-    step: float = TASK_STEP
+    step: float = 1.0
     move: Move | None = None
 
     @cached_property

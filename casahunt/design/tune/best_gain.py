@@ -43,7 +43,6 @@ from .demands import (
 from .loop_set import LoopBox, Table, WorstLoop, allowed, common, loop_box, lowest, shortfall
 from .parts_set import parts_box
 from .problem import Cut
-from .tasks import TASK_STEPS
 
 Array = np.ndarray
 
@@ -122,6 +121,11 @@ class Given:
         self.cuts: list[Cut] = []
         self.points: list[Array] = []
 
+    @property
+    def step(self) -> float:
+        """The largest step of the set point [rad]."""
+        return self.demands.step or float(self.servo.units.step)
+
     # One gain
 
     def gains(self, needed: float, servo: Any) -> tuple[float, float]:
@@ -148,7 +152,7 @@ class Given:
             low, high = self.uncertainty.box(servo)
             ends = [(low[i], high[i]) for i, name in enumerate(self.uncertainty.parameters) if name in names]
         corners = [servo_at(servo, names, np.array(at)) for at in itertools.product(*ends)]
-        return max(abs(at_the_start(corner, "demand", -max(TASK_STEPS))) for corner in corners)
+        return max(abs(at_the_start(corner, "demand", -self.step)) for corner in corners)
 
     def largest_gain(self, servo: Any) -> float:
         """The gain with which the largest step begins with the largest torque that is allowed; inf without a limit."""

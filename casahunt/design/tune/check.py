@@ -205,7 +205,7 @@ def _simulated(answer: Answer, given: Given, span: float, amplitude: float) -> t
         try:
             tasks += [
                 SimulatedTask(friction, said, simulate(servo, given.model, answer.gain, time=span, **start))
-                for said, start in stated(servo, answer.gain, amplitude).items()
+                for said, start in stated(servo, answer.gain, amplitude, given.step).items()
             ]
         except NoOrbit as error:
             missing.append(f"the tasks with the {friction} friction were not simulated: {error}")

@@ -26,6 +26,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from ...axis_units import quantity
 from ...errors import NoOrbit, Status
 from ..nearby import said
 from ..uncertainty.worst_corner import WorstCase
@@ -33,7 +34,6 @@ from .best_gain import Answer, Given, Outlook
 from .demands import DEMANDS, Demands, controller_said, cost_of
 from .loop_set import Intervals, Table, allowed, common
 from .problem import Round, solve_round
-from .tasks import TASK_STEPS
 
 Array = np.ndarray
 
@@ -85,9 +85,10 @@ def refusal(
     if math.isfinite(demands.max_torque):
         most = given.largest_gain(servo)
         takes = f"; {needed:.6g} takes {needed * given.first_torque(servo):.4g} N m" if needed > most else ""
+        step = quantity(given.step, "rad", "g")
         asked["largest torque"] = [(0.0, most)], (
-            f"the largest torque of {demands.max_torque:g} N m on a step of {max(TASK_STEPS):g} rad allows gains of at "
-            f"most {most:.6g}{takes}, and what ends hunting with less torque is told by casahunt remedies"
+            f"the largest torque of {demands.max_torque:g} N m on a step of {step} allows gains of at most "
+            f"{most:.6g}{takes}, and what ends hunting with less torque is told by casahunt remedies"
         )
     if bounds is not None:
         asked["bounds"] = [bounds], f"the bounds of the gain allow {bounds[0]:g} to {bounds[1]:g}"

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ...axis_units import quantity
 from ...results import Result
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
 from ...servo.trajectory import Trajectory
 from .demands import at_the_start
 
-TASK_STEPS = (1.0, 0.1)
-"""Sizes [rad] of the steps of the set point."""
+STEPS_SIMULATED = (1.0, 0.1)
+"""Of the step of the set point that is asked for, those that are simulated."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,15 +54,17 @@ def gives_way_at(servo: Any, gain: float) -> float:
     return float(loop.value("static") / abs(gain * at_the_start(loop, "demand", -1.0)))
 
 
-def stated(servo: Any, gain: float, amplitude: float) -> dict[str, dict[str, Any]]:
+def stated(servo: Any, gain: float, amplitude: float, step: float) -> dict[str, dict[str, Any]]:
     """How the tasks start, in words and as `simulate` takes it: two steps of the set point, the breakaway [rad].
 
     A loop of parts stands beside its set point with nothing wound up.
     """
-    steps: dict[str, dict[str, Any]] = {f"a step of {size:g} rad from rest": {"set_point": size} for size in TASK_STEPS}
+    far, steps = quantity(amplitude, "rad", ".4g"), dict[str, dict[str, Any]]()
+    for size in (part * step for part in STEPS_SIMULATED):
+        steps[f"a step of {quantity(size, 'rad', 'g')} from rest"] = {"set_point": size}
     beside: dict[str, Any] = {"set_point": 0.0, "position": -amplitude}
     if isinstance(servo, Loop):
-        return steps | {f"let go {amplitude:.4g} rad beside the set point": beside}
+        return steps | {f"let go {far} beside the set point": beside}
     kp, _, ki = servo.torque_gains(gain)
     brink = (kp * amplitude - servo.friction.static) / ki
-    return steps | {f"breaking away {amplitude:.4g} rad beside the set point": beside | {"integral": brink}}
+    return steps | {f"breaking away {far} beside the set point": beside | {"integral": brink}}

@@ -46,7 +46,7 @@ WORK_AHEAD, WORK_THAT_MEASURES = 3e6, 2e4
 """Work (effort.py) of following a motion on, 240 turns of two masses that ring; and of its first phases."""
 LAST_SWINGS, LAST_TURNS = 8, 120
 """Swings of the motion ahead that are told; of irregular hunting, turns of which its range is told."""
-NEAREST, FARTHEST, ERROR_KNOWN = 1e-15, 1e6, 0.05
+LEAST_ERROR, LARGEST_ERROR, ERROR_KNOWN = 1e-15, 1e6, 0.05
 """Between which the error is looked for at which the torque is so large [rad], and the part to which it is known."""
 STILL_ALIVE = 1e-3
 """Part of its largest value that is the least size of a state."""
@@ -177,7 +177,7 @@ def errors_of(loop: Loop) -> tuple[float, float]:
     while f * f_last > 0:
         last, f_last = off, f
         off *= 0.1 if f > 0 else 10.0
-        if not NEAREST < off < FARTHEST:
+        if not LEAST_ERROR < off < LARGEST_ERROR:
             return 0.0, 0.0
         f = beyond(off)
     bracket = Bracket(last, f_last, off, f)

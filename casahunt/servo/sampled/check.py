@@ -2,7 +2,8 @@
 
     set points  on a count of the encoder, a quarter of one beside it, and half-way between two: on a count the error
                 that is read can be 0, half-way it cannot
-    starts      a step of 1 rad; and at rest beside the set point by what the proportional torque holds, Fs/kp
+    starts      a step of 1 rad, or of one unit of length; and at rest beside the set point by what the proportional
+                torque holds, Fs/kp
 
 Each motion is followed `WOUND_UP` times as long as the integral takes from one breakaway to the other, 2 Fs/(ki |e|),
 at the error of half a count q/2 or at that of hunting by stiction, about (Fs - Fc)/kp, whichever is smaller, but no
@@ -53,8 +54,6 @@ WIDER_BAND = 1.1
 """Of the smallest dead band at one set point: readings of another one may lie on its edge."""
 MOST_CHECKED = 1_000_000
 """Samples of a motion of the check."""
-SET_POINT_STEP = 1.0
-"""Of the first start [rad]."""
 UNENDED = {
     "undecided": "in {:.4g} s it neither comes to rest nor repeats its swings",
     "growing": "it leaves the set point for good",
@@ -152,7 +151,7 @@ def motions_of(loop: Loop, drive: Drive) -> list[SampledMotion]:
     error = min(error, q / 2) if q else error
     length = max(WOUND_UP * 2 * static / (ki * error), drive.sample_time)
     length = min(length, MOST_CHECKED * drive.sample_time)
-    starts = product(OFFSETS if q else (0.0,), (SET_POINT_STEP, static / kp))
+    starts = product(OFFSETS if q else (0.0,), (loop.units.step, static / kp))
     return [followed(loop, drive, offset * q, length, loop.at_rest(-beside)) for offset, beside in starts]
 
 

@@ -345,8 +345,8 @@ def _check_stops(model: str, drive: Drive) -> None:
 @in_its_units
 def simulate_sampled(
     servo: Servo | Loop, gain: float | None = None, drive: Drive | None = None, *, model: Model | None = None,
-    set_point: float = 1.0, time: float = 100.0, position: float = 0.0, velocity: float = 0.0, integral: float = 0.0,
-    bristle: float = 0.0, start: Mapping[str, float] | None = None,
+    set_point: float | None = None, time: float = 100.0, position: float = 0.0, velocity: float = 0.0,
+    integral: float = 0.0, bristle: float = 0.0, start: Mapping[str, float] | None = None,
 ) -> SampledMotion:  # fmt: skip
     """The motion of the loop as built from an initial state.
 
@@ -357,7 +357,8 @@ def simulate_sampled(
     model
         of a servo: "switch", the default, or "lugre", whose sticks are followed sample by sample.
     set_point
-        theta_d [rad]; where it lies between two counts of the encoder the error that is read is never 0.
+        theta_d [rad], default 1 rad or one unit of length; where it lies between two counts of the encoder the error
+        that is read is never 0.
     time
         length of the motion [s], > 0; whole samples.
     position, velocity
@@ -388,7 +389,8 @@ def simulate_sampled(
     sensible("time", time, power=COMPUTED)
     loop = loop_asked(servo, model, gain, usual="switch")
     _check_stops("lugre" if LUGRE in loop.present else "switch", drive)
-    theta_d, given = moderate("set_point", set_point), {"velocity": velocity, "integral": integral, "bristle": bristle}
+    theta_d = moderate("set_point", loop.units.step if set_point is None else set_point)
+    given = {"velocity": velocity, "integral": integral, "bristle": bristle}
     return followed(loop, drive, theta_d, time, start_of(loop, theta_d, position, given, start))
 
 

@@ -126,8 +126,9 @@ TOO_SMALL_TO_SHOW, SHOWS = 1e-28, 1e-24
 step it is no more than the second at the end, which no digit of the motion shows; from there it is seen as it grows."""
 LOOKED = 256
 """Steps between two reports of the work."""
-MOST_AT_ONCE = 20
-"""Modes one after the other that take no time; more are rounding."""
+MOST_AT_ONCE, MORE_AT_ONCE = 20, 10.0
+"""Modes one after the other that take no time; so many times as much of a slope counts as rounding with each of them,
+as on the verge of breaking away, where forces of 75 N leave 1e-14 N to either side."""
 OF_THE_MARCH = 1e-10
 """Error of an interval where there is no series."""
 
@@ -274,7 +275,7 @@ class Plant:
                     break
                 self._pass(self._beyond())
                 continue
-            left, again = lasts - now, lasts if at_once > 1 else 0.0
+            left, again = lasts - now, lasts * MORE_AT_ONCE ** (at_once - 2) if at_once > 1 else 0.0
             taken, way = self._step(left, again) if self._mode.has_series else self._marched(left)
             now = lasts if taken == lasts - now else now + taken
             at_once = at_once + 1 if taken == 0 else 0
@@ -302,8 +303,8 @@ class Plant:
     def _step(self, longest: float, again: float) -> tuple[float, Any]:
         """(time, exit at its end) of one step, of `longest` seconds at most.
 
-        again: how long all steps together are, where modes have come and gone at this place, 0 elsewhere: the rate of
-        an event may be rounding there, by which a motor that breaks away stops at once, and breaks away.
+        again: how long all steps together are, or more, where modes have come and gone at this place, 0 elsewhere: the
+        rate of an event may be rounding there, by which a motor that breaks away stops at once, and breaks away.
         """
         mode = self._mode
         C, ends, E, seen = mode.found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from ...design.remedies.price import TASK_STEP
 from ...errors import InputError
 from ...servo.move import Move
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
@@ -48,7 +47,7 @@ def add_demands(command: Any) -> None:
     command.add_argument(
         "--max-torque", metavar="NM", help="largest torque on the step, or the move, that is allowed [N m]"
     )
-    command.add_argument("--step", default=TASK_STEP, metavar="RAD", help=f"how far (default {TASK_STEP:g} rad)")
+    command.add_argument("--step", metavar="RAD", help="how far (default 1 rad, or one unit of length)")
     add_profile(command)
     command.add_argument("--jobs", metavar="J", help="processes, to which remedies are shared out (default: all cores)")
 
@@ -58,5 +57,6 @@ def demands_of(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, A
     and in how many processes."""
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]
     limits = {key: positive(key, x, DEMANDS[key][1]) for key in DEMANDS if (x := getattr(options, key)) is not None}
-    asked = {"only": names, "step": positive("step", options.step, "rad"), "move": move_of(options)}
+    step = None if options.step is None else positive("step", options.step, "rad")
+    asked = {"only": names, "step": step, "move": move_of(options)}
     return asked, limits, min(jobs_of(options), len(names) or len(REMEDY_NAMES))

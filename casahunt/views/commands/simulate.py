@@ -62,7 +62,7 @@ def add(commands: Any) -> None:
     """The arguments of the command."""
     about = "the motion from an initial state"
     command = add_command(commands, "simulate", about, gain=True, model="", csv="the motion", plot="the motion")
-    command.add_argument("--set-point", default=1.0, help="theta_d in rad (default 1)")
+    command.add_argument("--set-point", help="theta_d in rad (default 1 rad, or one unit of length)")
     command.add_argument("--time", default=100.0, help="length of the motion in s (default 100)")
     command.add_argument("--position", default=0.0, help="position theta at the start in rad (default 0)")
     command.add_argument("--velocity", default=0.0, help="velocity at the start in rad/s (default 0)")
@@ -99,7 +99,9 @@ def run(options: argparse.Namespace) -> int:
     gain = gain_of(options)
     length = positive("time", options.time, "s")
     numbers: dict[str, Any] = {
-        key: _size(key.replace("_", "-"), getattr(options, key), unit) for key, unit in START_UNITS.items()
+        key: _size(key.replace("_", "-"), text, unit)
+        for key, unit in START_UNITS.items()
+        if (text := getattr(options, key)) is not None
     }
     step = None if options.step is None else positive("step", options.step, "s")
     if step is not None and options.csv is None:

@@ -34,7 +34,6 @@ from typing import Any
 
 from ...checks import choice_of
 from ...design.tune.demands import COSTS, NUMBERS, Demands
-from ...design.tune.tasks import TASK_STEPS
 from ...design.tune.tuning import Tuning, tune
 from ...errors import InputError
 from ...export import columns_from
@@ -72,7 +71,8 @@ def add(commands: Any) -> None:
     command.add_argument("--gain-margin", default=2.0, help="factor, up and down (default 2)")
     command.add_argument("--delay", help="of the loop, s (default that of [drive], or 0)")
     command.add_argument("--sample-time", help="of a zero-order hold, s (default that of [drive], or 0)")
-    command.add_argument("--max-torque", metavar="NM", help=f"on a step of {max(TASK_STEPS):g} rad, N m")
+    command.add_argument("--max-torque", metavar="NM", help="on the step, N m")
+    command.add_argument("--step", metavar="RAD", help="of the set point (default 1 rad, or one unit of length)")
     add_out(command, lambda _: FILES, help="write the evidence: tune.html and tune.json")
 
 
@@ -139,6 +139,7 @@ def _demands(options: argparse.Namespace) -> Demands:
         drive=drive,
         **times,
         max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque, "N m"),
+        step=0.0 if options.step is None else positive("step", options.step, "rad"),
     )
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
-from casahunt import Drive, InputError, as_built, simulate_sampled
+from casahunt import Drive, InputError, as_built, load, simulate_sampled
 from casahunt.servo.parts import (
     CLAMPING,
     INTEGRATOR,
@@ -20,8 +22,9 @@ from casahunt.servo.parts import (
     Part,
 )
 from casahunt.servo.parts.verbs import loop_cycle
-from casahunt.servo.sampled.plant import plant_of
+from casahunt.servo.sampled.plant import Plant, plant_of
 
+PROBLEMS = Path(__file__).parents[3] / "problems"
 BELT = {
     "inertia": 4e-4, "load_inertia": 1.6e-3, "shaft_stiffness": 60.0, "shaft_damping": 0.01, "motor_gain": 1.0,
     "kp": 2.0, "ki": 12.0, "kd": 0.06, "gain": 1.0, "static": 0.25, "coulomb": 0.18, "stribeck_velocity": 0.05,
@@ -125,6 +128,20 @@ def test_a_load_that_rings_enough_breaks_it_away_again():
         belt(), None, Drive(sample_time=1e-3, dead_band=1.0), set_point=0.0, time=0.2, start={"load_rate": 2.0},
     )
     assert np.abs(motion.torque).max() < BELT["static"] and np.ptp(motion.states[0]) > 1e-3
+
+
+@pytest.mark.parametrize("beyond", [-1e-12, 0.0, 2e-14, 1.677e-11, 1e-9])
+def test_on_the_verge_of_breaking_away_rounding_does_not_go_to_and_fro(beyond):
+    """Where the pull is that of static friction to 1e-14 N, slip and stick follow each other in no time."""
+    axis = load(PROBLEMS / "belt_axis.toml")
+    stuck = {"x1": -0.00014852620603278549, "load_angle": -0.00014852620603995252, "load_rate": 1.4325678052831546e-11}
+    plant = Plant(plant_of(axis)[0], stuck)
+    assert len(plant(75.0 + beyond, 5.4e-4)) <= 3
+    k, d, b = 4e6, 2000.0, 300.0  # it slips so little that friction stays 75 N, and the load draws it on
+    A = np.array([[0, 1, 0, 0], [-k / 6, -(d + b) / 6, k / 6, d / 6], [0, 0, 0, 1], [k / 20, d / 20, -k / 20, -d / 20]])
+    start = [0.0, 0.0, stuck["load_angle"] - stuck["x1"], stuck["load_rate"]]
+    exact = expm(5.4e-4 * np.block([[A, np.array([[0], [beyond / 6], [0], [0]])], [np.zeros((1, 5))]])) @ [*start, 1.0]
+    assert plant.x[1] == pytest.approx(exact[1], rel=1e-3)
 
 
 def test_clamping_is_that_of_the_samples():
