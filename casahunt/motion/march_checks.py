@@ -19,8 +19,13 @@ from .segment import MarchFailure, Segment
 
 Array = np.ndarray
 
-CROWD, CROWDED = 100, 1e-7
-"""So many phases within this part of the time that has passed are no motion that could be followed (`strict`)."""
+CROWD, CROWDED, EVER_SHORTER = 100, 1e-7, 8
+"""So many phases within this part of the time that has passed are no motion that could be followed (`strict`); nor are
+so many of them each of which is shorter than the one before."""
+ACCUMULATE = (
+    "near {:.6g} events follow each other ever faster: {} of them take no time, as of a ball whose bounces end; a mode "
+    "in which it lies should begin there"
+)
 HIDES = (
     ", or a part of the field that changes suddenly was stepped over: a function that shows it, of order one, is named "
     "as the `feature` of the mode"
@@ -41,10 +46,12 @@ def check_phase(
         _check_holds(system.modes[last.mode], last, p, time)
         why = _starts_on_its_event(system, last, p, time, before, met)
         if why and (before is None or not is_noise(last, last.start, scale)):
-            raise MarchFailure(why)
+            lasted = np.array([segment.duration for segment in segments[:-1]][-EVER_SHORTER:])
+            fades = lasted.size == EVER_SHORTER and (np.diff(lasted) < 0).all() and lasted.sum() <= CROWDED * time
+            raise MarchFailure(ACCUMULATE.format(time, EVER_SHORTER) if fades else why)
     time += last.duration
     if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
-        raise MarchFailure(f"near {time:.6g} events follow each other ever faster: {CROWD} of them take no time")
+        raise MarchFailure(ACCUMULATE.format(time, CROWD))
 
 
 def _starts_on_its_event(

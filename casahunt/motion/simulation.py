@@ -182,7 +182,8 @@ def follow_for(
     )  # fmt: skip
     left = duration - sum(phase.duration for phase in phases[:-1])
     last = phases[-1]
-    if last.duration <= left or form.modes[last.mode].flow is None:  # a march ends in time, but for rounding
+    rests = not last.event and np.isfinite(last.duration)
+    if rests or last.duration <= left or form.modes[last.mode].flow is None:  # a march ends in time, but for rounding
         return phases
     end = flow_at(form.modes[last.mode], last.start, np.array([left]), p)[0]  # a closed form does not see the time
     return [*phases[:-1], Segment(last.mode, "", left, last.breaks, last.w, end)]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+
 import numpy as np
 import pytest
 
@@ -138,3 +141,26 @@ def test_one_that_decays_comes_to_rest():
 def test_it_is_said_of_a_motion_that_repeats_only_because_it_rests(stiff):
     with pytest.raises(NoOrbit, match="was found: the motion comes to rest"):
         find_cycle(_two_modes(0.1, stiff), "back", x=1.0, v=0.0, y=1.0)
+
+
+@pytest.mark.parametrize("how", ["flow", "field"])
+@pytest.mark.parametrize("seed", range(12))
+def test_a_ball_whose_bounces_end_lies_on_the_table(how, seed):
+    """Infinitely many bounces end at sqrt(2 h/g) (1 + r)/(1 - r); behind that it lies there, or says why not."""
+    rng = np.random.default_rng(seed)
+    h, r = (10.0 ** rng.uniform(-3, 3), rng.uniform(0.1, 0.9)) if seed else (1.0, 0.5)
+    flight = {
+        "flow": {"flow": lambda x, t, p: {"x": x.x + x.v * t - p.g * t**2 / 2, "v": x.v - p.g * t}},
+        "field": {"field": lambda x, p: {"x": x.v, "v": -p.g}},
+    }[how]
+    bounces = Event("bounces", lambda x, p: x.x, -1, to="flight", reset=lambda x, p: {"v": -p.r * x.v})
+    ball = System("ball", ("x", "v"), {"g": 9.81, "r": r}, (Mode("flight", ends=(bounces,), **flight),))
+    over = math.sqrt(2 * h / 9.81) * (1 + r) / (1 - r)
+    try:
+        motion = simulate(ball, x=h, v=0.0, duration=rng.uniform(1.1, 5) * over if seed else 5.0)
+    except NoOrbit as refusal:
+        time = float(re.search(r"near ([\d.e+-]+) events follow each other ever faster", str(refusal))[1])
+        assert time == pytest.approx(over, rel=1e-4)
+    else:
+        assert motion.events[-1].time == pytest.approx(over, rel=1e-9)
+        assert abs(motion.end["x"]) <= 1e-12 * h and abs(motion.end["v"]) <= 1e-9 * math.sqrt(20 * h)
