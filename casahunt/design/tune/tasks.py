@@ -7,10 +7,10 @@ from typing import Any
 
 from ...axis_units import quantity
 from ...results import Result
+from ...servo.parts.ahead import errors_of
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
 from ...servo.trajectory import Trajectory
-from .demands import at_the_start
 
 STEPS_SIMULATED = (1.0, 0.1)
 """Of the step of the set point that is asked for, those that are simulated."""
@@ -49,9 +49,8 @@ class SimulatedTask(Result):
 
 
 def gives_way_at(servo: Any, gain: float) -> float:
-    """How far beside the set point the torque of the controller alone is that of static friction [rad]."""
-    loop = loop_asked(servo, None, 1.0, usual="switch")
-    return float(loop.value("static") / abs(gain * at_the_start(loop, "demand", -1.0)))
+    """How far beside the set point the proportional action alone is static friction [rad]."""
+    return errors_of(loop_asked(servo, None, gain, usual="switch"))[0]
 
 
 def stated(servo: Any, gain: float, amplitude: float, step: float) -> dict[str, dict[str, Any]]:

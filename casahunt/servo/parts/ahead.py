@@ -20,7 +20,6 @@ import numpy as np
 from ... import effort
 from ...axis_units import quantity, several
 from ...motion import MarchFailure, Segment, march
-from ...roots import Bracket
 from ..outcome import SETTLES, Outcome
 from .fate import (
     FARTHER_BY,
@@ -46,8 +45,6 @@ WORK_AHEAD, WORK_THAT_MEASURES = 3e6, 2e4
 """Work (effort.py) of following a motion on, 240 turns of two masses that ring; and of its first phases."""
 LAST_SWINGS, LAST_TURNS = 8, 120
 """Swings of the motion ahead that are told; of irregular hunting, turns of which its range is told."""
-LEAST_ERROR, LARGEST_ERROR, ERROR_KNOWN = 1e-15, 1e6, 0.05
-"""Between which the error is looked for at which the torque is so large [rad], and the part to which it is known."""
 STILL_ALIVE = 1e-3
 """Part of its largest value that is the least size of a state."""
 PUSHED_OFF = 1e-3
@@ -161,31 +158,13 @@ def measured(
 
 
 def errors_of(loop: Loop) -> tuple[float, float]:
-    """Errors at which the torque is static friction, and its limit, were it linear [rad]; 0 where there is none."""
-    static, limit = (loop.parameters.get(name, 0.0) for name in ("static", "torque_limit"))
-    needed = min(filter(None, (static, limit)), default=0.0)
-    if not needed:
+    """Errors at which the proportional action is static friction, and the torque's limit [rad]; 0 where there is none,
+    or no part says how large that is."""
+    if not any("kp" in part.gives for part in loop.present):
         return 0.0, 0.0
-
-    def beyond(off: float) -> float:
-        start = loop.at_rest(-off)
-        states = np.array(list(start.values()))[:, None]
-        return abs(float(loop.signal("torque", loop.mode_at(**start), states)[0])) / needed - 1 + ERROR_KNOWN
-
-    off = last = 1.0
-    f = f_last = beyond(off)
-    while f * f_last > 0:
-        last, f_last = off, f
-        off *= 0.1 if f > 0 else 10.0
-        if not LEAST_ERROR < off < LARGEST_ERROR:
-            return 0.0, 0.0
-        f = beyond(off)
-    bracket = Bracket(last, f_last, off, f)
-    while abs(f) > ERROR_KNOWN and bracket.width > ERROR_KNOWN * off:
-        off = bracket.illinois
-        f = beyond(off)
-        bracket = bracket.told(off, f)
-    return static / needed * off, limit / needed * off
+    nowhere = np.zeros((len(loop.system.states), 1))
+    kp = abs(float(loop.signal("kp", loop.system.modes[0].name, nowhere)[0])) or math.inf
+    return loop.parameters.get("static", 0.0) / kp, loop.parameters.get("torque_limit", 0.0) / kp
 
 
 def _alike(found: Fate, other: Fate) -> bool:

@@ -7,6 +7,7 @@ An integral action is a pole at zero of its own.  e' is not used: a controller w
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from .part import Function, Law, Part, PartMode
 
 Array = np.ndarray
 Rows = tuple[tuple[float, ...], ...]
+NO_RATE, SLOW_RESPONSE = 1e-9, 1e-3
+"""Part of the largest rate below which one is zero; part of the smallest other one at which a response is asked for."""
 MOST_STATES = 8
 """A controller with more states than that is a model of something else."""
 
@@ -71,6 +74,15 @@ def _again(*matrices: Any) -> Part:
     return part
 
 
+def _proportional(A: Array, B: Array, C: Array, D: float) -> float:
+    """Its proportional action: |Re C(i omega)| far below its rates, where an integral action is imaginary."""
+    rates = np.abs(np.linalg.eigvals(A))
+    slow = float(rates.min(where=rates > NO_RATE * rates.max(initial=0.0), initial=np.inf))
+    omega = SLOW_RESPONSE * (slow if math.isfinite(slow) else 1.0)
+    found = D + C @ np.linalg.solve(1j * omega * np.eye(B.size) - A, B)
+    return abs(float(found.real)) or abs(D) + float(np.abs(C).max(initial=0.0))
+
+
 @kept(maxsize=64)
 def _state_space(A: Rows, B: tuple[float, ...], C: tuple[float, ...], D: float) -> Part:
     names = tuple(f"c{i + 1}" for i in range(len(B)))
@@ -82,7 +94,7 @@ def _state_space(A: Rows, B: tuple[float, ...], C: tuple[float, ...], D: float) 
         out = sum(C[j] * getattr(x, names[j]) for j in range(len(B)) if C[j]) + D * s.error
         return -p.gain * p.motor_gain * out
 
-    size = abs(D) + max(map(abs, C), default=0.0)
+    size = _proportional(np.array(A).reshape(len(B), len(B)), np.array(B), np.array(C), D)
     return Part(
         "linear controller", names, {"motor_gain": 16.0, "gain": 0.04}, made_by=(_again, (A, B, C, D)),
         gives={"demand": demand, "kp": lambda x, s, p: p.gain * p.motor_gain * size},

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 from casahunt import find_orbit, simulate
-from casahunt.servo.parts import INERTIA, INTEGRATOR, LUGRE, PID_BY_TIMES, SWITCH, TORQUE_LIMIT, Loop
+from casahunt.servo.parts import (
+    INERTIA,
+    INTEGRATOR,
+    LUGRE,
+    PID_BY_TIMES,
+    SWITCH,
+    TORQUE_LIMIT,
+    Loop,
+    series,
+    transfer_function,
+)
 
 DIMENSIONS = {
     "inertia": (-1, 2), "viscous": (-1, 1), "stribeck_velocity": (1, -1), "stiffness": (-1, 0), "damping": (-1, 1),
@@ -26,6 +36,17 @@ def test_a_limited_torque_hunts_in_every_unit(friction, length, time):
     cycle, other = find_orbit(loop), find_orbit(in_units(loop, length, time))
     assert other.amplitude / length == pytest.approx(cycle.amplitude, rel=1e-8)
     assert other.period / time == pytest.approx(cycle.period, rel=1e-8) and other.stable
+
+
+def test_behind_a_filter_too():
+    """A low-pass of 100 rad/s, whose torque begins with nothing; a controller by its transfer function, 2 + 6.28/s."""
+    pid = INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR, TORQUE_LIMIT
+    controller = transfer_function([0.16, 2, 6.28], [1e-3, 1, 0])
+    for parts in ((*pid, series("low-pass")), (INERTIA, SWITCH, controller, TORQUE_LIMIT)):
+        loop = Loop(parts, {"gain": 0.1, "torque_limit": 0.7})
+        cycle, other = find_orbit(loop), find_orbit(in_units(loop, 1e-6, 1.0))
+        assert other.amplitude / 1e-6 == pytest.approx(cycle.amplitude, rel=1e-8)
+        assert other.period == pytest.approx(cycle.period, rel=1e-8)
 
 
 def test_what_winds_down_from_far_away_does_not_hunt_there():
