@@ -148,7 +148,8 @@ def _met(
         until=lambda special: special.kind == FOLD.kind, max_points=max_points,
     )  # fmt: skip
     top = max(branch.orbits, key=lambda each: sense * parameter_value(each, vary))
-    beside = branch.special[0].orbit if branch.special else top if branch.missed else None
+    turned = next((special.orbit for special in branch.special if special.kind == FOLD.kind), None)
+    beside = top if turned is None and branch.missed else turned
     if beside is not None and sense * beside.problem.distance(vary, parameter_value(top, vary)) <= rough.tol:
         return special_point(FOLD, optimal_beside(beside, vary, finer(options), sense), vary)
     why = branch.ended
