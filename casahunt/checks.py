@@ -142,12 +142,13 @@ def moderate(key: str, value: Any, *, power: int = 1) -> float:
     return x
 
 
-def to_and_back(key: str, here: float, to: Any, back: Any | None) -> tuple[float, float]:
+def to_and_back(key: str, here: float, to: Any, back: Any | None, *, endless: bool = False) -> tuple[float, float]:
     """The values between which a parameter runs that stands between them: where it goes, and where it ends if it turns.
 
-    here, back: where it starts; None is that.  Raises InputError: both lie on one side of it, or `to` is no way off.
+    here, back: where it starts; None is that; endless: `to` may be infinite.  Raises InputError: both lie on one side
+    of it, or `to` is no way off.
     """
-    to = number("to", to)
+    to = to if endless and to in (math.inf, -math.inf) else number("to", to)
     back = here if back is None else number("back", back)
     if to == here or (to - here) * (back - here) > 0:
         raise InputError(f"{key} is {here:.6g} at the start: it cannot go to {to:.6g} and come back to {back:.6g}")

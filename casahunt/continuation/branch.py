@@ -16,7 +16,7 @@ from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
 from .crossings import Crossings, Passed
 from .curve import parameter_value
-from .special_points import FOLD, Missed, Monitor, SpecialPoint
+from .special_points import FOLD, GRAZING, Missed, Monitor, SpecialPoint
 from .terminations import End
 
 Array = np.ndarray
@@ -216,6 +216,10 @@ class Run(Generic[AnyOrbit]):
     def within(self, orbit: AnyOrbit) -> bool:
         """Whether its parameter is within the range."""
         return bool(self.how["low"] <= self.value(orbit) <= self.how["high"])
+
+    def of_contact(self, special: SpecialPoint[AnyOrbit]) -> Passed[AnyOrbit]:
+        """A contact that the branch passes, where these are looked for."""
+        return Passed((special,)) if GRAZING in self.looked_for else Passed()
 
     def add(self, *orbits: AnyOrbit, passed: Passed[AnyOrbit] | None = None) -> None:
         """Give the branch orbits further on, and what was passed on the way.

@@ -1,7 +1,8 @@
 """The largest and the smallest value of a parameter along a branch.
 
-The branch is followed to its fold; there the turning point is solved for on the mesh of the orbit and on the mesh with
-halved intervals (fold_check.py).  Its adjoint gives the derivatives of the value by all other parameters (fold.py).
+The branch is followed to its fold, through changes of its phases; there the turning point is solved for on the mesh of
+the orbit and on the mesh with halved intervals (fold_check.py).  Its adjoint gives the derivatives of the value by all
+other parameters (fold.py).
 
 The first cycle on the way of a parameter that grazes an event, from one that keeps clear of it.
 
@@ -21,15 +22,14 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit
 from .branching import as_whole_as_needed
 from .curve import parameter_value
-from .fold import Fold, fold_between
+from .fold import Fold, optimal_beside
 from .fold_check import confirmed
 from .following import follow
 from .grazing_contact import contacts, events_of
 from .poincare_section import cut_by_planes
 from .sheet import finer
-from .special_points import SpecialPoint
+from .special_points import FOLD, SpecialPoint, special_point
 from .vanishing import from_strongest
-from .walk import walk
 
 
 def largest(
@@ -136,28 +136,27 @@ def _met(
     progress: Callable[[AnyOrbit], None] | None,
 ) -> SpecialPoint[AnyOrbit]:  # fmt: skip
     """The first fold on the way of a parameter up or down, located; the way itself takes less accuracy."""
-    here = parameter_value(orbit, vary)
+    here, way = parameter_value(orbit, vary), "up" if sense > 0 else "down"
     if not (to - here) * sense > 0:
-        way = "up" if sense > 0 else "down"
         raise InputError(f"{vary} is {here:.6g} at the start: its way {way} cannot end at {to:g}")
     lowest, highest = orbit.problem.range_of(vary)
-    low, high = (lowest, min(to, highest)) if sense > 0 else (max(to, lowest), highest)
     rough = options.rough()
     if not cut_by_planes(orbit):
         orbit, _ = from_strongest(orbit, None, rough)
-    steps, before = walk(orbit, vary=vary, low=low, high=high, sense=sense, options=rough, max_points=max_points), orbit
-    while True:
-        try:
-            after = next(steps)
-        except StopIteration as end:
-            word = "largest" if sense > 0 else "smallest"
-            sentence = f"{orbit.problem.title} has no {word} {vary} on this branch between {here:.6g} and {to:.6g}"
-            raise NoOrbit(f"{sentence}: {end.value}", Status.NOT_FOUND) from None
-        if progress is not None:
-            progress(after)
-        if (special := fold_between(before, after, vary, finer(options), sense)) is not None:
-            return special
-        before = after
+    branch = follow(
+        orbit, vary, to=min(max(to, lowest), highest), options=rough, monitors=(FOLD,), recut=False, progress=progress,
+        until=lambda special: special.kind == FOLD.kind, max_points=max_points,
+    )  # fmt: skip
+    top = max(branch.orbits, key=lambda each: sense * parameter_value(each, vary))
+    turned = next((special.orbit for special in branch.special if special.kind == FOLD.kind), None)
+    beside = top if turned is None and branch.missed else turned
+    if beside is not None and sense * beside.problem.distance(vary, parameter_value(top, vary)) <= rough.tol:
+        return special_point(FOLD, optimal_beside(beside, vary, finer(options), sense), vary)
+    why = branch.ended
+    if top is not branch.orbits[-1]:
+        why = f"it turns back where its phases change, at {vary} = {parameter_value(top, vary):.8g}, which is no fold"
+    sentence = f"{orbit.problem.title} has no {'largest' if sense > 0 else 'smallest'} {vary} on this branch between"
+    raise NoOrbit(f"{sentence} {here:.6g} and {to:.6g}: {why}", Status.NOT_FOUND)
 
 
 def grazing(

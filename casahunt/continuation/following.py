@@ -104,7 +104,7 @@ def follow(
     vary
         name of the parameter.
     to
-        value towards which it goes, and at which it ends.
+        value towards which it goes, and at which it ends; infinity for none.
     back
         value at which it ends on the other side, where a fold has turned it round; default the one it starts at.
     previous
@@ -114,7 +114,7 @@ def follow(
         and is not that of the orbit is taken from the first cycle on.
     monitors
         what is looked for; default fold, branch point, flip or symmetry breaking, Neimark-Sacker and changes of the
-        phases, but for those at a kink (`Mode.unsplit`).
+        phases, but for those at a kink (`Mode.unsplit`).  A branch goes on through changes of the phases all the same.
     until
         the branch ends at the first special point for which it holds, with some orbits beyond, which are looked at
         together.
@@ -156,20 +156,20 @@ def follow(
     of_kind("orbit", orbit, Orbit)
     choice_of("parameter", vary, orbit.problem.names)
     here = orbit.problem.value(vary)
-    to, back = to_and_back(vary, here, to, back)
+    to, back = to_and_back(vary, here, to, back, endless=True)
     options = options or Options(tol=max(orbit.error_estimate, 1e-8))
     orbit, previous = in_asked_scheme(orbit, options), None if previous is None else in_asked_scheme(previous, options)
     orbit = as_whole_as_needed(orbit, (vary,), (to,), options)
     previous = previous if previous is None or previous.repeats == orbit.repeats else None
     looked_for = (*monitors_of(orbit), GRAZING) if monitors is None else monitors
     span = max(abs(value) for value in (here, to, back) if math.isfinite(value))
-    orbit = replace(orbit, problem=orbit.problem.over(span))
+    orbit = replace(orbit, problem=orbit.problem.over(span or 1.0))
     recut = recut and not cut_by_planes(orbit)
     if recut and badly_cut(orbit) and (cut := cut_elsewhere(orbit, options)) is not None:
         orbit, previous = cut, None
     elif recut:
         orbit, previous = from_strongest(orbit, previous, options)
-    line = Crossings(orbit, vary=vary, monitors=looked_for, options=options, at_kinks=monitors is not None)
+    line = Crossings(orbit, vary=vary, monitors=looked_for, options=options, at_kinks=GRAZING in (monitors or ()))
     steps = {"first_step": first_step, "smallest_step": smallest_step, "largest_step": largest_step}
     how = {"low": min(to, back), "high": max(to, back), "largest_change": largest_change} | steps
     begun = Branch(vary, (orbit,))
@@ -237,7 +237,7 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     if not isinstance(outcome, Orbit) and cut_by_planes(run.last):
         outcome = _after_planes(run, outcome, way, came)
     if isinstance(outcome, Complaint):
-        outcome = _grazed(run, outcome) if GRAZING in run.looked_for else End("stuck", str(outcome))
+        outcome = _grazed(run, outcome)
     if isinstance(outcome, End | _Departure):
         return outcome
     if not run.within(outcome):
@@ -292,9 +292,9 @@ def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
     special = found.grazing
     if run.within(special.orbit):
         run.add(passed=run.line.rest())
-        orbits = found.reached(run.branch.orbits)
-        run.branch = replace(run.branch, orbits=orbits, special=(*run.branch.special, special))
-        run.line.go_on_from(orbits[-1])
+        run.branch = replace(run.branch, orbits=found.reached(run.branch.orbits))
+        run.add(passed=run.of_contact(special))
+        run.line.go_on_from(run.last)
     return found.following or End(special.kind, f"no cycle follows: {special.meaning}", special.value, special.error)
 
 
@@ -352,14 +352,14 @@ def _one_of_many(run: Run[AnyOrbit]) -> End | None:
 
 def _phase_gone(run: Run[AnyOrbit], before: AnyOrbit, after: AnyOrbit) -> AnyOrbit | _Pause | None:
     """Whether a phase vanishes behind the last two orbits: the branch has the contact then, and goes on without it."""
-    if GRAZING not in run.looked_for or beside_the_plane(after) < math.inf:
+    if beside_the_plane(after) < math.inf:
         return None
     over = vanishing_soon(before, after, run.branch.vary, run.options, at_kinks=run.line.at_kinks)
     if over is None or not run.within(over[0]):
         return None
     contact, behind = over
     run.add(passed=run.line.rest())
-    run.add(contact, passed=Passed((special_point(GRAZING, contact, run.branch.vary),)))
+    run.add(contact, passed=run.of_contact(special_point(GRAZING, contact, run.branch.vary)))
     run.line.go_on_from(contact)
     if not run.within(behind):
         return behind
@@ -374,11 +374,11 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
     less than counts: the equations turn round there, and that orbit is none of the branch.  Or a phase is gone but for
     rounding, by which they turn back: a fold in that step is none; what changes the stability is looked for in it.
     """
-    if GRAZING in run.looked_for and after.signature == run.last.signature and without_speed(after):
+    if after.signature == run.last.signature and without_speed(after):
         return MET_FROM_BEHIND
     if (closed := met_itself(run, after) or came_round(run, after)) is not None:
         return closed
-    before, gone = run.last, GRAZING in run.looked_for and lacks_a_phase(after, run.branch.vary)
+    before, gone = run.last, lacks_a_phase(after, run.branch.vary)
     run.add(after)
     if gone and before.seen_stable is after.seen_stable:
         return PHASE_GONE
@@ -386,9 +386,7 @@ def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
     if gone:
         return PHASE_GONE
     end = run.told_to_end() or comes_to(run.branch.orbits, run.branch.vary)
-    if end or GRAZING not in run.looked_for:
-        return end
-    return LEADS_ELSEWHERE if leads_elsewhere(after) else None
+    return end or (LEADS_ELSEWHERE if leads_elsewhere(after) else None)
 
 
 def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:

@@ -26,7 +26,7 @@ from ..axis_units import in_its_units
 from ..checks import choice_of, of_kind, to_error, to_error_beside
 from ..continuation import Fold, fold_between, largest, smallest
 from ..continuation.walk import walk
-from ..errors import ComesToRest, InputError, NoOrbit, Status
+from ..errors import InputError, NoOrbit, Status
 from ..motion import MarchFailure
 from ..orbits import Options, SystemOrbit
 from .cold_start import quickly_at, stable_at
@@ -40,7 +40,7 @@ from .gains import typical_gain
 from .linear.open_loop import open_loop
 from .parts.loop import Loop
 from .parts.plain_loop import loop_asked
-from .parts.verbs import cycle_at_a_smaller_gain, fold_in, loop_cycle
+from .parts.verbs import fold_in, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
 from .servo import Servo, a_servo
@@ -311,15 +311,9 @@ def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrb
 
     Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
     """
-    try:
-        cycle = loop_cycle(loop, vary, options=options)
-    except ComesToRest:
-        lower = cycle_at_a_smaller_gain(loop, options or Options(tol=1e-9)) if vary == "gain" else None
-        if lower is None:
-            raise
-        return fold_in(lower, vary, options=options)
-    why = ""
-    for sense in (1, -1):
+    cycle = loop_cycle(loop, vary, options=options, or_below=vary == "gain")
+    why, senses = "", (1, -1) if cycle.problem.value(vary) == loop.value(vary) else (1,)
+    for sense in senses:
         try:
             return fold_in(cycle, vary, sense=sense, options=options)
         except NoOrbit as refusal:

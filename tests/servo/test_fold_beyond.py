@@ -9,6 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt.cli import main
+from casahunt.servo.parts import load_loop
+from casahunt.servo.parts.verbs import fold_in, loop_cycle
 
 AXIS = """
 [loop]
@@ -30,8 +32,8 @@ viscous = 200.0
 """
 
 
-def stops(K, off, T):
-    """(m, 2) times and motor positions at which the motor stops, let go at rest beside the set point."""
+def axis(K):
+    """The torque on the motor, and its motion with friction one way, the other, or (0) stuck."""
     gains = 800 * K * np.array([15 + 1 / 0.03, 1, 15 / 0.03])
 
     def shaft(x):
@@ -47,10 +49,18 @@ def stops(K, off, T):
 
         return field
 
-    def event(scalar, direction):
-        scalar.terminal, scalar.direction = True, direction
-        return scalar
+    return pull, rate
 
+
+def event(scalar, direction):
+    """One that ends the integration."""
+    scalar.terminal, scalar.direction = True, direction
+    return scalar
+
+
+def stops(K, off, T):
+    """(m, 2) times and motor positions at which the motor stops, let go at rest beside the set point."""
+    pull, rate = axis(K)
     t, x, way, found = 0.0, np.array([off, 0, off, 0, 0.0]), 0, []
     while t < T:
         if way:
@@ -80,3 +90,37 @@ def test_other_hunting_goes_on_beyond_the_fold(tmp_path, capsys):
     assert other["gain"] == pytest.approx(1.01 * told["gain"], rel=1e-9)
     seen = stops(other["gain"], 8e-5, 16.0)
     assert seen[-1, 0] > 12 and np.abs(seen[-12:, 1]).max() == pytest.approx(other["amplitude"], rel=1e-4)
+
+
+def half_turn(K, x, ways):
+    """Minus the state after slips and sticks that end as they do, the last one where the motor stops."""
+    pull, rate = axis(K)
+    for way, then in zip(ways, [*ways[1:], 0], strict=True):
+        end = event(lambda _, x, w=way: x[1], -way) if way else event(lambda _, x, s=then: s * pull(x) - 50, 1)
+        sizes = np.array([1e-4, 1e-2, 1e-4, 1e-3, 1e-5])
+        first = {"first_step": 1e-6} if way else {"max_step": 0.02}
+        done = solve_ivp(rate(way), (0, 9), x, method="DOP853", rtol=1e-11, atol=1e-11 * sizes, events=[end], **first)
+        x = done.y[:, -1].copy()
+    return -x
+
+
+def test_the_fold_of_the_other_hunting_lies_behind_a_slip_that_vanishes(tmp_path):
+    """A slip begins at gain 2.216 and is gone again at 2.4005; at the fold the half turn has a multiplier 1."""
+    file = tmp_path / "axis.toml"
+    file.write_text(AXIS)
+    fold = fold_in(loop_cycle(load_loop(file).replace(gain=2.203)), "gain")
+    assert 2.4005 < fold.value
+    arcs = fold.orbit.arcs
+    k = max(range(len(arcs)), key=lambda k: arcs[k].duration * ("slip" in arcs[k].mode))  # behind the long slip
+    ways = [{"slip+": 1, "slip-": -1, "stick": 0}[arc.mode] for arc in arcs]
+    ways = [*ways[k + 1 :], *(-way for way in ways[: k + 1])]
+    start, moves = arcs[k].end, [0, 2, 3, 4]  # the motor stands there
+
+    def turned(part):
+        x = start.copy()
+        x[moves] *= 1 + part
+        return half_turn(fold.value, x, ways)[moves] / start[moves]
+
+    assert np.abs(turned(np.zeros(4)) - 1).max() < 1e-7
+    slopes = np.transpose([(turned(h) - turned(-h)) / 2e-6 for h in 1e-6 * np.eye(4)])
+    assert np.abs(np.linalg.eigvals(slopes) - 1).min() < 1e-3  # as the root of what the gain is known to

@@ -54,12 +54,14 @@ stiffer."""
 
 
 def loop_cycle(
-    loop: Loop, vary: str = "gain", *, start: Mapping[str, float] | None = None, options: Options | None = None
-) -> SystemOrbit:
+    loop: Loop, vary: str = "gain", *, start: Mapping[str, float] | None = None, options: Options | None = None,
+    or_below: bool = False,
+) -> SystemOrbit:  # fmt: skip
     """The hunting cycle of a loop, to be followed in a parameter.
 
     start: states at the start of the one motion that is to settle on it, by name, all others zero; default: motions
-    from rest, nearer and nearer to the set point, then cycles at smaller gains, followed up to the loop's.
+    from rest, nearer and nearer to the set point, then cycles at smaller gains, followed up to the loop's; or_below:
+    where these do not lead up to it, the one at the smaller gain.
     Raises InputError: no such parameter; ComesToRest, HuntsIrregularly, NoOrbit: as find_orbit.py.
     """
     options = options or Options(tol=1e-9)
@@ -72,17 +74,19 @@ def loop_cycle(
     irregular = next((each for each in found if isinstance(each, HuntsIrregularly)), None)
     if irregular is not None:
         raise irregular
-    return _of_a_smaller_gain(loop, vary, options, found)
+    return _of_a_smaller_gain(loop, vary, options, found, or_below)
 
 
-def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOrbit]) -> SystemOrbit:
-    """The cycle to which those of smaller gains lead.
+def _of_a_smaller_gain(
+    loop: Loop, vary: str, options: Options, found: list[NoOrbit], or_below: bool
+) -> SystemOrbit:  # fmt: skip
+    """The cycle to which those of smaller gains lead; or_below: else, where all motions rest, the one that does.
 
     found: why no motion settles at the loop's.  Raises NoOrbit: what is known then.
     """
-    smaller = ""
+    smaller, lower = "", None
     if "gain" in loop.parameters and any(isinstance(each, ComesToRest) for each in found):
-        lower = cycle_at_a_smaller_gain(loop, options, vary)
+        lower = _at_a_smaller_gain(loop, options, vary)
         if lower is not None:
             try:
                 return _followed_up(lower, loop.value("gain"), options)
@@ -98,6 +102,8 @@ def _of_a_smaller_gain(loop: Loop, vary: str, options: Options, found: list[NoOr
     grows = next((each for each in found if isinstance(each, _Grows)), None)
     if grows is not None:
         raise NoOrbit(f"{grows}; from {len(resting)} of {starts}, it comes to rest{smaller}", Status.NOT_FOUND)
+    if or_below and lower is not None:
+        return lower
     rests = f"the motion comes to rest from each of {starts}{smaller}"
     raise ComesToRest(f"no cycle of {loop.name} was found: {rests}", Status.NOT_FOUND)
 
@@ -111,12 +117,17 @@ def _two_digits(x: float) -> str:
     return f"{float(f'{x:.2g}'):g}"
 
 
-def cycle_at_a_smaller_gain(loop: Loop, options: Options, vary: str = "gain") -> SystemOrbit | None:
-    """A cycle of a loop at the largest of some smaller gains at which motions lead to one; None where none does."""
+def _at_a_smaller_gain(loop: Loop, options: Options, vary: str) -> SystemOrbit | None:
+    """A cycle of a loop at the largest of some smaller gains at which motions lead to one; None where none does.
+
+    Nor where they hunt irregularly: through there no cycle of still smaller gains would be followed up.
+    """
     for part in SMALLER_GAINS:
-        lower = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options, unsettled=1)
-        if isinstance(lower, SystemOrbit):
-            return lower
+        found = _from_rest(loop.replace(gain=part * loop.value("gain")), vary, options, unsettled=1)
+        if isinstance(found, SystemOrbit):
+            return found
+        if any(isinstance(each, HuntsIrregularly) for each in found):
+            break
     return None
 
 
