@@ -53,6 +53,9 @@ MOST_CAREFUL = 8
 """Cycles that are sought by every means, of those to which no motion leads quickly."""
 AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
+SHARP_TOLERANCE = 1e-8
+"""Of the walk to a fold that the rough walk has not led to, as with Fs/Fc = 2.4, where slips all but stop half-way:
+errors of the rough way are as large as what is left of the branch."""
 FOLD_DIGITS = 4
 """Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
 HIGHEST = 1e9
@@ -270,7 +273,12 @@ def find_fold(
     options = of_kind("options", options or Options(), Options)
     rough = replace(options.rough(), provisional=True)
     first = start or find_any_orbit(servo, friction, options=rough)
-    return _walked(first, rough, options, began)
+    try:
+        return _walked(first, rough, options, began)
+    except NoOrbit as error:
+        if error.status is Status.NOT_FOUND:  # finer steps seldom lead farther
+            raise
+    return _walked(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
 
 
 def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrbit]:
