@@ -147,7 +147,8 @@ def fold_between(
     vary
         name of the parameter of the walk.
     options
-        tolerance and method.
+        tolerance and method; the place of a fold on the branch takes a finer mesh than its parameter, period and
+        amplitude: ask for a part of the tolerance.
     sense
         +1 for a largest value of the parameter, -1 for a smallest one.
 

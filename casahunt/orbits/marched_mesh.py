@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def cleared(start: Start) -> Start:
 
 def orbit_from_motion(
     problem: Cycles, signature: Signature, phases: Sequence[tuple[float, Segment]], options: Options, *,
-    remesh: bool = False, what: str = "the cycle",
+    solver: Literal["newton", "ipopt"] = "newton", remesh: bool = False, what: str = "the cycle",
 ) -> Any:  # fmt: skip
     """The periodic orbit next to a motion that comes back close to where it began.
 
@@ -75,6 +75,8 @@ def orbit_from_motion(
         (factor, segment) of each: its states are `factor` times those of the segment, in the scheme of the options.
     options
         tolerance and method.
+    solver
+        which makes the first solve, where the options leave that open.
     remesh
         whether the mesh is made for the tolerance before anything is solved: worth it where intervals are many.
     what
@@ -108,7 +110,7 @@ def orbit_from_motion(
     began = time.perf_counter()
     start = start_from_motion(problem, signature, phases, options)
     start = remeshed(start, options) if remesh else start
-    solved = first_solved(problem, or_expected(problem, start), options, solver="newton")
+    solved = first_solved(problem, or_expected(problem, start), options, solver=solver)
     orbit = finished(solved, problem, options, began, what)
     if solved.solution.linearisation is not None:
         vars(orbit)["provisional_multiplier"] = leading_of(solved.solution.linearisation)

@@ -29,6 +29,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -45,8 +46,13 @@ from .servo import Servo
 
 CLEARLY_STABLE = -0.8
 """Slope of log(P/a) against log a below which a fixed point is the stable one beyond doubt (0 at the fold)."""
-NEARBY = {"switch": 3.0, "lugre": 1.25}
-"""Ratios P(a)/a, or their inverses, up to which Newton is tried at once."""
+NEARBY, FIRST_MOTIONS = {"switch": 3.0, "lugre": 1.25}, 2
+"""Ratios P(a)/a, or their inverses, up to which Newton is tried at once; motions computed to come so close."""
+FLAT = 1.5
+"""The same up to which the Switch servo's next stick position is close enough to its cycle for a LuGre motion."""
+INWARDS = 0.7
+"""Part of the typical stick position from which the Switch cycle is sought first where that is not so: next to the fold
+cycles may stick nearer."""
 OUTSIDE = 1.05
 """A LuGre motion starts by this factor outside the Switch cycle, whence it comes in as long as there is a cycle: the
 unstable LuGre cycle, inside which motions creep to rest for hundreds of intervals, lies farther out than the rigid."""
@@ -57,10 +63,15 @@ RINGING = 20
 steps over the last hundred reversals, and equations that start without them have a root that is no motion."""
 RINGING_NEARBY = 1.1
 """As NEARBY for such a motion: farther off other reversals are there, and IPOPT takes 20 s over so many equations."""
-SLOW_MAP = 0.5
-"""Slope of the map at a cycle that hardly attracts: P(a)/a is next to one far from it, too."""
+HARDLY_MOVED, SLOW_MAP = 0.1, 0.5
+"""|log P(a)/a| up to which a motion may be far from a cycle that hardly attracts; part of it that is left after another
+motion, above which it is, and slope of the map at such a cycle."""
 SWINGS_TO_SETTLE = 10
 """Of a LuGre motion whose bristle is not at rest between them: some milliseconds each."""
+CAME_TO_REST = 0.1
+"""P(a)/a below which a motion has come to rest: what starts from there is none."""
+
+
 ONE_STEP_IN = 2.0
 """Factor by which stick positions go inwards until the servo comes to rest nearer."""
 CREEPS_AFTER = 4.0
@@ -69,8 +80,8 @@ TOO_STEEP = 1e-8
 """Relative width of the bracket at which the map is too steep, or jumps."""
 CLEARLY_UNSTABLE = (2.0, 1e6)
 """Half multipliers at a glance between which no closer look is needed."""
-BESIDE_AN_UNSTABLE_ONE = 0.9
-"""P(a)/a from which a motion that comes to rest nearer is closed."""
+MOST_SOLVED, ACROSS = 3, 4.0
+"""Boundary value problems that may fail; the factor by which P(a)/a of the next motion is nearer to one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +110,11 @@ class AtGain:
     beside: HalfCycle | None = None
     start: float = 0.0
 
+    @property
+    def newton(self) -> bool:
+        """Whether Newton's method may be tried: IPOPT is not to work alone."""
+        return self.options.solver != "ipopt"
+
     @cached_property
     def problem(self) -> Hunting:
         """The boundary value problem."""
@@ -106,13 +122,10 @@ class AtGain:
 
     @cached_property
     def rigid_cycle(self) -> HalfCycle | None:
-        """A motion of the Switch servo close to its stable cycle, or None.
-
-        By a few secant steps; where a bristle is sought beside it, by a scan too, which costs as much as one motion of
-        that.
-        """
-        near = near_typical(self.P.rigid)
-        return near if near is not None or self.P.model == "switch" else scan(self.P.rigid).upper
+        """A motion of the Switch servo close to its stable cycle, by a few secant steps, or None."""
+        rigid = self.P.rigid
+        inwards = near_stable(rigid, INWARDS * rigid.typical)
+        return inwards if inwards is not None else near_typical(rigid)
 
 
 def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> AtOneGain:
@@ -122,14 +135,22 @@ def stable_at(servo: Servo, model: Model, gain: float, *, options: Options) -> A
     where no motion led to one. Raises NoOrbit: one was found, and could not be computed.
     """
     q = AtGain(StickMap(model, servo, gain), options)
-    met = _by_newton(q)
+    met = _at_once(q) if q.newton else None
+    if met is None and q.newton and model == "switch" and (near := q.rigid_cycle) is not None:
+        # The fixed point itself, closely followed: where a slip begins within microseconds a per cent beside it is too
+        # far, and so is a coarse mesh.  Where Newton's method is lost from there too, a scan costs less than IPOPT.
+        near = near_stable(q.P, near.fixed, close=CLOSER, slope=near.slope) or near
+        with suppress(MarchFailure):
+            near = replace(q.P(near.fixed, tol=CLOSELY), slope=near.slope)
+        met = _at_once(replace(q, options=replace(options, solver="newton"), beside=near))
     if met is not None:
         return met
     # A motion close to a stable fixed point of the event map: the LuGre cycle lies close to the Switch cycle, whose map
     # costs a tenth.  Where none is seen so, a scan looks everywhere.
     start, seen = q.rigid_cycle, None
-    if start is not None and q.P.model == "lugre":
-        start = near_stable(q.P, start.start)
+    if q.P.model == "lugre":
+        start = start or scan(q.P.rigid).upper
+        start = near_stable(q.P, start.start) if start is not None else None
     if start is None:
         seen = scan(q.P)
         start = seen.upper
@@ -146,41 +167,34 @@ def quickly_at(
     with the slope of the map, where one is known; start: about where the cycle sticks [rad], where that is known.
     Returns the cycle; None where the careful way has to be gone, or where IPOPT is to work alone.
     """
-    met = _by_newton(AtGain(StickMap(model, servo, gain), options, beside, start))
+    # Where Newton's method is lost, a lower gain costs less than IPOPT here.
+    q = AtGain(StickMap(model, servo, gain), replace(options, solver="newton"), beside)
+    if options.solver == "ipopt":
+        return None
+    met = _at_once(replace(q, start=start)) if start else None
+    if met is None:
+        met = _at_once(q)
+    if met is None and model == "switch":
+        closer = q.rigid_cycle
+        if beside is not None:
+            closer = near_stable(q.P, beside.fixed, close=CLOSER, slope=beside.slope)
+        met = None if closer is None else _at_once(replace(q, beside=closer))
     return None if met is None else met.orbit
 
 
-def _by_newton(q: AtGain) -> AtOneGain | None:
-    """The stable cycle by Newton's method alone: where that is lost, a scan or a lower gain costs less than IPOPT."""
-    if q.options.solver == "ipopt":
-        return None
-    met = _at_once(q)
-    if met is None and q.start:
-        q = replace(q, start=0.0)
-        met = _at_once(q)
-    if met is not None or q.P.model != "switch" or (near := q.beside or q.rigid_cycle) is None:
-        return met
-    # The fixed point itself, closely followed: where a slip begins within microseconds, as that of Table 1 with an
-    # inertia of 1e-6 kg m2 does, a per cent beside it is too far, and so is a coarse mesh.
-    near = near_stable(q.P, near.fixed, close=CLOSER, slope=near.slope) or near
-    with suppress(MarchFailure):
-        near = replace(q.P(near.fixed, tol=CLOSELY), slope=near.slope)
-    return _at_once(replace(q, beside=near))
-
-
 def _at_once(q: AtGain) -> AtOneGain | None:
-    """The stable cycle by Newton from a motion that starts where most cycles stick, or None.
+    """The stable cycle by Newton from one motion or two that start where most cycles stick, or None.
 
     The event map is flat at most stable cycles: its values are close to them.  Where they are not, or where the solver
     does not arrive at a clearly stable cycle, the careful way has to be gone.  A LuGre motion from which Newton is lost
     is followed on: its bristle may still move when the next swing begins.
     """
-    problem, options = q.problem, replace(q.options, solver="newton")
-    degree, kind = options.scheme_of(problem)
+    problem = q.problem
+    degree, kind = q.options.scheme_of(problem)
 
     def closed(motion: HalfCycle) -> HuntingOrbit:
-        phases = phases_of(motion, problem, options)
-        found: HuntingOrbit = orbit_from_motion(problem, *phases, options, remesh=q.P.model != "switch")
+        phases = phases_of(motion, problem, q.options)
+        found: HuntingOrbit = orbit_from_motion(problem, *phases, q.options, remesh=q.P.model != "switch")
         return found
 
     try:
@@ -205,19 +219,39 @@ def _first_motion(q: AtGain, degree: int, kind: Kind) -> HalfCycle | None:
         return q.beside
     a = q.start or (q.P.typical if q.beside is None else q.beside.fixed)
     if q.P.model == "lugre" and not q.start:
-        rigid = q.beside or q.rigid_cycle
-        if rigid is None:
-            return None
-        if 1 + rigid.slope > SLOW_MAP:
+        if q.beside is not None and 1 + q.beside.slope > SLOW_MAP:
             # A LuGre motion beside a cycle to which motions come slowly, by secants from the Switch servo's, or None
-            near = near_stable(q.P, rigid.fixed, slope=rigid.slope)
+            near = near_stable(q.P, q.beside.fixed, slope=q.beside.slope)
             if near is None or (degree, kind) == SCHEMES[q.P.model]:
                 return near
             return q.P(near.start, degree=degree, kind=kind)
-        a = OUTSIDE * rigid.fixed
-    motion = q.P(a, degree=degree, kind=kind)
-    nearby = RINGING_NEARBY if _rings(motion) else NEARBY[q.P.model]
-    return motion if 1 / nearby < motion.ratio < nearby else None
+        a = _beside_the_rigid_cycle(q) if q.beside is None else OUTSIDE * a
+    for _ in range(FIRST_MOTIONS):
+        if a <= 0:
+            return None
+        motion = q.P(a, degree=degree, kind=kind)
+        a = motion.position if motion.ratio > CAME_TO_REST else 0.0
+        nearby = RINGING_NEARBY if _rings(motion) else NEARBY[q.P.model]
+        if 1 / nearby < motion.ratio < nearby:
+            return motion
+    return None
+
+
+def _beside_the_rigid_cycle(q: AtGain) -> float:
+    """A stick position of the Switch servo next to its cycle, from which a LuGre motion starts; 0 where none is met."""
+    motion = q.P.rigid(q.P.typical)
+    if 1 / FLAT < motion.ratio < FLAT and not _hardly_moves(q, motion):
+        return motion.position
+    return OUTSIDE * q.rigid_cycle.start if q.rigid_cycle is not None else 0.0
+
+
+def _hardly_moves(q: AtGain, motion: HalfCycle) -> bool:
+    """Whether a motion of the Switch servo leads next to where it started, and the next one no closer to a cycle."""
+    excess = abs(math.log(motion.ratio))
+    if excess > HARDLY_MOVED:
+        return False
+    following = q.P.rigid(motion.position)
+    return not following.ratio > 0 or abs(math.log(following.ratio)) > SLOW_MAP * excess
 
 
 def _solved_from(start: HalfCycle, q: AtGain) -> HuntingOrbit:
@@ -227,7 +261,8 @@ def _solved_from(start: HalfCycle, q: AtGain) -> HuntingOrbit:
     if (degree, kind) != problem.scheme:
         start = q.P(start.start, degree=degree, kind=kind)
     phases, what = phases_of(start, problem, q.options), "the stable hunting cycle"
-    orbit: HuntingOrbit = orbit_from_motion(problem, *phases, q.options, what=what)
+    solver: Literal["newton", "ipopt"] = "newton" if _rings(start) else "ipopt"
+    orbit: HuntingOrbit = orbit_from_motion(problem, *phases, q.options, solver=solver, what=what)
     return orbit
 
 
@@ -271,13 +306,16 @@ def inner_cycle(P: StickMap, outer: float, moving: float, options: Options) -> H
     outer, moving: stick position of the stable cycle [rad], about; time that the servo moves in half of it [s].
     Returns the cycle; None where none was found.
     """
-    problem = hunting("switch", P.servo, P.gain, half=options.half)
+    problem, failed, needed = hunting("switch", P.servo, P.gain, half=options.half), 0, CAME_TO_REST
     for inside, outside in _narrowing(P, outer, CREEPS_AFTER * moving):
-        if inside.ratio > BESIDE_AN_UNSTABLE_ONE and inside.segments[-1].mode == "stick":
-            orbit = _solved(problem, inside, options)
-            if orbit is None or not inside.start < abs(float(orbit.arcs[0].states[0, 0, 0])) < outside:
-                return None
-            return orbit if unstable(orbit) else None
+        if inside.ratio < needed or inside.segments[-1].mode != "stick":
+            continue
+        orbit = _solved(problem, inside, options)
+        if orbit is not None and inside.start < abs(float(orbit.arcs[0].states[0, 0, 0])) < outside and unstable(orbit):
+            return orbit
+        failed, needed = failed + 1, needed ** (1 / ACROSS)
+        if failed == MOST_SOLVED:
+            break
     return None
 
 

@@ -12,11 +12,11 @@ That no gain was found is not shown by looking at some: status None, "there is n
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any, cast, overload
 
 import numpy as np
@@ -49,13 +49,20 @@ SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
 GAIN_HALVINGS = 8
 """Gains searched between one at which motions go farther out and twice that, at which they do not."""
-MOST_CAREFUL = 8
-"""Cycles that are sought by every means, of those to which no motion leads quickly."""
+LUGRE_SEARCHES = 5
+"""Gains at which a LuGre cycle is sought by its own, slow map where the Switch servo has none."""
+MOST_FAILED = 8
+"""Cycles that may turn out not to be computable before the search is given up."""
+SAME_GAIN = 1.1
+"""Ratio of gains within which a careful search is not repeated."""
 AROUND, AROUND_POINTS = 3.0, 5
 """Factor each way, and motions at first, within which a fixed point seen in a search is looked at again."""
 SHARP_TOLERANCE = 1e-8
-"""Of the walk to a fold that the rough walk has not led to, as with Fs/Fc = 2.4, where slips all but stop half-way:
-errors of the rough way are as large as what is left of the branch."""
+"""Of the walk to a fold that the rough walk has not led to: next to a very sharp one the errors of the rough way are as
+large as what is left of the branch."""
+LOCATED_TO = (0.1, 1e-3)
+"""Parts of the tolerance to which a fold is located, in turn: its place on the branch takes a finer mesh than its gain,
+period and amplitude being of first order in it."""
 FOLD_DIGITS = 4
 """Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
 HIGHEST = 1e9
@@ -82,21 +89,22 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     hunt = _Hunt(servo, model)
     promised: list[tuple[float, HalfCycle]] = []
     failed: list[str] = []
-    for places, below in _places(hunt, gains):
-        for gain, beside in chain(places, below):
+    for gain, beside, quickly in _gains_to_try(hunt, gains):
+        if beside is not None and quickly:
             orbit = quickly_at(servo, model, gain, options=options, beside=beside)
             if orbit is not None:
                 return orbit
-        carefully = places[: max(0, MOST_CAREFUL - len(promised))]
-        promised += places
-        for gain, _ in carefully:
-            try:
-                met = stable_at(servo, model, gain, options=options)
-            except NoOrbit as error:
-                failed.append(str(error))
-                continue
-            if met.orbit is not None:
-                return met.orbit
+            continue
+        promised += [(gain, beside)] if beside is not None else []
+        try:
+            met = stable_at(servo, model, gain, options=options)
+        except NoOrbit as error:
+            failed.append(str(error))
+            if len(failed) == MOST_FAILED:
+                break
+            continue
+        if met.orbit is not None:
+            return met.orbit
     tried = f"{len(failed)} of them were tried: {failed[-1]}" if failed else "none of them led to one"
     if any(_has_fixed_point(servo, gain, beside.start) for gain, beside in promised):
         raise NoOrbit(
@@ -120,8 +128,9 @@ def find_any_orbit(servo: Servo, model: Model, *, options: Options) -> HuntingOr
     )  # fmt: skip
 
 
-Place = tuple[float, HalfCycle]
-"""(gain, motion of the Switch servo beside its cycle there)."""
+Place = tuple[float, HalfCycle | None, bool]
+"""(gain, motion of the Switch servo beside its cycle there, whether it is to lead to one quickly or not at all); None
+where the Switch servo has none and LuGre's own is sought."""
 
 
 @dataclass(eq=False)
@@ -133,6 +142,7 @@ class _Hunt:
     seen : the scans that show no cycle, by gain.
     farther : by gain: does the motion from a = Fs/kp go farther out?  None where there is a cycle, or no motion.
     proved : by gain: why the Switch servo has no cycle there (denial.py).
+    carefully : the gains at which a cycle was sought by every strategy.
     """
 
     servo: Servo
@@ -140,6 +150,13 @@ class _Hunt:
     seen: list[tuple[float, Scan]] = field(default_factory=list)
     farther: dict[float, bool | None] = field(default_factory=dict)
     proved: dict[float, str] = field(default_factory=dict)
+    carefully: list[float] = field(default_factory=list)
+
+    def searched(self, gain: float) -> bool:
+        """Whether a gain next to it has been searched carefully; if not, this one is about to be."""
+        known = any(1 / SAME_GAIN < gain / other < SAME_GAIN for other in self.carefully)
+        self.carefully += [] if known else [gain]
+        return known
 
     def rigid_cycle(self, P: StickMap) -> HalfCycle | None:
         """The Switch servo's stable cycle; without one, `farther` is found out."""
@@ -158,19 +175,16 @@ class _Hunt:
         return scanned.upper
 
 
-def _places(hunt: _Hunt, gains: list[float]) -> Iterator[tuple[list[Place], Iterable[Place]]]:
-    """Where there may be a cycle: at every gain and above it, else next to it; each time from the highest gain down.
-
-    With a bristle the fold lies at a lower gain, where the drop of friction is small at a much lower one: those below
-    the first gain come second.
-    """
+def _gains_to_try(hunt: _Hunt, gains: list[float]) -> Iterator[Place]:
+    """Where there may be a cycle: at every gain and above it, else next to it; then LuGre's own."""
     for gain in gains:
         P = StickMap("switch", hunt.servo, gain)
         rigid = hunt.rigid_cycle(P)
         found = [(P, rigid)] if rigid is not None else _next_to(hunt, P)
         for there, beside in found:
-            places = climbed(there, beside)
-            yield places[::-1], lowered(there, beside) if hunt.model != "switch" else ()
+            yield from _downwards(hunt, there, climbed(there, beside))
+    if hunt.model != "switch":
+        yield from ((gain, None, False) for gain in gains[:LUGRE_SEARCHES] if not hunt.searched(gain))
 
 
 def _next_to(hunt: _Hunt, P: StickMap) -> Iterator[tuple[StickMap, HalfCycle]]:
@@ -193,6 +207,17 @@ def _next_to(hunt: _Hunt, P: StickMap) -> Iterator[tuple[StickMap, HalfCycle]]:
             if farther is None:
                 break
             low, high = (middle.gain, high) if farther else (low, middle.gain)
+
+
+def _downwards(hunt: _Hunt, P: StickMap, places: list[tuple[float, HalfCycle]]) -> Iterator[Place]:
+    """Where there may be a cycle, from the highest gain down: first those to which a motion leads quickly.
+
+    With a bristle the fold lies at a lower gain, where the drop of friction is small at a much lower one.
+    """
+    yield from ((gain, beside, True) for gain, beside in reversed(places))
+    if hunt.model != "switch":
+        yield from ((gain, beside, True) for gain, beside in lowered(P, places[0][1]))
+    yield from ((gain, beside, False) for gain, beside in reversed(places) if not hunt.searched(gain))
 
 
 def _has_fixed_point(servo: Servo, gain: float, a: float) -> bool:
@@ -276,7 +301,7 @@ def find_fold(
     try:
         return _walked(first, rough, options, began)
     except NoOrbit as error:
-        if error.status is Status.NOT_FOUND:  # finer steps seldom lead farther
+        if error.status is Status.NOT_FOUND:  # finer steps do not lead farther
             raise
     return _walked(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
 
@@ -321,14 +346,19 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
 def confirmed_between(
     before: HuntingOrbit, after: HuntingOrbit, options: Options, *, sense: float = 1.0
 ) -> HuntingFold | None:
-    """The confirmed fold between two orbits.
+    """The confirmed fold between two orbits, located to a part of the tolerance and confirmed to the whole of it.
 
     sense: as of `fold_between`.  Returns None where the gain does not turn back between the two.
     """
-    special = fold_between(before, after, "gain", options, sense)
-    if special is None:
-        return None
-    return cast(HuntingFold, (largest if sense > 0 else smallest)(special, "gain", options=options))
+    extremum = largest if sense > 0 else smallest
+    for part in LOCATED_TO:
+        try:
+            special = fold_between(before, after, "gain", options.finer(part), sense)
+            return None if special is None else cast(HuntingFold, extremum(special, "gain", options=options))
+        except NoOrbit:
+            if part == LOCATED_TO[-1]:
+                raise
+    raise AssertionError("no part of the tolerance")
 
 
 def deny_below(

@@ -150,6 +150,8 @@ class _OrbitSearch:
     gain: float
     branch: BranchName
     options: Options
+    walked: int = 0
+    """Orbits on the last way up to the fold: at MOST_WALKED no other way up is tried."""
 
     @cached_property
     def met(self) -> AtOneGain:
@@ -203,33 +205,45 @@ def _from_motions(s: _OrbitSearch) -> HuntingOrbit | str:
 
 def _inside_the_stable_one(s: _OrbitSearch) -> HuntingOrbit | None:
     """The unstable cycle from motions inside the stable one; None where they lead to none."""
-    return None if s.beside is None else inner_cycle(s.rigid, s.beside.fixed, s.beside.moving, s.options)
+    if s.beside is not None:
+        return inner_cycle(s.rigid, s.beside.fixed, s.beside.moving, s.options)
+    stable = s.met.orbit
+    if stable is None:
+        return None
+    moving = sum(arc.duration for arc in stable.arcs if arc.mode != "stick") * stable.repeats / 2
+    return inner_cycle(s.rigid, stable.amplitude, moving, s.options)
 
 
-def _below_the_fold(s: _OrbitSearch) -> HuntingOrbit | None:
-    """A stable cycle from which it is not far to the fold: at a gain to which the event map of the Switch servo climbs.
+def _from_next_to_the_fold(s: _OrbitSearch) -> HuntingOrbit | str | None:
+    """`_round_the_fold` from a higher gain, to which the event map of the Switch servo climbs; None where it does not.
 
     With a bristle the fold lies elsewhere: a motion that leads to no stable cycle at one gain may at a lower one.
-    Where the map does not climb, the stable cycle at the gain itself.
     """
-    if s.by_newton and s.beside is not None:
-        for gain, motion in reversed(climbed(s.rigid, s.beside)):
-            start = quickly_at(s.servo, s.model, gain, options=replace(s.rough, provisional=True), beside=motion)
-            if start is not None:
-                return start
-    return s.met.orbit
-
-
-def _round_the_fold(s: _OrbitSearch) -> HuntingOrbit | str | None:
-    """The unstable cycle from a stable one at this gain or above: up to the fold and down again, with rough steps."""
-    start = last = _below_the_fold(s)
-    if start is None or last is None:
+    if s.beside is None:
         return None
+    for gain, motion in reversed(climbed(s.rigid, s.beside)):
+        start = quickly_at(s.servo, s.model, gain, options=replace(s.rough, provisional=True), beside=motion)
+        if start is not None:
+            return _round_the_fold(s, start, max(start.amplitude, s.beside.fixed))
+    return None
+
+
+def _from_here(s: _OrbitSearch) -> HuntingOrbit | str | None:
+    """`_round_the_fold` from the stable cycle at this gain; None where none was found."""
+    return None if s.met.orbit is None else _round_the_fold(s, s.met.orbit, s.met.orbit.amplitude)
+
+
+def _round_the_fold(s: _OrbitSearch, start: HuntingOrbit, outer: float) -> HuntingOrbit | str:
+    """The unstable cycle from a stable one at this gain or above: up to the fold and down again, with rough steps.
+
+    `outer` is the amplitude of the stable cycle at the gain itself.
+    """
+    last = start
     provisional = replace(s.rough, provisional=s.rough != s.options)
-    for last in walk(start, low=s.gain, high=start.gain * 1e9, options=provisional, max_points=MOST_WALKED):
+    way = walk(start, low=s.gain, high=start.gain * 1e9, options=provisional, max_points=MOST_WALKED)
+    for s.walked, last in enumerate(way, 1):
         if _vanished(last):
             return f"at gain {last.gain:.6g} the amplitude of the unstable one shrinks to nothing"
-    outer = max(start.amplitude, 0.0 if s.beside is None else s.beside.fixed)  # of the stable cycle at the gain itself
     if last is start or last.gain != s.gain or last.amplitude >= outer:
         return f"the way ended at gain {last.gain:.6g} with the half multiplier {last.half_multiplier:.3g}"
     try:
@@ -249,11 +263,12 @@ STABLE: Ways = (
     ("motions at this gain", lambda s: None if s.stiff else _from_motions(s)),
     ("down from the fold", _from_the_fold),
 )
-# Multipliers of 1e5 and more leave no way that is sure but round the fold.  8 ms; 20 ms, LuGre 0.2 s; as above.
+# Multipliers of 1e5 and more leave no way that is sure but round the fold.  8 ms; 20 ms, LuGre 0.2 s; 30 ms; as above.
 UNSTABLE: Ways = (
     ("inside the stable one", lambda s: _inside_the_stable_one(s) if s.model == "switch" and s.by_newton else None),
-    ("round the fold", _round_the_fold),
-    ("down from the fold", _from_the_fold),
+    ("round the fold, from next to it", lambda s: _from_next_to_the_fold(s) if s.by_newton else None),
+    ("round the fold, from this gain", lambda s: _from_here(s) if s.walked < MOST_WALKED else None),
+    ("down from the fold", lambda s: _from_the_fold(s) if s.walked < MOST_WALKED else None),
 )
 
 

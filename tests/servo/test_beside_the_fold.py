@@ -29,7 +29,7 @@ def test_nothing_is_followed_from_where_a_motion_has_come_to_rest():
     P, motions = watched(StickMap("lugre", table1.servo(), 1.02 * FOLD["K"]))
     assert cold_start._at_once(cold_start.AtGain(P, Options())) is None
     bristle = [run.ratio for run in (run for _, _, run, _ in motions) if len(run.segments[0].end) == 4]
-    assert len(bristle) == 1 and bristle[0] < 0.1
+    assert len(bristle) == 1 and bristle[0] < cold_start.CAME_TO_REST
 
 
 def test_both_cycles_right_below_the_fold():

@@ -31,7 +31,7 @@ def assert_flown(servo, orbit, gain=GAIN) -> None:
     states = orbit.sample(2000)[1]
     scale = np.abs(states).max(axis=1)
     flown = solve_ivp(
-        field, (0, orbit.period / 2), states[:, 0], method="Radau", rtol=1e-10, atol=1e-11 * scale,
+        field, (0, orbit.period / 2), states[:, 0], method="Radau", rtol=1e-9, atol=1e-10 * scale,
         events=lambda t, x: x[1],
     )  # fmt: skip
     assert np.abs((flown.y[:, -1] + states[:, 0]) / scale).max() < 1e-7

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_support import double
+from map_support import double, watched
 
-from casahunt import Options, Servo, find_fold, find_orbit
-from casahunt.servo.cold_start import quickly_at
+from casahunt import Options, Servo, find_fold
+from casahunt.servo import cold_start
+from casahunt.servo.cold_start import AtGain, quickly_at
 from casahunt.servo.event_map.half_cycle import HalfCycle, StickMap, half_cycle
 from casahunt.servo.event_map.scan import IN_VAIN, _highest, _vertex, scan
 from casahunt.servo.event_map.secant_search import (
@@ -100,15 +101,20 @@ def test_newton_starts_beside_a_weak_cycle_in_any_scheme(degree):
     assert degree in (None, found.degree)
 
 
-def test_a_weak_cycle_is_found_from_nothing():
-    """At 0.1 Fs/kp a motion comes back to 0.95 of that, as everywhere far out; the cycle sticks 100 times nearer.
+def test_a_motion_that_leads_next_to_its_start_is_not_taken_for_one_next_to_a_cycle():
+    """At 0.1 Fs/kp it comes back to 0.95 of that, as everywhere far out; the cycle sticks 100 times nearer."""
+    known = [
+        cold_start._beside_the_rigid_cycle(AtGain(StickMap("lugre", servo, gain), Options()))
+        for servo, gain in ((dropping(0.4408), 2.5e-4), (Servo(), 0.05))
+    ]
+    assert known[0] == 0
+    assert known[1] > 0
 
-    Motions from both sides of it lead nearer to it.
-    """
-    servo, gain = dropping(0.4408), 2.5e-4
-    orbit = find_orbit(servo, "lugre", gain)
-    inner, outer = (half_cycle("lugre", servo, gain, orbit.amplitude * f, tol=1e-9) for f in (0.97, 1.03))
-    assert orbit.stable and inner.ratio > 1 > outer.ratio
+
+def test_where_the_map_is_flat_one_motion_tells():
+    P, seen = watched(StickMap("lugre", Servo(), 0.05))
+    assert cold_start._beside_the_rigid_cycle(AtGain(P, Options())) > 0
+    assert len(seen) == 1
 
 
 def test_lower_gains_come_closer_together_only_where_cycles_end():

@@ -36,7 +36,7 @@ MUCH_LONGER = 10.0
 CLIMB_FACTORS = (4.0, 2.0, 1.4, 1.2)
 MOST_CLIMBS = 20
 """Factors by which the gain is raised, each as long as a cycle is found."""
-LOWER_FACTORS, MOST_LOWERED = (2.0, 1.4), 3
+LOWER_FACTORS, MOST_LOWERED = (2.0, 1.4, 1.1), 3
 """Factors by which the gain is lowered, a smaller one where there is no cycle that far below; how often at most."""
 STEEPEST_RATE, FLATTEST_RATE = -3.0, -0.3
 """Of the logarithm of the stick position in that of the gain, as it is foreseen."""
