@@ -72,7 +72,7 @@ def load(path: str | Path) -> Servo | Loop:
     >>> from casahunt import load
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder, "servo.toml")
-    ...     _ = path.write_text("[friction]\nstatic = 0.5\n")
+    ...     _ = path.write_text("[friction]\\nstatic = 0.5\\n")
     ...     servo = load(path)
     >>> servo.friction.static, servo.friction.coulomb  # what the file leaves out is Table 1
     (0.5, 0.44)
@@ -103,7 +103,7 @@ def load_drive(path: str | Path) -> Drive | None:
     >>> from casahunt import load_drive
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder, "servo.toml")
-    ...     _ = path.write_text("[drive]\nsample_time = 0.001\nencoder = 2000\n")
+    ...     _ = path.write_text("[drive]\\nsample_time = 0.001\\nencoder = 2000\\n")
     ...     load_drive(path).encoder
     2000.0
     """

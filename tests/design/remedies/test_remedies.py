@@ -266,7 +266,7 @@ def test_the_verdicts_are_those_of_motions_by_another_integrator():
 def test_a_motion_that_grows_has_no_price():
     """What the torque was when it was left is no peak."""
     lagging = with_remedy(loop_of(Servo(), "switch", 0.04), remedy_of("error filter", "switch"), 0.2)
-    step = task(lagging, Swing.of(find_orbit(Servo(), "switch", 0.04)), 0.0)
+    step = task(lagging, Swing.of(find_orbit(Servo(), "switch", 0.04)), 0.0, 1.0)
     assert math.isnan(step.peak_torque) and math.isnan(step.settling)
 
 
@@ -278,7 +278,7 @@ def test_motions_that_come_to_rest_are_followed_with_the_sizes_that_they_had():
 def test_a_servo_that_hunts_has_not_settled():
     """With 0.0177 rad, which is less than 2 % of the step; nor has one whose error is as large."""
     orbit, loop = find_orbit(Servo(), "switch", 0.1), loop_of(Servo(), "switch", 0.1)
-    step = task(loop, Swing.of(orbit), 0.0)
+    step = task(loop, Swing.of(orbit), 0.0, 1.0)
     assert step.kind == "hunting" and math.isnan(step.settling) and orbit.amplitude < 0.02
     calm = task(loop.replace(gain=0.8), Swing.of(orbit), 0.0)
     assert calm.kind in SETTLES and calm.settling > 0
