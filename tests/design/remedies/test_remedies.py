@@ -280,7 +280,7 @@ def test_a_servo_that_hunts_has_not_settled():
     orbit, loop = find_orbit(Servo(), "switch", 0.1), loop_of(Servo(), "switch", 0.1)
     step = task(loop, Swing.of(orbit), 0.0, 1.0)
     assert step.kind == "hunting" and math.isnan(step.settling) and orbit.amplitude < 0.02
-    calm = task(loop.replace(gain=0.8), Swing.of(orbit), 0.0)
+    calm = task(loop.replace(gain=0.8), Swing.of(orbit), 0.0, 1.0)
     assert calm.kind in SETTLES and calm.settling > 0
 
 
