@@ -84,10 +84,11 @@ def refusal(
         asked[name] = sets, _of_a_loop(name, sets, demands, table)
     if math.isfinite(demands.max_torque):
         most = given.largest_gain(servo)
-        takes = f"; {needed:.6g} takes {needed * given.first_torque(servo):.4g} N m" if needed > most else ""
-        step = quantity(given.step, "rad", "g")
+        torque, takes, step = quantity(demands.max_torque, "N m", "g"), "", quantity(given.step, "rad", "g")
+        if needed > most:
+            takes = f"; {needed:.6g} takes {quantity(needed * given.first_torque(servo), 'N m', '.4g')}"
         asked["largest torque"] = [(0.0, most)], (
-            f"the largest torque of {demands.max_torque:g} N m on a step of {step} allows gains of at most "
+            f"the largest torque of {torque} on a step of {step} allows gains of at most "
             f"{most:.6g}{takes}, and what ends hunting with less torque is told by casahunt remedies"
         )
     if bounds is not None:
