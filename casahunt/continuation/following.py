@@ -236,8 +236,9 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
         outcome = through_rest(run.branch.orbits, run.branch.vary, outcome.value, run.options) or outcome
     if not isinstance(outcome, Orbit) and cut_by_planes(run.last):
         outcome = _after_planes(run, outcome, way, came)
-    if isinstance(outcome, Complaint):
-        outcome = _grazed(run, outcome)
+    if isinstance(outcome, Complaint):  # natural steps end at a fold, which no contact explains
+        natural = run.natural and GRAZING not in run.looked_for
+        outcome = End("stuck", str(outcome)) if natural else _grazed(run, outcome)
     if isinstance(outcome, End | _Departure):
         return outcome
     if not run.within(outcome):
