@@ -152,11 +152,12 @@ def _met(
     beside = top if turned is None and branch.missed else turned
     if beside is not None and sense * beside.problem.distance(vary, parameter_value(top, vary)) <= rough.tol:
         return special_point(FOLD, optimal_beside(beside, vary, finer(options), sense), vary)
-    why = branch.ended
+    word, title = "largest" if sense > 0 else "smallest", orbit.problem.title
     if top is not branch.orbits[-1]:
-        why = f"it turns back where its phases change, at {vary} = {parameter_value(top, vary):.8g}, which is no fold"
-    sentence = f"{orbit.problem.title} has no {'largest' if sense > 0 else 'smallest'} {vary} on this branch between"
-    raise NoOrbit(f"{sentence} {here:.6g} and {to:.6g}: {why}", Status.NOT_FOUND)
+        at = f"{vary} = {parameter_value(top, vary):.8g}, about"
+        raise NoOrbit(f"the branch of {title} turns back at {at}, where its phases change: no fold", Status.NOT_FOUND)
+    between = f"{here:.6g} and {to:.6g}"
+    raise NoOrbit(f"{title} has no {word} {vary} on this branch between {between}: {branch.ended}", Status.NOT_FOUND)
 
 
 def grazing(

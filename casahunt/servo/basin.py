@@ -41,12 +41,11 @@ from .find_orbit import find_orbit
 from .friction import Model
 from .outcome import SETTLES, Kind
 from .parts.fate import LEFT_OF_A_SWING, Swing, fate
-from .parts.loop import Loop
+from .parts.loop import Loop, static_of
 from .parts.lugre import LUGRE
 from .parts.plain_loop import LoopResult, loop_asked, servo_of_loop
 from .parts.verbs import loop_cycle
 from .problem import HuntingOrbit, motor_torque
-from .sampled.motion import static_of
 from .servo import Servo
 
 Array = np.ndarray

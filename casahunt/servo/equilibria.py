@@ -55,13 +55,12 @@ from .friction import Model
 from .linear.open_loop import open_loop_of_parts
 from .parts.cascade import P_PI
 from .parts.inertia import INERTIA
-from .parts.loop import Loop
+from .parts.loop import Loop, static_of, torque_gain
 from .parts.lugre import LUGRE
 from .parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from .parts.plain_loop import LoopResult, loop_asked
 from .parts.switch import SWITCH
 from .rest_states import Rests, rest_states
-from .sampled.motion import static_of, torque_gain
 from .servo import Servo
 from .units import column
 

@@ -147,7 +147,6 @@ def test_values_with_units_on_the_command_line(capsys):
     assert (code, out) == (2, "") and "must be in rad" in err and "the axis is rotary" in err
 
 
-@pytest.mark.slow
 def test_where_no_step_is_stated_it_is_one_unit_of_length():
     """Not a metre: the force with which it begins is kp times a millimetre, 240 N/mm."""
     servo = load(TOML)
@@ -159,6 +158,7 @@ def test_where_no_step_is_stated_it_is_one_unit_of_length():
         tune(servo, "switch", demands=Demands(max_torque=100.0, step=5e-4))
 
 
+@pytest.mark.slow
 def test_the_table_of_a_diagram(capsys, tmp_path):
     out, words = tmp_path / "diagram", ("--model", "switch", "--from", "1.3 V/m", "--quiet")
     for _ in range(2):  # the second run knows the files of the first one as its own

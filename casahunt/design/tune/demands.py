@@ -64,7 +64,7 @@ class Demands:
     drive : as built; with a sample time alone, one with every default.  The search has most of it in its margins,
         the checks, which may speak against a tuning, all (`margins`).
     max_torque : largest torque of the motor on the simulated tasks [N m]; > 0.
-    step : of the set point in these tasks, and a tenth of it [rad]; > 0; 0 for 1 rad, or one unit of length.
+    step : of the set point in these tasks, and a tenth of it [rad]; > 0; None: 1 rad, or one unit of length.
 
     Examples
     --------
@@ -80,7 +80,7 @@ class Demands:
     sample_time: float = 0.0
     drive: Drive | None = None
     max_torque: float = math.inf
-    step: float = 0.0
+    step: float | None = None
 
     def __post_init__(self) -> None:
         require("margin", self.margin, at_least=0, at_most=LARGEST_FACTOR)
@@ -90,7 +90,8 @@ class Demands:
         sensible("sample-time", self.sample_time, zero=True, unit="s")
         if self.max_torque != math.inf:
             sensible("max-torque", self.max_torque, unit="N m")
-        sensible("step", self.step, zero=True, unit="rad")
+        if self.step is not None:
+            sensible("step", self.step, unit="rad")
         for key in ("delay", "sample_time") if self.drive is not None else ():
             of_drive = getattr(self.drive, key)
             if getattr(self, key) not in (0, of_drive):

@@ -19,6 +19,7 @@ import numpy as np
 
 from ... import effort
 from ...axis_units import quantity, several
+from ...errors import InputError
 from ...motion import MarchFailure, Segment, march
 from ..outcome import SETTLES, Outcome
 from .fate import (
@@ -32,7 +33,7 @@ from .fate import (
     Swing,
     fate,
 )
-from .loop import Loop
+from .loop import Loop, torque_gain
 from .turns import drifts
 
 Array = np.ndarray
@@ -159,12 +160,12 @@ def measured(
 
 def errors_of(loop: Loop) -> tuple[float, float]:
     """Errors at which the proportional action is static friction, and the torque's limit [rad]; 0 where there is none,
-    or no part says how large that is."""
-    if not any("kp" in part.gives for part in loop.present):
-        return 0.0, 0.0
-    nowhere = np.zeros((len(loop.system.states), 1))
-    kp = abs(float(loop.signal("kp", loop.system.modes[0].name, nowhere)[0])) or math.inf
-    return loop.parameters.get("static", 0.0) / kp, loop.parameters.get("torque_limit", 0.0) / kp
+    or the controller has no such action."""
+    with suppress(InputError):
+        kp = abs(torque_gain(loop, "kp")) or math.inf
+        static = next((loop.value(name) for name in ("static", "load_static") if name in loop.parameters), 0.0)
+        return static / kp, loop.parameters.get("torque_limit", 0.0) / kp
+    return 0.0, 0.0
 
 
 def _alike(found: Fate, other: Fate) -> bool:

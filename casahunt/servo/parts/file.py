@@ -119,7 +119,7 @@ def _read(path: str | Path) -> tuple[Servo | Loop, dict[str, Any]]:
 
 
 def load_loop(path: str | Path) -> Loop:
-    """Read a loop from a TOML file with the tables [loop] and [values].
+    """Read a loop, as `load` does, from a TOML file that must have the table [loop].
 
     Parameters
     ----------

@@ -230,3 +230,18 @@ class Loop:
         for mode in dict.fromkeys(modes.tolist()):
             values[modes == mode] = self.signal(name, mode, states[:, modes == mode])
         return values
+
+
+def static_of(loop: Loop) -> tuple[float, float]:
+    """Static and Coulomb friction [N m]: of the load, where the motor has none."""
+    at = "" if "static" in loop.parameters else "load_"
+    if at + "static" not in loop.parameters:
+        raise InputError(f"{loop.name}: has no dry friction, which is what a motion is judged by")
+    static = loop.value(at + "static")
+    return static, loop.value(at + "coulomb") if at + "coulomb" in loop.parameters else static
+
+
+def torque_gain(loop: Loop, name: str) -> float:
+    """The torque gain "kp", "ki" or "kd" of the controller.  Raises InputError: it has no such gain."""
+    nowhere, (mode, *_) = np.zeros((len(loop.system.states), 1)), loop.system.modes
+    return float(loop.signal(name, mode.name, nowhere)[0])

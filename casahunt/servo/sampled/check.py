@@ -39,10 +39,10 @@ from ...axis_units import in_its_units, quantity
 from ...results import Result
 from ..drive import Drive, with_remedy
 from ..outcome import BY_SEVERITY, SETTLES, Outcome
-from ..parts.loop import Loop
+from ..parts.loop import Loop, static_of, torque_gain
 from ..parts.plain_loop import loop_asked
 from ..servo import Servo
-from .motion import SampledMotion, again, followed, static_of, torque_gain
+from .motion import SampledMotion, again, followed
 
 OFFSETS = (0.0, 0.25, 0.5)
 """Of the set point from a count, in counts."""

@@ -44,7 +44,7 @@ from ...export import Columns
 from ..drive import Drive
 from ..friction import Model
 from ..outcome import Outcome
-from ..parts.loop import Loop
+from ..parts.loop import Loop, static_of, torque_gain
 from ..parts.lugre import LUGRE
 from ..parts.plain_loop import LoopResult, loop_asked
 from ..servo import Servo
@@ -318,21 +318,6 @@ class SampledMotion(LoopResult):
         end = self.state(-1)
         return {"parameters": self.loop.parameters, "drive": vars(self.drive), "position": self.set_point + end["x1"],
                 "velocity": end["x2"], "integral": end.get("x3"), "bristle": end.get("x4")}  # fmt: skip
-
-
-def static_of(loop: Loop) -> tuple[float, float]:
-    """Static and Coulomb friction [N m]: of the load, where the motor has none."""
-    at = "" if "static" in loop.parameters else "load_"
-    if at + "static" not in loop.parameters:
-        raise InputError(f"{loop.name}: has no dry friction, which is what a motion is judged by")
-    static = loop.value(at + "static")
-    return static, loop.value(at + "coulomb") if at + "coulomb" in loop.parameters else static
-
-
-def torque_gain(loop: Loop, name: str) -> float:
-    """The torque gain "kp" or "ki" of the controller.  Raises InputError: it has no such gain."""
-    nowhere, (mode, *_) = np.zeros((len(loop.system.states), 1)), loop.system.modes
-    return float(loop.signal(name, mode.name, nowhere)[0])
 
 
 def _check_stops(model: str, drive: Drive) -> None:

@@ -29,7 +29,7 @@ from ...motion import MarchFailure, march
 from ...roots import LOOKED_AT, MOST_HALVINGS, Bracket
 from ..drive import SHARES, Drive
 from ..parts.filtered_derivative import DERIVATIVE_FILTER
-from ..parts.loop import Loop
+from ..parts.loop import Loop, torque_gain
 from ..parts.lugre import LUGRE
 from ..parts.part import Function, Part
 from ..parts.table import remedy_of, with_remedy
@@ -390,7 +390,5 @@ def as_run(loop: Loop, drive: Drive) -> Loop:
         return run
     filter_time = drive.filter_time
     if filter_time is None:
-        nowhere, (mode, *_) = np.zeros((len(loop.system.states), 1)), loop.system.modes
-        kp, kd = (float(loop.signal(name, mode.name, nowhere)[0]) for name in ("kp", "kd"))
-        filter_time = USUAL_FILTER * kd / kp
+        filter_time = USUAL_FILTER * torque_gain(loop, "kd") / torque_gain(loop, "kp")
     return run.with_parts(DERIVATIVE_FILTER, derivative_filter=filter_time)

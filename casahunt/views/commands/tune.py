@@ -139,7 +139,7 @@ def _demands(options: argparse.Namespace) -> Demands:
         drive=drive,
         **times,
         max_torque=math.inf if options.max_torque is None else positive("max-torque", options.max_torque, "N m"),
-        step=0.0 if options.step is None else positive("step", options.step, "rad"),
+        step=None if options.step is None else positive("step", options.step, "rad"),
     )
 
 
