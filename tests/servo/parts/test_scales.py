@@ -7,14 +7,19 @@ from casahunt import find_orbit, simulate
 from casahunt.servo.parts import (
     INERTIA,
     INTEGRATOR,
+    LOAD_SWITCH,
     LUGRE,
+    NO_FRICTION,
+    PID_BY_GAINS,
     PID_BY_TIMES,
     SWITCH,
     TORQUE_LIMIT,
+    TWO_MASSES_LOAD_SEEN,
     Loop,
     series,
     transfer_function,
 )
+from casahunt.servo.parts.ahead import errors_of
 
 DIMENSIONS = {
     "inertia": (-1, 2), "viscous": (-1, 1), "stribeck_velocity": (1, -1), "stiffness": (-1, 0), "damping": (-1, 1),
@@ -45,6 +50,8 @@ def test_behind_a_filter_too():
     for parts in ((*pid, series("low-pass")), (INERTIA, SWITCH, controller, TORQUE_LIMIT)):
         loop = Loop(parts, {"gain": 0.1, "torque_limit": 0.7})
         cycle, other = find_orbit(loop), find_orbit(in_units(loop, 1e-6, 1.0))
+        assert errors_of(loop)[0] == pytest.approx(0.53 / (0.1 * 16 * 2), rel=0.01)  # kp = 2
+        cycle, other = find_orbit(loop), find_orbit(in_units(loop, 1e-6, 1.0))
         assert other.amplitude / 1e-6 == pytest.approx(cycle.amplitude, rel=1e-8)
         assert other.period == pytest.approx(cycle.period, rel=1e-8)
 
@@ -57,3 +64,10 @@ def test_what_winds_down_from_far_away_does_not_hunt_there():
     assert far.kind == "undecided" and "becomes smaller from swing to swing" in far.sentence
     assert nearer.kind == "hunting" and nearer.amplitude == pytest.approx(find_orbit(loop).amplitude, rel=1e-3)
     assert (np.diff(far.swings) < 0).all()
+
+
+def test_friction_of_the_load_alone_breaks_away_as_that_of_the_motor():
+    """Fs/(K cm kp), whichever mass it acts on: 0.5 N m over 0.1 * 16 * 2 N m/rad, here of micrometres."""
+    parts = TWO_MASSES_LOAD_SEEN, NO_FRICTION, LOAD_SWITCH, PID_BY_GAINS, INTEGRATOR
+    loop = Loop(parts, {"gain": 0.1e6, "kp": 2.0, "motor_gain": 16.0, "load_static": 0.5, "load_coulomb": 0.4})
+    assert errors_of(loop)[0] == pytest.approx(0.5 / 3.2e6, rel=1e-12)
