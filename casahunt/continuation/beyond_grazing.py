@@ -48,8 +48,8 @@ from .walk import corrected
 
 SLOWLY = (1e-2, 1e-3, 1e-4)
 """How far behind a grazing contact, in arclength, the cycle that meets the event is looked for."""
-BESIDE_GRAZING = 1e-3
-"""How far beside a grazing, in lambda, the motion is looked at."""
+BESIDE_GRAZING = (1e-5, -1e-5, 1e-4, -1e-4, 1e-3, -1e-3)
+"""Where beside a grazing, in lambda, the first return of a motion is looked at."""
 NEARLY_THE_SAME = 0.05
 """Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
 MET_WITHOUT_SPEED = replace(
@@ -225,10 +225,10 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
     if family.system is None:
         return None
     arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
-    for side in (1.0, -1.0):
-        beside = cast(Cycles, family.with_value(vary, family.moved(vary, side * BESIDE_GRAZING)))
+    for lam in BESIDE_GRAZING:
+        beside = cast(Cycles, family.with_value(vary, family.moved(vary, lam)))
         with suppress(NoOrbit):
-            other = cycle_near(beside, arc.mode, middle_of(arc), options)
+            other = cycle_near(beside, arc.mode, middle_of(arc), options, settled=True)
             if not same_events(last, other) and _alike(last, other):
                 return cast(AnyOrbit, other)
     return None

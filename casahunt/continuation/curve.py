@@ -88,15 +88,15 @@ def parameter_value(orbit: Orbit, vary: str) -> float:
 
 
 def solved_at(problem: Problem, start: Start, options: Options) -> Orbit | None:
-    """The cycle next to a starting point, at the parameters of the problem.
+    """The cycle next to a starting point, at the parameters of the problem, by Newton's method: IPOPT goes elsewhere.
 
     problem, start, options: the problem, the starting point, and the tolerance.
     Returns Orbit; None where it does not converge.
     """
     began = time.perf_counter()
     t, u, setting = start
-    start = t, u, replace(setting, p=problem.vector())
-    solved = solve_adaptively(problem, start, options, solver="newton")
+    start, near = (t, u, replace(setting, p=problem.vector())), replace(options, solver="newton")
+    solved = solve_adaptively(problem, start, near, solver="newton")
     return orbit_of(solved, problem, wall_s=time.perf_counter() - began) if solved.status.ok else None
 
 

@@ -164,7 +164,8 @@ class _Watched:
         self.kind: Points = "radau" if any(mode.stiff for mode in self.system.modes) else "gauss"
         self.tol = TO_BE_SAMPLED if self.meshed else TOLERANCE_OF_A_FATE
         bristles = LUGRE in self.loop.present
-        self.spring = SPRINGS_BY * self.loop.value("static") / self.loop.value("stiffness") if bristles else 0.0
+        spring = SPRINGS_BY * self.loop.value("static") / self.loop.value("stiffness") if bristles else 0.0
+        self.spring = spring if spring < self.before.amplitude else 0.0  # or it is bristles that hunt
         self.meshed |= not all(mode.ends for mode in self.system.modes)  # turns are no events there
 
     def motion(self, phases: list[Segment]) -> Motion:
