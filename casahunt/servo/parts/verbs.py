@@ -105,7 +105,7 @@ def _of_a_smaller_gain(
     if or_below and lower is not None:
         return lower
     rests = f"the motion comes to rest from each of {starts}{smaller}"
-    raise ComesToRest(f"no cycle of {loop.name} was found: {rests}", Status.NOT_FOUND)
+    raise ComesToRest(f"no hunting was found: {rests}", Status.NOT_FOUND)
 
 
 def first_off(loop: Loop) -> float:
@@ -196,18 +196,18 @@ def _led_on(
     seen = fate(loop, start, before, work=WORK_OF_A_START, grown=grown)
     if seen.kind in SETTLES:
         lasted = f"followed for {seen.motion.duration:.6g}"
-        raise ComesToRest(f"no cycle of {loop.name} was found: the motion comes to rest", Status.NOT_FOUND,
+        raise ComesToRest("no hunting was found: the motion comes to rest", Status.NOT_FOUND,
                           evidence=lasted)  # fmt: skip
     if seen.kind == "growing" or seen.still_grows:
         far = abs(seen.turns[-2:]).max()
         between = several((abs(start["x1"]), far), "rad", ".3g", " to ")
         why = f"the motion grows, from {between} beside the set point and on"
-        raise _Grows(f"no cycle of {loop.name} was found: {why}", Status.NOT_FOUND)
+        raise _Grows(f"no hunting was found: {why}", Status.NOT_FOUND)
     if seen.swing is not None and not seen.pattern:
         raise _irregular(loop, seen)
     if seen.kind == "undecided" and seen.turns.size > LAST_TURNS:
         why = f"the motion neither rests nor repeats within {seen.turns.size} turns"
-        raise NoOrbit(f"no cycle of {loop.name} was found: {why}", Status.NOT_FOUND)
+        raise NoOrbit(f"no hunting was found: {why}", Status.NOT_FOUND)
     return start if seen.swing is None else seen.swing.state
 
 
