@@ -228,7 +228,7 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
     for lam in BESIDE_GRAZING:
         beside = cast(Cycles, family.with_value(vary, family.moved(vary, lam)))
         with suppress(NoOrbit):
-            other = cycle_near(beside, arc.mode, middle_of(arc), options, settled=True)
+            other = cycle_near(beside, arc.mode, middle_of(last, arc), options, settled=True)
             if not same_events(last, other) and _alike(last, other):
                 return cast(AnyOrbit, other)
     return None

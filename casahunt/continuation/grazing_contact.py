@@ -52,6 +52,8 @@ BESIDE_CONTACT, CONTACT_ROUNDS = 1e-6, 12
 NEAR_CONTACT = 1e-3
 """An exit that a cycle comes this near, in units of the way that it goes off it, is grazed where no step leads on:
 between the nodes a solution shows no more.  And it is grazed within this, in lambda."""
+ROUNDING_OF_A_MIDDLE = 1e-12
+"""Part of its size to which a state in the middle of a phase is rounding."""
 VANISHING_SHARE = 1e-3
 """A phase that takes less of the period than this has vanished."""
 
@@ -319,15 +321,17 @@ def _without(orbit: AnyOrbit, vanishing: int, options: Options) -> AnyOrbit:
     sentence = f"phase {vanishing + 1} ({orbit.arcs[vanishing].mode}) vanishes, and no cycle was found without it"
     with suppress(InputError, NoOrbit):
         system = replace(family.system, modes=modes)
-        near = cycle_near(family, before.mode, middle_of(before), options, system=system, settled=True)
+        near = cycle_near(family, before.mode, middle_of(orbit, before), options, system=system, settled=True)
         return cast(AnyOrbit, near)
     raise NoOrbit(f"{sentence}; `grazing` takes one that keeps clear of {before.event!r}", Status.NOT_FOUND)
 
 
-def middle_of(arc: Arc) -> Array:
-    """(n,) a state in the middle of a phase, off the events at its ends."""
+def middle_of(orbit: Orbit, arc: Arc) -> Array:
+    """(n,) a state in the middle of a phase of a cycle, off the events at its ends; nothing where rounding left
+    something, which a motion would take for the size of that state."""
     states = arc.states.reshape(-1, arc.end.size)
-    return np.asarray(states[len(states) // 2])
+    x = states[len(states) // 2]
+    return np.where(np.abs(x) > ROUNDING_OF_A_MIDDLE * orbit.scale, x, 0.0)
 
 
 def cycle_near(
