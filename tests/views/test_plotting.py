@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import casahunt
 from casahunt.continuation import Branch, SpecialPoint
 from casahunt.errors import InputError
 from casahunt.orbits.orbit import Orbit
@@ -157,7 +158,9 @@ def test_rolled_period(switch: list[Orbit], lugre: list[Orbit], model: str) -> N
 
 def test_labels_and_panels_of_fixed_places_keep_apart(branches: list[Branch], switch: list[Orbit]) -> None:
     """What a layout would measure, measured: no text leaves the figure, legend and panels do not meet."""
-    for drawn in (diagram(branches), multipliers(branches), time_traces(switch[:2]), phase_portrait(switch[:2])):
+    narrow = [Branch("gain", tuple(branches[0].orbits[:1])), casahunt.diagram(Servo(), "switch", start=0.645)]
+    diagrams = [diagram(some) for some in (branches, narrow[:1], narrow[1:])]
+    for drawn in (*diagrams, multipliers(branches), time_traces(switch[:2]), phase_portrait(switch[:2])):
         figure = plotting.figure_of(drawn)
         plotting.drawn(figure)
         (legend,) = figure.legends
@@ -169,7 +172,7 @@ def test_labels_and_panels_of_fixed_places_keep_apart(branches: list[Branch], sw
         assert all(box.y1 <= legend.get_window_extent().y0 for box in flat)
         assert all(not one.overlaps(other) for i, one in enumerate(flat) for other in flat[:i])
         for axis in (axis for ax in figure.axes if ax.name != "3d" for axis in (ax.xaxis, ax.yaxis)):
-            numbers = [label for label in axis.get_ticklabels() if label.get_visible() and label.get_text()]
+            numbers = [label for label in axis.get_ticklabels(which="both") if label.get_visible() and label.get_text()]
             label = axis.label.get_window_extent()
             assert not axis.label.get_text() or not any(label.overlaps(n.get_window_extent()) for n in numbers)
 

@@ -80,7 +80,7 @@ def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any
     >>> branch = diagram(Servo(), "switch", start=0.6)
     >>> above, below = pictures.diagram([branch])
     >>> above.get_ylabel(), below.get_ylabel()
-    ('amplitude max |x₁| [rad]', 'period [s]')
+    ('amplitude max |x₁| [10⁻³ rad]', 'period [s]')
     """
     # One cycle of each lopsided pair, thin; the other one has the same amplitude and period
     result = []
@@ -104,10 +104,14 @@ def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any
         ax.set_ylabel({"amplitude": f"amplitude max |x₁| [{label('rad')}]", "period": "period [s]"}[quantity])
         ax.grid(True, which="major", color="0.88", linewidth=0.6)
         ax.margins(x=0.04, y=0.08)
-    logarithmic(above, "y")
-    low, high = below.dataLim.intervaly
-    if high > 10 * low:
-        logarithmic(below, "y")
+    for ax, spread in ((above, 2), (below, 10)):  # within a factor of 2 labels of powers are too long
+        low, high = ax.dataLim.intervaly
+        if high > spread * low:
+            logarithmic(ax, "y")
+        elif not 0.01 <= high < 1e4:
+            k = math.floor(math.log10(high))
+            ax.yaxis.set_major_formatter(FuncFormatter(lambda x, _, k=k: f"{x / 10**k:g}"))
+            ax.set_ylabel(ax.get_ylabel().replace("[", f"[{power(k)} "))
     below.set_xlabel(_label(branches))
     if equilibria and all(hasattr(branch, "model") for branch in branches):
         _draw_equilibria(above)
@@ -288,7 +292,7 @@ def _rows(handles: Sequence[Any]) -> int:
 
 
 def _draw_equilibria(axes: Axes) -> None:
-    """A strip of ticks at the bottom edge for what a logarithmic axis cannot show."""
+    """A strip of ticks at the bottom edge for what an axis without zero cannot show."""
     room = 0.16  # of the height, for the strip and its note
     low, high = np.log10(axes.get_ylim())
     axes.set_ylim(bottom=10 ** (low - (high - low) * room / (1 - room)))
