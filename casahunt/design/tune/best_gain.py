@@ -143,7 +143,8 @@ class Given:
     def first_torque(self, servo: Any) -> float:
         """The largest torque with which a servo of the set begins the largest step, a unit of the gain [N m/(V/rad)].
 
-        The integral is empty there and nothing moves yet: kp times the step, the peak unless a later one is larger.
+        The integral is empty there and nothing moves yet: kp times the step, the peak unless a later one is larger; and
+        what a filter makes of it at once, which a lead makes larger.
         """
         known = (*IN_THE_TORQUE, "motor_gain", *servo.controller_names)
         names = [name for name in (self.uncertainty.parameters if self.uncertainty else ()) if name in known]
@@ -152,7 +153,7 @@ class Given:
             low, high = self.uncertainty.box(servo)
             ends = [(low[i], high[i]) for i, name in enumerate(self.uncertainty.parameters) if name in names]
         corners = [servo_at(servo, names, np.array(at)) for at in itertools.product(*ends)]
-        return max(abs(at_the_start(corner, "demand", -self.step)) for corner in corners)
+        return max(abs(at_the_start(corner, of, -self.step)) for corner in corners for of in ("demand", "command"))
 
     def largest_gain(self, servo: Any) -> float:
         """The gain with which the largest step begins with the largest torque that is allowed; inf without a limit."""

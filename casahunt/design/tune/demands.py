@@ -23,6 +23,7 @@ from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.sampled_loop import Lag
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
+from ...servo.parts.wiring import UNGIVEN
 from ...servo.servo import Servo
 from ...servo.units import unit_of
 
@@ -182,7 +183,7 @@ def at_the_start(servo: Servo | Loop, signal: str, position: float) -> float:
     Raises InputError: no part gives it.
     """
     one = loop_asked(servo, None, 1.0, usual="switch")
-    if not any(signal in part.gives for part in one.present):
+    if signal not in UNGIVEN and not any(signal in part.gives for part in one.present):
         parts = " and ".join(repr(part.name) for part in one.present if "demand" in part.gives)
         raise InputError(f"{signal}: {parts or 'no part'} gives none, so that nothing can be said of it")
     start = one.at_rest(position)

@@ -1,7 +1,7 @@
 """The loop without dry friction, opened at the torque: a rational transfer function.
 
     one inertia       L(s) = K cm C(s) / (s (J s + sigma2)),    C(s) of controller.py at K = 1
-    a loop of parts   x' = A x + b u,   torque that is demanded = -c x:
+    a loop of parts   x' = A x + b u,   torque that is commanded, behind all filters, = -c x:
                       L(s) = c (s I - A)^-1 b = (n_0 s^(n-1) + ... + n_(n-1)) / (s^n + d_1 s^(n-1) + ... + d_n)
                       n_k = sum over i <= k of d_i h_(k-i),   h_k = c A^k b: what is zero comes out as zero
 
@@ -117,7 +117,7 @@ def is_hurwitz(polynomial: Sequence[float] | Array) -> bool:
 def open_loop_of_parts(loop: Loop) -> OpenLoop | None:
     """L of a loop of parts; None where it is not linear, or its friction has no viscous part."""
     parts, why = smooth(loop)
-    found = None if why else slopes_of((*parts, OPENED), loop, "demand")
+    found = None if why else slopes_of((*parts, OPENED), loop, "command")
     if found is None:
         return None
     A, c = found

@@ -1,5 +1,6 @@
 """The linear loop of a loop of parts against that of the servo, and against transfer functions written down."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -8,18 +9,22 @@ from casahunt.servo.linear.margins import gain_crossovers, phase_crossovers
 from casahunt.servo.linear.open_loop import open_loop_of_parts
 from casahunt.servo.parts import (
     DEAD_BAND,
+    DERIVATIVE_FILTER,
     ERROR_FILTER,
     FEEDFORWARD,
     FREEZE,
     INTEGRATOR,
     LEAK,
+    P_PI,
     PID_BY_GAINS,
     RESET_AT_STOP,
     RESET_AT_ZERO,
     SWITCH,
     TWO_MASSES,
+    TWO_MASSES_LOAD_SEEN,
     Loop,
     loop_of,
+    series,
     transfer_function,
 )  # fmt: skip
 from casahunt.servo.parts.inertia import INERTIA
@@ -99,6 +104,50 @@ def test_a_loop_that_is_not_linear_has_none(part, size):
     assert open_loop_of_parts(loop) is None
     with pytest.raises(InputError, match=f"is not linear: {part.name} switch"):
         margins(loop)
+
+
+NOTCH = {"notch_frequency": 60.0, "notch_damping": 0.4, "notch_depth": 0.2}
+
+
+@pytest.mark.parametrize(("filters", "numbers", "numerator", "denominator"), [
+    (("low-pass",), {"low_pass": 5.0}, [5], [1, 5]),
+    (("lead",), {"lead_zero": 12.0, "lead_pole": 90.0}, [90 / 12, 90], [1, 90]),
+    (("notch",), NOTCH, [1, 2 * 0.2 * 0.4 * 60, 3600], [1, 2 * 0.4 * 60, 3600]),
+    (("second-order low-pass",), {"filter_frequency": 80.0, "filter_damping": 0.6}, [6400], [1, 96, 6400]),
+    (("notch", "low-pass"), NOTCH | {"low_pass": 40.0},
+     40 * np.array([1, 2 * 0.2 * 0.4 * 60, 3600]), np.polymul([1, 2 * 0.4 * 60, 3600], [1, 40])),
+])  # fmt: skip
+def test_filters_behind_the_controller_are_in_the_loop(filters, numbers, numerator, denominator):
+    """A low-pass of 5 rad/s makes the loop unstable, whose phase margin was that without it."""
+    gain = 0.1
+    without, s = plain(gain), 1j * np.geomspace(0.1, 300, 40)
+    found = open_loop_of_parts(without.with_parts(series(*filters), **numbers))
+    L = open_loop_of_parts(without).response(s.imag) * np.polyval(numerator, s) / np.polyval(denominator, s)
+    assert found.response(s.imag) == pytest.approx(L, rel=1e-10)
+    assert found.stable == (filters != ("low-pass",))
+
+
+@pytest.mark.parametrize("parts", [
+    (INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR, series("low-pass", "lead")),
+    (INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR, DERIVATIVE_FILTER, series("notch")),
+    (TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR, ERROR_FILTER, series("low-pass")),
+    (TWO_MASSES_LOAD_SEEN, SWITCH, P_PI, INTEGRATOR, series("second-order low-pass", "notch")),
+    (INERTIA, SWITCH, transfer_function([1.0, 20.0], [0.001, 1.0]), series("lead")),
+])  # fmt: skip
+def test_the_poles_are_those_of_the_motion(parts):
+    """Of a servo whose dry friction is one number, while it slips: eigenvalues of its field's Jacobian."""
+    loop = Loop(parts, {"gain": 0.1, "static": 0.4, "coulomb": 0.4})
+    system = loop.system
+    mode = next(mode for mode in system.vector_form.modes.values() if mode.flow is None)
+    x, p = ca.SX.sym("x", len(system.states)), ca.SX.sym("p", len(system.parameters))
+    slope = ca.Function("slope", [x, p], [ca.jacobian(mode.field(x, p, mode.sign), x)])
+    A = np.array(slope(np.full(len(system.states), 0.1), system.values(None)))
+    poles, truth = open_loop_of_parts(loop).poles, list(np.linalg.eigvals(A))
+    for pole in poles:  # each is one of them
+        nearest = min(truth, key=lambda other: abs(other - pole))
+        assert pole == pytest.approx(nearest, rel=1e-6, abs=1e-6)
+        truth.remove(nearest)
+    assert not truth
 
 
 def belt(random):
