@@ -50,6 +50,8 @@ STILL_ALIVE = 1e-3
 """Part of its largest value that is the least size of a state."""
 PUSHED_OFF = 1e-3
 """Part of a state by which a motion is pushed off a cycle that it has been on from its start, by no more than that."""
+LOPSIDED_BY = 0.01
+"""Part of a swing by which it lies to one side of the set point, above which both its ends are told."""
 OTHERWISE_BY = 2 * LEFT_OF_A_SWING
 """Relative difference of the amplitudes at which two motions hunt in different cycles: of the second one nothing more
 than this is asked."""
@@ -195,7 +197,11 @@ def _said(found: Fate) -> str:
     if not found.pattern:
         return f"hunts irregularly, {ranges(found)[0]}, {lasted}"
     how = "" if found.pattern <= 2 else f", after a pattern of {found.pattern} swings"
-    return f"hunts: its swings repeat{how}, by {quantity(found.swing.amplitude, 'rad')} to either side, {lasted}"
+    low, high = (end(turns[-1 - found.pattern : -1]) for end in (np.min, np.max))
+    far = f"by {quantity(found.swing.amplitude, 'rad')} to either side"
+    if abs(high + low) > LOPSIDED_BY * (high - low):
+        far = f"from {quantity(float(low), 'rad')} to {quantity(float(high), 'rad')} beside the set point"
+    return f"hunts: its swings repeat{how}, {far}, {lasted}"
 
 
 def ranges(found: Fate) -> tuple[str, tuple[float, float], tuple[float, float]]:

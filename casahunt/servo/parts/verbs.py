@@ -295,6 +295,26 @@ def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> SystemOrbit | HuntsIr
     return None
 
 
+def stable_up_to(loop: Loop, fold: Fold[SystemOrbit]) -> float | None:
+    """The last value of the parameter, on the way to a fold, at which the cycle that ends there is stable: the fold's
+    own, or where it has lost its stability for good; None where that is not known."""
+    name, rough = fold.parameter, Options(tol=TOLERANCE_ON_THE_WAY)
+    try:
+        with effort.at_most(WORK_OF_A_START):
+            cycle = loop_cycle(loop, name, options=rough, or_below=name == "gain")
+            branch = follow(cycle, name, to=beyond_fold(fold), options=rough, until=lambda each: each.kind == FOLD.kind)
+    except (NoOrbit, effort.PartGivenUp):
+        return None
+    number = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
+    special = [(number.get(id(each.behind), -1), each) for each in branch.special]
+    ends = next((k for k, each in special if each.kind == FOLD.kind), None)
+    stable = [k for k, orbit in enumerate(branch.orbits[: (ends or 0) + 1]) if orbit.seen_stable]
+    if ends is None or not stable:
+        return None
+    lost = next((each for k, each in special if k >= stable[-1]), None)
+    return fold.value if stable[-1] == ends or lost is None or lost.kind == FOLD.kind else lost.value
+
+
 def beyond_fold(fold: Fold[SystemOrbit]) -> float:
     """The value of the parameter at which `hunting_beyond` looks."""
     return fold.value + fold.sense * BESIDE_A_FOLD * abs(fold.orbit.problem.unit(fold.parameter))

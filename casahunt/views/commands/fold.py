@@ -2,7 +2,8 @@
 
 Key `stable` of the JSON object: see views/answers/fold.py; `as_built`: as of orbit; `beyond`: what the drive may do at
 higher gains, or null.  Of a loop of parts: the border of hunting in any parameter; `parameters` are those at the fold,
-`way` is "up" where the loop hunts below it; `other` what hunts a little beyond it all the same, or null.
+`way` is "up" where the loop hunts below it; `other` what hunts a little beyond it all the same, or null; `stable.value`
+the last one in front of it at which the cycle is stable, or null.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ...design.sensitivity import fold_sensitivities
 from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.parts.table import unit_of
-from ...servo.parts.verbs import beyond_fold, hunting_beyond
+from ...servo.parts.verbs import beyond_fold, hunting_beyond, stable_up_to
 from ..answers.answer import angle, called, item, parts_of, record_of, short
 from ..answers.fold import fold_answer, stability_of
 from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
@@ -35,6 +36,19 @@ def add(commands: Any) -> None:
     add_solver(command)
 
 
+def _up_to(fold: Any, way: str, last: float | None) -> str:
+    """Up to where motions end in the cycle of a loop that folds."""
+    vary = fold.parameter
+    if last is None:
+        return f"{way} to which {vary} motions end in a cycle is not known: casahunt simulate looks at one"
+    if last == fold.value:
+        return f"{way} to that {vary} motions end in a cycle"
+    at = f"{way} to {short(last)} {unit_of(vary)}".rstrip()
+    leave = f"{at} motions end in that cycle, from there on they leave it"
+    at_last = ": casahunt remedies --only gain says where hunting ends" if vary == "gain" else ""
+    return f"{leave}, and may rest or end in another one{at_last}"
+
+
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model, how, vary = model_of(options), how_of(options), vary_of(options)
@@ -48,9 +62,11 @@ def run(options: argparse.Namespace) -> int:
         below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
         more |= {"stable": stable, **built}
     else:
-        name, way, stable, below = called(loop), "up" if fold.sense > 0 else "down", None, parts_of(loop)
+        name, way, stable = called(loop), "up" if fold.sense > 0 else "down", None
+        last = stable_up_to(loop, fold)
+        below = [item("it hunts", _up_to(fold, way, last)), *parts_of(loop)]
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
-        more |= {"way": way, **record_of(loop.replace(**{vary: fold.value})), "other": None}
+        more |= {"way": way, "stable": {"value": last}, **record_of(loop.replace(**{vary: fold.value})), "other": None}
         if (other := hunting_beyond(loop, fold)) is not None:
             at, possible = beyond_fold(fold), "the hunting that was followed goes"
             more["other"] = {vary: at, "amplitude": other.amplitude}
