@@ -147,6 +147,15 @@ def test_values_with_units_on_the_command_line(capsys):
     assert (code, out) == (2, "") and "must be in rad" in err and "the axis is rotary" in err
 
 
+@pytest.mark.parametrize("encoder", [("--encoder", "2 um"), ("--set", "drive.encoder=2 um")])
+def test_the_drive_of_a_linear_axis_is_changed_on_the_command_line(capsys, encoder):
+    """A count was read twice, and refused as one of a turn; of a sample time only the number was taken."""
+    words = ("--gain", "1", "--time", "0.02", "--sample-time", "0.5 ms", "--delay", "0.1 ms", "--json")
+    found = one_json(run(capsys, "simulate", "problems/ball_screw.toml", *words, *encoder)[1])["drive"]
+    assert 2 * math.pi / found["encoder"] == pytest.approx(2e-6, rel=1e-12)
+    assert (found["sample_time"], found["delay"]) == pytest.approx((0.5e-3, 0.1e-3), rel=1e-12)
+
+
 def test_where_no_step_is_stated_it_is_one_unit_of_length():
     """Not a metre: the force with which it begins is kp times a millimetre, 240 N/mm."""
     servo = load(TOML)

@@ -247,7 +247,8 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
         options.continuous = True
         say(stream, f"the loop is taken as a continuous one: {dropped} left out")
         return None
-    return drive_of_table(table, shown(), **numbers) if table or numbers else None
+    stated = {key: given[key] if with_its_unit(given[key]) else value for key, value in numbers.items()}
+    return drive_of_table(table, shown(), **stated) if table or stated else None
 
 
 def shown_as_the_file_says(options: argparse.Namespace) -> None:

@@ -28,9 +28,10 @@ from typing import Any
 import numpy as np
 
 from ... import effort
+from ...axis_units import shown
 from ...checks import error_text, moderate
 from ...errors import InputError
-from ...servo.drive import DERIVATIVES, DRIVE_KEYS, INTEGRATIONS, SHARES
+from ...servo.drive import DERIVATIVES, DRIVE_KEYS, INTEGRATIONS, SHARES, drive_value
 from ...servo.friction import Model
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.parts.loop import Loop
@@ -177,11 +178,11 @@ def remedies_given(options: argparse.Namespace) -> dict[str, float]:
     given = {key: text for key in (*DRIVE_PARTS.values(), *SHARES) if (text := getattr(options, key)) is not None}
     if options.sample_time is None and (not given or drive_of(options) is not None):
         return {}
-    if options.sample_time is not None and finite("sample-time", options.sample_time) != 0:
+    if options.sample_time is not None and finite("sample-time", options.sample_time, "s") != 0:
         return {}
     why = "it is of the loop as built, and without a sample time the loop is a continuous one"
     left_out(options, why, *OF_DRIVE_ALONE)
-    numbers = {key: finite(key.replace("_", "-"), text) for key, text in given.items()}
+    numbers = {key: finite(key.replace("_", "-"), drive_value(key, text, shown())) for key, text in given.items()}
     for key in given:
         setattr(options, key, None)
     return numbers
