@@ -58,6 +58,7 @@ _OF_PARTS = {
     "hysteresis": "rad",
     "error_dead_band": "rad",
     "dither": "rad/s",
+    **dict.fromkeys(("lead_zero", "lead_pole", "notch_frequency", "low_pass", "filter_frequency"), "1/s"),
 }
 """Of parameters of parts that no plain servo has, and of keys of a drive."""
 _GAINS = {

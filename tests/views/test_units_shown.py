@@ -14,8 +14,10 @@ from command_line import one_json, run
 from casahunt import (
     Demands,
     Drive,
+    InputError,
     NoOrbit,
     Options,
+    Servo,
     Units,
     basin,
     find_fold,
@@ -31,6 +33,8 @@ from casahunt import (
 )
 from casahunt.axis_units import shown
 from casahunt.quantities import in_si
+from casahunt.servo.parts import loop_of, series
+from casahunt.servo.units import value_of
 from problems.ball_screw import BY_HAND, TOML
 
 QUICK = {
@@ -154,6 +158,13 @@ def test_the_drive_of_a_linear_axis_is_changed_on_the_command_line(capsys, encod
     found = one_json(run(capsys, "simulate", "problems/ball_screw.toml", *words, *encoder)[1])["drive"]
     assert 2 * math.pi / found["encoder"] == pytest.approx(2e-6, rel=1e-12)
     assert (found["sample_time"], found["delay"]) == pytest.approx((0.5e-3, 0.1e-3), rel=1e-12)
+
+
+def test_a_frequency_of_a_filter_has_its_unit():
+    loop = loop_of(Servo(), "switch", 0.1).with_parts(series("low-pass", "notch"))
+    assert loop.replace(low_pass=value_of("low_pass", "0.8 1/ms", loop.units)).value("low_pass") == pytest.approx(800)
+    with pytest.raises(InputError, match="low_pass = '800 rad/s': must be in 1/s"):
+        value_of("low_pass", "800 rad/s", loop.units)
 
 
 def test_where_no_step_is_stated_it_is_one_unit_of_length():
