@@ -363,9 +363,9 @@ class Controller:
 
     def stays_within(self, low: float, high: float, ringing: Ringing | None = None) -> bool:
         """Whether u stays between two limits for ever if the reading stays, or rings on."""
-        rings = ringing is not None and ringing.parts.size > 0
-        last_read, z, rates = ringing if ringing is not None and rings else (self.a, *np.zeros((2, 0)))
-        if rings and (self.waits or not self._compiled.by_readings):
+        reading = ringing or Ringing(self.a, *np.zeros((2, 0)))
+        last_read, z, rates = reading
+        if z.size and (self.waits or not self._compiled.by_readings):
             return False
         at = self.modes, rates.tobytes()
         if at not in self._directions:
@@ -373,46 +373,48 @@ class Controller:
         if (known := self._directions[at]) is None:
             return False
         factors, directions, inverse, row = known
-        more = (np.array([self.a]), z) if rings else ()
-        self._out_at(np.zeros(self.Y.size), last_read, 0.0 if rings else self.a)
-        driven = (self._out[0], [last_read], np.zeros(z.size)) if rings else (self._out[0],)
-        # along each direction, and what it is driven by
-        there, drive = inverse @ np.concatenate([self.Y, *more]), inverse @ np.concatenate(driven)
+        Z = np.concatenate([self.Y, [self.a], z])[: factors.size]
+        from_zero = self._out_at(np.zeros(self.Y.size), last_read, 0.0 if z.size else self.a)[0]
+        driven = np.concatenate([from_zero, [last_read], 0 * z])[: factors.size]
+        there, drive = inverse @ Z, inverse @ driven  # along each direction, and what it is driven by
         stays = factors == 1
         if np.any(stays & (np.abs(drive) > ONCE_MORE * np.abs(drive).max())):
             return False
-        self._out_at(self.Y, last_read + float(np.real(z.sum())), self.a)
-        now, events = float(self._out[1][0]), self._out[2].copy()
+        now = float(self._out_at(self.Y, reading.now, self.a)[1][0])
         last = np.where(stays, there, drive / np.where(stays, 1, 1 - factors))
         dies = (row @ directions) * (there - last)
         lasting = (np.abs(factors) >= 1) & ~stays & (np.abs(dies) > 0)
-        most = float(np.abs(z).sum())
-        readings = {last_read - most, last_read + most}
-        Y_last = np.real(directions @ last)[: self.Y.size]
-        if lasting.any() or not self._same_modes(Y_last, events, readings):
+        if lasting.any() or not self._same_modes(np.real(directions @ last)[: self.Y.size], reading):
             return False
         one_way = (np.imag(factors) == 0) & (np.real(factors) >= 0)
         parts, steady = np.real(dies), now - float(np.real(dies.sum()))
         up = float(np.where(one_way, np.maximum(parts, 0), np.abs(dies)).sum())
         down = float(np.where(one_way, np.minimum(parts, 0), -np.abs(dies)).sum())
         ends = steady + down, steady + up
-        least, largest = map(self._to_step, ends) if self.step else ends
-        return low <= least and largest <= high
+        least, most = map(self._to_step, ends) if self.step else ends
+        return low <= least and most <= high
 
-    def _out_at(self, Y: Array, a: float, a_last: float) -> None:
-        """Fill `_out`."""
+    def _out_at(self, Y: Array, a: float, a_last: float) -> Any:
+        """What a sample gives that does not move."""
         self._from[:], self._read[:], self._p[:] = Y, (a, a_last, 0.0, 0.0), self.p
         self._run()
+        return self._out
 
-    def _same_modes(self, last: Array, events: Array, readings: Collection[float]) -> bool:
-        """Whether no event is met on the way to the last Y: it is there already, as far as events see it at any two
-        of these readings, one after the other."""
-        settled = EVENTS_SETTLED * np.maximum(np.abs(events), 1)
-        for a, a_last in product(readings, repeat=2) if events.size else ():
-            self._out_at(last, a, a_last)
-            if np.any(np.abs(self._out[2] - events) > settled):
-                return False
-        return True
+    def _same_modes(self, last: Array, reading: Ringing) -> bool:
+        """Whether no event is met on the way to the last Y: it is there already, as far as events see it.
+
+        Of a reading that rings events, convex or concave, differ at its ends from what they are where it goes to by
+        less than these are from being met, and so in between.
+        """
+        to = reading.last
+        there, now = (self._out_at(Y, to, to)[2].copy() for Y in (last, self.Y))
+        settled = bool(np.all(np.abs(there - now) <= EVENTS_SETTLED * np.maximum(np.abs(now), 1)))
+        if not (settled and reading.parts.size):
+            return settled
+        seen = [self._out_at(last, *two)[2].copy() for two in product((reading.least, reading.most), repeat=2)]
+        seen.append(self._out_at(self.Y, reading.now, self.a)[2].copy())
+        away = np.all(np.abs(np.array(seen) - there) < np.abs(there) - ON_ITS_EDGE)
+        return bool(away) and self._ends(there[None], np.zeros(1)) == 1
 
     def _to_step(self, u: float) -> float:
         return self.step * math.floor(u / self.step + 0.5)

@@ -111,6 +111,11 @@ class Ringing(NamedTuple):
     rates: Array
 
     @property
+    def now(self) -> float:
+        """x(0)."""
+        return self.last + float(np.real(self.parts.sum()))
+
+    @property
     def least(self) -> float:
         """What x(t) is never below."""
         return self.last - float(np.abs(self.parts).sum())
