@@ -16,7 +16,9 @@ angle has changed its sign behind "centre"; an event that is crossed either way 
 States jump from what they were at the last sample.  The torque goes out to the nearest multiple of `quantise_torque`.
 
 While the reading stays, nothing but c moves, as long as no mode ends by one linear map: whole sticks are one array.
-The torque stays between limits for ever where the map's steady torque and all of what dies out of it are.
+The torque stays between limits for ever where the map's steady torque and all of what dies out of it are.  So it does
+where the reading rings on as what is left alone does, r + sum of z_j, z_j -> exp(lambda_j T) z_j: the last reading and
+the z_j are more of what the map takes on.
 
 Symbols: T sample time, q count, Y = (c, e, z) with z what is integrated.
 """
@@ -25,6 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from itertools import product
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -37,6 +40,7 @@ from ..drive import Drive
 from ..parts.loop import Loop
 from ..parts.part import Edge, Function, Part, PartMode
 from ..parts.wiring import Numbers, Signals, Wiring
+from .steps import Ringing
 
 Array = np.ndarray
 Modes = tuple[PartMode, ...]
@@ -81,12 +85,14 @@ def _integrand(x: Any, s: Any, p: Any) -> Any:
 
 
 class Sample(NamedTuple):
-    """One sample in some modes, compiled: (Y, readings, p) -> Y', torque, events; many in a row; the map's matrices."""
+    """One sample in some modes, compiled: (Y, readings, p) -> Y', torque, events; many in a row; the map's matrices,
+    by Y, the reading and the last one; whether it is linear in these two as well, and knows no other."""
 
     step: ca.Function
     one: Caller
     many: tuple[Caller, ...]
     linear: Caller | None
+    by_readings: bool
     edges: tuple[tuple[int, Edge, float], ...]
 
 
@@ -159,12 +165,15 @@ def sample_of(parts: tuple[Part, ...], modes: Modes, numbers: tuple[str, ...]) -
         inputs = [ca.MX.sym("Y", n + 2), ca.MX.sym("read", len(READ)), ca.MX.sym("p", p.numel())]
         row = step.mapaccum("samples", count)(inputs[0], *(ca.repmat(each, 1, count) for each in inputs[1:]))
         many.append(caller(ca.Function("samples", inputs, row), sizes, [(count, size) for size in shapes]))
-    matrix, row = ca.jacobian(after, Y), ca.jacobian(out[1], Y)
-    linear = None
-    if not ca.depends_on(ca.vertcat(*matrix.nonzeros(), *row.nonzeros(), p[0]), Y):
+    known = ca.vertcat(Y, read[:2])
+    matrix, row = ca.jacobian(after, known), ca.jacobian(out[1], known)
+    slopes = ca.vertcat(*matrix.nonzeros(), *row.nonzeros(), p[0])
+    by_Y = ca.vertcat(*matrix[:, : n + 2].nonzeros(), *row[: n + 2].nonzeros(), p[0])
+    linear, by_readings = None, not (ca.depends_on(slopes, known) or ca.depends_on(ca.vertcat(*out), read[2:]))
+    if not ca.depends_on(by_Y, Y):
         function = ca.Function("linear", [Y, read, p], [ca.densify(matrix.T), ca.densify(row)])
-        linear = caller(function, sizes, [(n + 2, n + 2), n + 2])
-    return Sample(step, caller(step, sizes, shapes), tuple(many), linear, edges)
+        linear = caller(function, sizes, [(n + 2, n + 4), n + 4])
+    return Sample(step, caller(step, sizes, shapes), tuple(many), linear, by_readings, edges)
 
 
 def numbers_of(loop: Loop, drive: Drive) -> dict[str, float]:
@@ -188,7 +197,7 @@ class Controller:
         self._numbers, self.p = tuple(loop.parameters), np.array(list(self._own.values()))
         self.a, self.moved = self.reading(x), False
         self._sides = dict[str, float]()
-        self._directions = dict[Modes, tuple[Array, Array, Array, Array] | None]()
+        self._directions = dict[tuple[Modes, bytes], tuple[Array, Array, Array, Array] | None]()
         self._waited = {name for part in parts for name in (*part.upon, *part.follows)}
         self.waits = bool(self._waited)
         self.Y = np.array([start.get(name, 0.0) for name in self.names] + [0.0, 0.0])
@@ -296,13 +305,14 @@ class Controller:
         """Its sample in the present modes."""
         return self._compiled
 
-    def stays(self, x: float) -> bool:
-        """Whether the next sample reads what the last one did, and the one before."""
-        return not self.moved and self.reading(x) == self.a
+    def stays(self, *positions: float) -> bool:
+        """Whether the next sample reads what the last one did, and the one before, at each theta - theta_d."""
+        return not self.moved and all(self.reading(x) == self.a for x in positions)
 
-    def _directions_of_the_map(self) -> tuple[Array, Array, Array, Array] | None:
-        """(factors, directions, their inverse, row of u) of Y -> M Y + c in these modes while the reading stays; None
-        where that is not linear, or its directions are nearly dependent."""
+    def _directions_of_the_map(self, rates: Array) -> tuple[Array, Array, Array, Array] | None:
+        """(factors, directions, their inverse, row of u) of Y -> M Y + c in these modes while the reading stays, or of
+        (Y, last reading, z) while it rings at these rates; None where that is not linear, or its directions are nearly
+        dependent."""
         if self._compiled.linear is None:
             return None
         buffers = self._compiled.linear.buffers
@@ -310,11 +320,19 @@ class Controller:
             store[:] = value
         buffers.trigger()
         _check_finite(float(buffers.outputs[0].sum()))
-        factors, directions = np.linalg.eig(buffers.outputs[0])
+        by_Y, by_reading, by_last = np.split(np.vstack(buffers.outputs), [self.Y.size, self.Y.size + 1], axis=1)
+        M, row = by_Y[:-1], by_Y[-1]
+        if rates.size:
+            n, m = self.Y.size, rates.size
+            ring, ones = np.diag(np.exp(self.T * rates)), np.ones((1, m))
+            M = np.block([[M, by_last[:-1], by_reading[:-1] * ones],
+                          [np.zeros((1, n + 1)), ones], [np.zeros((m, n + 1)), ring]])  # fmt: skip
+            row = np.concatenate([row, by_last[-1], by_reading[-1] * ones[0]])
+        factors, directions = np.linalg.eig(M)
         if np.linalg.cond(directions) > MAP_CONDITION:
             return None
         factors = np.where(np.abs(factors - 1) <= ONCE_MORE, 1.0, factors)
-        return factors, directions, np.linalg.inv(directions), buffers.outputs[1].copy()
+        return factors, directions, np.linalg.inv(directions), row
 
     def ahead(self, before: int) -> tuple[Array, Array, bool]:
         """(count, n + 2) Y and (count,) u of the next samples if the reading stays, as long as no mode ends; whether
@@ -343,26 +361,30 @@ class Controller:
             count = min(count, int(ends[0])) if ends.size else count
         return count
 
-    def stays_within(self, low: float, high: float) -> bool:
-        """Whether u stays between two limits for ever if the reading stays."""
-        if self.modes not in self._directions:
-            self._directions[self.modes] = self._directions_of_the_map()
-        if (known := self._directions[self.modes]) is None:
+    def stays_within(self, low: float, high: float, ringing: Ringing | None = None) -> bool:
+        """Whether u stays between two limits for ever if the reading stays, or rings on."""
+        reading = ringing or Ringing(self.a, *np.zeros((2, 0)))
+        last_read, z, rates = reading
+        if z.size and (self.waits or not self._compiled.by_readings):
+            return False
+        at = self.modes, rates.tobytes()
+        if at not in self._directions:
+            self._directions[at] = self._directions_of_the_map(rates)
+        if (known := self._directions[at]) is None:
             return False
         factors, directions, inverse, row = known
-        self._from[:], self._read[:], self._p[:] = 0.0, (self.a, self.a, 0.0, 0.0), self.p
-        self._run()
-        there, drive = inverse @ self.Y, inverse @ self._out[0]  # along each direction, and what it is driven by
+        Z = np.concatenate([self.Y, [self.a], z])[: factors.size]
+        from_zero = self._out_at(np.zeros(self.Y.size), last_read, 0.0 if z.size else self.a)[0]
+        driven = np.concatenate([from_zero, [last_read], 0 * z])[: factors.size]
+        there, drive = inverse @ Z, inverse @ driven  # along each direction, and what it is driven by
         stays = factors == 1
         if np.any(stays & (np.abs(drive) > ONCE_MORE * np.abs(drive).max())):
             return False
-        self._from[:] = self.Y
-        self._run()
-        now, events = float(self._out[1][0]), self._out[2].copy()
+        now = float(self._out_at(self.Y, reading.now, self.a)[1][0])
         last = np.where(stays, there, drive / np.where(stays, 1, 1 - factors))
         dies = (row @ directions) * (there - last)
         lasting = (np.abs(factors) >= 1) & ~stays & (np.abs(dies) > 0)
-        if lasting.any() or not self._same_modes(np.real(directions @ last), events):
+        if lasting.any() or not self._same_modes(np.real(directions @ last)[: self.Y.size], reading):
             return False
         one_way = (np.imag(factors) == 0) & (np.real(factors) >= 0)
         parts, steady = np.real(dies), now - float(np.real(dies.sum()))
@@ -372,13 +394,27 @@ class Controller:
         least, most = map(self._to_step, ends) if self.step else ends
         return low <= least and most <= high
 
-    def _same_modes(self, last: Array, events: Array) -> bool:
-        """Whether no event is met on the way to the last Y: it is there already, as far as events see it."""
-        if not events.size:
-            return True
-        self._from[:] = last
+    def _out_at(self, Y: Array, a: float, a_last: float) -> Any:
+        """What a sample gives that does not move."""
+        self._from[:], self._read[:], self._p[:] = Y, (a, a_last, 0.0, 0.0), self.p
         self._run()
-        return bool(np.all(np.abs(self._out[2] - events) <= EVENTS_SETTLED * np.maximum(np.abs(events), 1)))
+        return self._out
+
+    def _same_modes(self, last: Array, reading: Ringing) -> bool:
+        """Whether no event is met on the way to the last Y: it is there already, as far as events see it.
+
+        Of a reading that rings events, convex or concave, differ at its ends from what they are where it goes to by
+        less than these are from being met, and so in between.
+        """
+        to = reading.last
+        there, now = (self._out_at(Y, to, to)[2].copy() for Y in (last, self.Y))
+        settled = bool(np.all(np.abs(there - now) <= EVENTS_SETTLED * np.maximum(np.abs(now), 1)))
+        if not (settled and reading.parts.size):
+            return settled
+        seen = [self._out_at(last, *two)[2].copy() for two in product((reading.least, reading.most), repeat=2)]
+        seen.append(self._out_at(self.Y, reading.now, self.a)[2].copy())
+        away = np.all(np.abs(np.array(seen) - there) < np.abs(there) - ON_ITS_EDGE)
+        return bool(away) and self._ends(there[None], np.zeros(1)) == 1
 
     def _to_step(self, u: float) -> float:
         return self.step * math.floor(u / self.step + 0.5)

@@ -6,9 +6,10 @@ At t_k = k T the controller reads an angle and forms a torque u_k (controller.py
 
 Where the torque moves nothing of the plant, and the reading stays, all samples up to a breakaway or a new mode of the
 controller are one array.  The loop rests for ever, and that is a proof, where so it is and the torques on their way and
-all that the controller can still ask for leave it there.  Readings with noise never stay: each stick is followed by its
-samples, and what is known at its end are the torques between which it stays stuck.  LuGre friction never sticks: it is
-followed by its samples, as slips are, some in a row.
+all that the controller can still ask for leave it there.  A load that is read and rings down leaves the reading where
+it is when all of its ringing is within one count; without an encoder the ringing is part of the controller's map.
+Readings with noise never stay: each stick is followed by its samples, and what is known at its end are the torques
+between which it stays stuck.  LuGre friction never sticks: it is followed by its samples, as slips are, some in a row.
 
 Symbols: T sample time [s], u, m torques [N m].
 
@@ -42,6 +43,8 @@ MOST_SINGLE = 15
 """Samples that are taken one by one at most where rows are tried in vain, before the next one is."""
 TRIED_AT_ONCE = 4, 24
 """Samples that are tried at once: behind what ended a mode, and then."""
+ASKED_AGAIN = 100
+"""Samples after which it is asked again whether it rests for ever, while what is read rings on."""
 
 
 def in_a_row(plant: Plant, controller: Controller, seen: int, waiting: int, parted: bool) -> tuple[Caller, ...]:
@@ -165,16 +168,19 @@ class SampledLoop:
         k, rests_from = 0, -1
         effort.motion_begins()
         effort.at(lambda: f"followed to sample {k} of {samples}")
-        few, single, wait = True, 0, 0
+        few, single, wait, asked_at = True, 0, 0, -ASKED_AGAIN
         while k < samples and abs(self.x) <= farthest:
-            stays = not noisy and (wait == 0 or self.plant.still) and self.controller.stays(self.x)
-            if stays and self.plant.left_alone(self._seen):
+            asked = not noisy and rests_from < 0 and (wait == 0 or self.plant.still) and self.plant.left_alone
+            ringing = self.plant.ringing(self._seen) if asked else None
+            if ringing is not None and self.controller.stays(self.x, ringing.least, ringing.most):
                 if self.rests():
                     rests_from, k = k, self._stuck(k, samples, for_ever=True)
                     break
                 k = self._stuck(k, samples)
                 if k == samples:
                     break
+            elif ringing is not None and not self.controller.q and k >= asked_at + ASKED_AGAIN:
+                rests_from, asked_at = k if self.rests() else -1, k
             if wait > 0:
                 wait -= 1
             elif not self.plant.still and (taken := self._row(k, samples, few)) > 0:
@@ -186,7 +192,7 @@ class SampledLoop:
             k, few = k + 1, True
         self._keep(k)
         held = math.nan, math.nan
-        if self.plant.left_alone(self._seen):
+        if self.plant.left_alone:
             _, lows, highs = self.plant.ahead(self.T, 1)
             held = float(lows[0]), float(highs[0])
         return Sampled(self.names, self.states[: k + 1].T, self.torque[:k], np.array(stops), rests_from, held)
@@ -241,10 +247,13 @@ class SampledLoop:
         return count
 
     def rests(self) -> bool:
-        """Whether a loop that is left alone rests for ever, but for what dies out."""
+        """Whether a loop that is left alone rests for ever, but for what dies out: its counts stay, or it has none."""
         _, lows, highs = self.plant.ahead(self.T, 1)
         low, high = float(lows[0]), float(highs[0])
-        return low <= min(self.waiting) <= max(self.waiting) <= high and self.controller.stays_within(low, high)
+        if (ringing := self.plant.ringing(self._seen)) is None:
+            return False
+        holds = low <= min(self.waiting) <= max(self.waiting) <= high
+        return holds and self.controller.stays_within(low, high, None if self.controller.q else ringing)
 
     def _stuck(self, k: int, samples: int, for_ever: bool = False) -> int:
         """Go on to the sample in which the mode ends or the controller changes, or to the last one; returns which."""

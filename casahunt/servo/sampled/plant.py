@@ -34,7 +34,7 @@ from ..parts.lugre import LUGRE
 from ..parts.part import Function, Part
 from ..parts.table import remedy_of, with_remedy
 from ..parts.wiring import UNGIVEN
-from .steps import LAST_COEFFICIENTS, LEAST_SIZE, POWERS_OF_A_STEP, STEP_ORDER, PlantMode
+from .steps import LAST_COEFFICIENTS, LEAST_SIZE, POWERS_OF_A_STEP, RATE_ROUNDED, STEP_ORDER, PlantMode, Ringing
 
 ON_ITS_ZERO, ROUNDED_SLOPE = 1e-14, 1e-9
 """A polynomial, of order one, that is so near to zero at its start begins on it; its slope there, as a part of its
@@ -219,12 +219,22 @@ class Plant:
     def _state(self) -> dict[str, float]:
         return dict(zip(self.names, self.x.tolist(), strict=True))
 
-    def left_alone(self, seen: int) -> bool:
-        """Whether the torque moves nothing, what is read stays, and all else dies out, as long as the mode lasts."""
-        mode, dying = self._mode, self._mode.dying
-        if mode.still or dying is None:
-            return mode.still
-        return not (dying.A[:, self.held].any() or dying.A[seen].any() or dying.b[seen])
+    @property
+    def left_alone(self) -> bool:
+        """Whether the torque moves nothing, and what moves dies out, as long as the mode lasts."""
+        mode = self._mode
+        return mode.still or (mode.dying is not None and not mode.dying.A[:, self.held].any())
+
+    def ringing(self, seen: int) -> Ringing | None:
+        """Of what is read where it is left alone; None where that rings on for ever."""
+        dying = self._mode.dying
+        if self._mode.still or dying is None or not (dying.A[seen].any() or dying.b[seen]):
+            return Ringing(float(self.x[seen]), np.zeros(0), np.zeros(0))
+        rings = (dying.factors != 0) & (dying.directions[seen] != 0)
+        parts, rates = (dying.directions[seen] * dying.left(self.x))[rings], dying.factors[rings]
+        if np.any(np.real(rates) >= -RATE_ROUNDED * np.abs(dying.factors).max()):
+            return None
+        return Ringing(float(self.x[seen] - np.real(parts.sum())), parts, rates)
 
     def ahead(self, T: float, count: int) -> tuple[Array, Array, Array]:
         """Where it is left alone: (count, n) the states after T, 2 T, ...; (2, count) the torques between which the

@@ -103,6 +103,29 @@ class Dying(NamedTuple):
         return np.where(moves, self.inverse @ x + self.drive / np.where(moves, self.factors, 1), 0)
 
 
+class Ringing(NamedTuple):
+    """What is read of a plant that is left alone: x(t) = last + sum of parts exp(rates t)."""
+
+    last: float
+    parts: Array
+    rates: Array
+
+    @property
+    def now(self) -> float:
+        """x(0)."""
+        return self.last + float(np.real(self.parts.sum()))
+
+    @property
+    def least(self) -> float:
+        """What x(t) is never below."""
+        return self.last - float(np.abs(self.parts).sum())
+
+    @property
+    def most(self) -> float:
+        """What x(t) is never above."""
+        return self.last + float(np.abs(self.parts).sum())
+
+
 class PlantMode:
     """A mode of a plant at its numbers."""
 
