@@ -10,6 +10,7 @@ from typing import Any
 from ...axis_units import label, quantity, several, shown, word
 from ...results import tables_of
 from ...servo.equilibria import PROVES, Equilibria, equilibria
+from ...servo.parts.loop import breakaway_of
 from ..answers.answer import Answer, angle, at_gain, called, item, parts_of, record_of, short
 from .arguments import add_command, asked_of
 from .output import give
@@ -111,9 +112,10 @@ def _details(found: Equilibria) -> Iterator[str]:
     if math.isfinite(max(found.position_limits)):
         below, above = (quantity(limit, "rad", ".10g") for limit in found.position_limits)
         up_to = f"|x1| <= {above}" if _alike(*found.position_limits) else f"-{below} <= x1 <= {above}"
-        wound_up = "nothing but the load's part wound up" if _carries_a_load(found) else "nothing wound up"
-        held = "|m| <= Fs" if wound_up == "nothing wound up" else "|m - load| <= Fs"
-        yield item("stick region", f"x2 = 0, {held}: with {wound_up} {up_to}")
+        m, nothing = ("m - load", "nothing but for the load") if _carries_a_load(found) else ("m", "nothing")
+        forward, back = breakaway_of(found.loop)
+        held = f"|{m}| <= Fs" if forward == back else f"-{back:.10g} <= {m} <= {forward:.10g} N m"
+        yield item("stick region", f"x2 = 0, {held}: with {nothing} wound up {up_to}")
         yield item("elsewhere in it", "something goes on until the servo breaks away, after a finite time, or rests")
     linear = "is not linear" if found.linear_stable is None else "is stable" if found.linear_stable else "is unstable"
     yield item("linear loop", f"without dry friction it {linear}")
