@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from casahunt import basin, cli, equilibria, linear_loop, margins
+from casahunt import Drive, basin, cli, equilibria, linear_loop, margins, simulate_sampled
+from casahunt.design.tune.demands import cost_of
+from casahunt.design.tune.parts_set import parts_box
 from casahunt.servo.basin import let_go, pull_on
+from casahunt.servo.linear.sampled_loop import Lag
 from casahunt.servo.parts import (
     BY_DIRECTION,
     CLAMPING,
@@ -18,12 +21,14 @@ from casahunt.servo.parts import (
     INTEGRATOR,
     LEAK,
     LOADS,
+    LUGRE,
     PID_BY_TIMES,
     SWITCH,
     Loop,
     series,
     transfer_function,
 )
+from casahunt.views.explore.numbers import friction_curve
 
 J, VS, TAU = 0.026, 0.02, 1 / (2 * math.pi)
 LOPSIDED = {"static": 0.53, "static_back": 0.5, "coulomb": 0.44, "coulomb_back": 0.42, "viscous": 0.1,
@@ -192,6 +197,7 @@ def test_the_linear_loop_of_each_direction(tmp_path, capsys):
     for values in ({"viscous": 0.0, "viscous_back": 0.2}, {"viscous": 0.2, "viscous_back": 0.0}):
         one_way = axis(gain=0.01, **values)
         assert equilibria(one_way).linear_stable is False and not margins(one_way).stable
+        assert math.isnan(margins(one_way).lowest_factor) and math.isnan(margins(one_way).highest_factor)
     path = tmp_path / "axis.toml"
     path.write_text('[loop]\nparts = ["one inertia", "Switch friction by direction", "PID by times", "integrator"]\n'
                     "[values]\ngain = 0.1\nviscous_back = 0.13\n[drive]\nsample_time = 0.002\n")  # fmt: skip
@@ -202,3 +208,36 @@ def test_the_linear_loop_of_each_direction(tmp_path, capsys):
     assert cli.main(["loop", str(path)]) == 0
     answer = " ".join(capsys.readouterr().out.split())
     assert all(f"viscous friction of a motion {way}: stable" in answer for way in roots)
+
+
+def test_the_friction_curve_of_the_page_has_both_directions():
+    """Seen from the other side it is turned round."""
+    one, other = (friction_curve(axis(**each).parameters) for each in (LOPSIDED, mirrored(LOPSIDED)))
+    assert [-F for F in other["torque"][::-1]] == one["torque"]
+    v, F = np.array(one["velocity"]), np.array(one["torque"])
+    back = v < 0
+    assert F[back] == pytest.approx(-0.42 - 0.08 * np.exp(-((v[back] / VS) ** 2)) + 0.13 * v[back], rel=1e-3)
+
+
+def test_a_bristle_bends_under_the_load_as_without():
+    """The drive's verdict on a LuGre servo that creeps to its set point by bending bristles is that of no load."""
+    kinds = {}
+    for load in (0.0, 1.0):
+        loop = axis(LUGRE, load_torque=load)
+        drive = Drive(sample_time=1e-3)
+        motion = simulate_sampled(loop, None, drive, time=2.0, set_point=0.0, start=loop.at_rest(-5e-6))
+        kinds[load] = motion.verdict.kind
+    assert kinds == {0.0: "at rest", 1.0: "at rest"}
+
+
+def test_what_tune_asks_of_the_linear_loop_holds_in_either_direction():
+    """Phase margin and settling are those of the worse one, wherever it is."""
+    loops = [axis(**LOPSIDED), axis(**mirrored(LOPSIDED))]
+    plain = [axis(SWITCH, viscous=viscous) for viscous in (0.1, 0.13)]
+    least = min(margins(each).phase_margin for each in plain)
+    for loop in loops:
+        assert math.degrees(parts_box(loop, {}, Lag()).worst(0.1, (1.0, 1.0)).phase) == pytest.approx(least, rel=1e-4)
+        ends = {"viscous": (0.09, 0.14), "viscous_back": (0.09, 0.14), "static": (0.5, 0.6)}
+        assert set(parts_box(loop, ends, Lag()).names) == {"viscous", "viscous_back", "motor_gain"}
+        slowest = max(cost_of("settling", each, 0.1) for each in plain)
+        assert cost_of("settling", loop, 0.1) == pytest.approx(slowest, rel=1e-9)
