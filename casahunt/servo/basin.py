@@ -5,9 +5,10 @@ comes nearer to the set point, or to hunting.  Between the two lies what leads t
 nearer the swings die out, from a little farther off they grow.  Both is seen by following two motions to their end
 (parts/fate.py), whatever parts the loop is made of.
 
-    where it stands   filters have settled, and nothing is wound up, or so much that the torque is no more than 0.9 Fs;
-                      bristles creep while they are bent, by the size of Fs/sigma0, so that with them the place is that
-                      at 0.9 Fs before breakaway
+    where it stands   filters have settled, the integral carries a constant load, and nothing more is wound up, or so
+                      much that the pull, of controller and loads, is no more than 0.9 Fs of its direction; bristles
+                      creep while they are bent, by the size of Fs/sigma0, so that with them the place is that at
+                      0.9 Fs before breakaway
     the border        of one inertia with a PID, by its unstable cycle: its only free number behind a stick is a, and
                       the motions start delta a beside it.  Of other loops, whose masses may ring on while they stand,
                       by motions alone: a is halved until one settles, and the bracket down to `PARTED_BY`
@@ -41,7 +42,7 @@ from .find_orbit import find_orbit
 from .friction import Model
 from .outcome import SETTLES, Kind
 from .parts.fate import LEFT_OF_A_SWING, Swing, fate
-from .parts.loop import Loop, static_of
+from .parts.loop import OF_MOTION, Loop, breakaway_of, static_of
 from .parts.lugre import LUGRE
 from .parts.plain_loop import LoopResult, loop_asked, servo_of_loop
 from .parts.verbs import loop_cycle
@@ -62,8 +63,6 @@ PARTED_BY = 1e-5
 SHRUNK = 1e-2
 """A motion whose every turn was nearer than the one before, down to this part of its start, has settled: its sticks
 last ever longer, and their end is not waited for."""
-OWN_WAY = "x2", "load_rate", "x3", "x4"
-"""States of plants, of the integrator and of bristles: what else has a state filters something."""
 UNBENT = 1 - 1e-6
 """Of what a bristle is bent by at rest, so that it yields in the direction in which the torque grows."""
 
@@ -260,28 +259,33 @@ class _Motions:
         # Every state where the loop stands still at x1 [rad], held by friction: see the module
         loop = self.loop
         start, at = let_go(loop, x1)
-        torque, level = float(loop.signal("torque", *at)[0]), math.copysign(SECTION * static_of(loop)[0], -x1)
+        pull, level = pull_on(loop, at), SECTION * (breakaway_of(loop)[0] if x1 < 0 else -breakaway_of(loop)[1])
         bristles = LUGRE in loop.present
-        if bristles or abs(torque) > abs(level):
+        if bristles or abs(pull) > abs(level):
             ki = float(loop.signal("ki", *at)[0]) if "x3" in start else 0.0
             if ki:
-                start["x3"], torque = (torque - level) / ki, level
+                # of the demand, which nothing limits; its filters settle anew
+                beyond = float((loop.signal("demand", *at) - loop.signal("torque", *at))[0]) + pull - level
+                start, pull = let_go(loop, x1, wound_up=beyond / ki)[0], level
             if bristles:
-                start["x4"] = UNBENT * torque / loop.value("stiffness")
+                start["x4"] = UNBENT * pull / loop.value("stiffness")
         seen = fate(self.loop, start, self.hunting, rest=LEFT_OF_A_SWING, work=WORK_OF_A_MOTION)
         positions = np.abs([x1, *seen.turns])
         shrunk = np.all(np.diff(positions) < 0) and positions[-1] < SHRUNK * positions[0]
         return Trial(abs(x1), positions, "decaying" if seen.kind == "undecided" and shrunk else seen.kind)
 
 
-def let_go(loop: Loop, x1: float) -> tuple[dict[str, float], tuple[str, Array]]:
-    """A loop that stands still at x1 [rad], nothing wound up: every state, and its mode with the states as (n, 1).
+def let_go(loop: Loop, x1: float, wound_up: float = 0.0) -> tuple[dict[str, float], tuple[str, Array]]:
+    """A loop that stands still at x1 [rad]: every state, and its mode with the states as (n, 1).
 
-    States of filters have come to their end: c' = A c + b in decaying directions, nothing in those that integrate.
+    wound_up: of the integral, beside what carries the load [rad s].
+    States of filters have come to their end: c' = A c + b in decaying directions, as they were in those that integrate.
     """
     start = loop.at_rest(x1)
+    if wound_up:
+        start["x3"] += wound_up
     mode = loop.system.vector_form.modes[loop.mode_at(**start)]
-    at = [i for i, name in enumerate(start) if name not in (*loop.angles, *OWN_WAY)]
+    at = [i for i, name in enumerate(start) if name not in (*loop.angles, *OF_MOTION, "x3")]
     if at:
         x = ca.SX.sym("x", len(start))
         rate = mode.field(x, ca.DM(loop.system.values(None)), mode.sign)[at]
@@ -290,8 +294,15 @@ def let_go(loop: Loop, x1: float) -> tuple[dict[str, float], tuple[str, Array]]:
         values, V = np.linalg.eig(A)
         falls = values.real < 0
         settled = V[:, falls] @ (np.linalg.solve(V, b)[falls] / -values[falls][:, None])
-        start |= {list(start)[i]: float(value) for i, value in zip(at, settled[:, 0].real, strict=True)}
+        for i, moved in zip(at, settled[:, 0].real, strict=True):
+            start[list(start)[i]] += float(moved)
     return start, (loop.mode_at(**start), np.array(list(start.values()))[:, None])
+
+
+def pull_on(loop: Loop, at: tuple[str, Array]) -> float:
+    """The net pull of controller and loads [N m] on what stands, as of `let_go`; what acts by the sign of a slip is
+    left out."""
+    return float((loop.signal("pull", *at) - loop.signal("compensation", *at))[0])
 
 
 def _on_a_side(motions: _Motions, side: int) -> Basin:

@@ -50,12 +50,12 @@ import numpy as np
 from ..axis_units import in_its_units
 from ..export import Columns
 from ..roots import boundary
-from .basin import let_go
+from .basin import let_go, pull_on
 from .friction import Model
-from .linear.open_loop import open_loop_of_parts
+from .linear.open_loop import linear_stable
 from .parts.cascade import P_PI
 from .parts.inertia import INERTIA
-from .parts.loop import Loop, static_of, torque_gain
+from .parts.loop import Loop, breakaway_of, torque_gain
 from .parts.lugre import LUGRE
 from .parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from .parts.plain_loop import LoopResult, loop_asked
@@ -93,7 +93,9 @@ class Equilibria(LoopResult):
     ranges : of each state, "torque" [N m] that of the motor, over all rest states: least and largest; infinite where
         the equations set no limit.
     integral_limit : the largest |x3| of them [rad s]; nan without an integrator.
-    position_limit : |x1| up to which friction holds the servo that stands there with nothing wound up [rad]: Fs/kp.
+    position_limits : how far below and above the set point friction holds the servo that stands there with nothing
+        wound up but what carries the load [rad]: Fs/kp of each direction.
+    position_limit : the smaller one [rad].
     bristle_limit : Fs/sigma0 [rad]; nan for Switch.
     linear_stable : whether the loop without dry friction is; None where it is not linear.
     sharp : (left, right) sides of kd + sigma2 > J/(kp/ki) [N m s/rad]; nan but for one inertia with a PID.
@@ -114,14 +116,14 @@ class Equilibria(LoopResult):
         "model", "gain [V/rad]", "integral_limit [rad s]", "position_limit [rad]", "sharp_holds", "simple_holds",
     )  # fmt: skip
     _details = (
-        "ranges", "rests", "not_answered", "linear_stable", "bristle_limit [rad]", "largest_real_part [1/s]",
-        "members = largest.size", "threshold",
+        "ranges", "rests", "not_answered", "position_limits", "linear_stable", "bristle_limit [rad]",
+        "largest_real_part [1/s]", "members = largest.size", "threshold",
     )  # fmt: skip
 
     loop: Loop
     rests: tuple[Rests, ...]
     not_answered: tuple[str, ...] = ()
-    position_limit: float = math.nan
+    position_limits: tuple[float, float] = (math.nan, math.nan)
     linear_stable: bool | None = None
     sharp: tuple[float, float] = (math.nan, math.nan)
     simple: tuple[float, float] = (math.nan, math.nan)
@@ -140,6 +142,11 @@ class Equilibria(LoopResult):
     def integral_limit(self) -> float:
         """The largest |x3|."""
         return max(abs(x) for x in self.ranges.get("x3", (math.nan,)))
+
+    @property
+    def position_limit(self) -> float:
+        """|x1| up to which friction holds the servo on either side."""
+        return min(self.position_limits)
 
     @property
     def bristle_limit(self) -> float:
@@ -231,7 +238,6 @@ def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | No
     """
     loop = loop_asked(servo, model, gain)
     rests, not_answered = rest_states(loop)
-    opened = open_loop_of_parts(loop)
     c, largest, limit = np.zeros(0), np.zeros(0), math.nan
     if LUGRE in loop.present and rests:
         c, largest = MEMBERS, largest_of(rests, MEMBERS)
@@ -242,20 +248,26 @@ def equilibria(servo: Servo | Loop, model: Model | None = None, gain: float | No
             limit, _ = boundary(
                 lambda at: bool(largest_of(rests, np.array([at]))[0] <= 0), low, high, rounds=HALVED_TO_ROUNDING
             )
-    return Equilibria(loop, rests, not_answered, _held(loop), None if opened is None else opened.stable,
-                      *_of_the_report(loop), c, largest, float(limit))  # fmt: skip
+    stable = linear_stable(loop)
+    return Equilibria(loop, rests, not_answered, _held(loop), stable, *_of_the_report(loop), c, largest, float(limit))
 
 
-def _held(loop: Loop) -> float:
-    """|x1| up to which friction holds the loop that stands with nothing wound up [rad]; nan where it never does."""
-    static, _ = static_of(loop)
+def _held(loop: Loop) -> tuple[float, float]:
+    """How far below and above the set point friction holds the loop that stands with nothing wound up but what carries
+    the load [rad]; nan where it never does."""
+    forward, back = breakaway_of(loop)
     if LUGRE not in loop.present and not any("stick" in mode.name for part in loop.present for mode in part.modes):
-        return math.nan
+        return math.nan, math.nan
 
-    def slips(a: float) -> bool:
-        return abs(float(loop.signal("torque", *let_go(loop, -a)[1])[0])) > static
+    def held(side: int) -> float:
+        def slips(a: float) -> bool:
+            return not -back <= pull_on(loop, let_go(loop, side * a)[1]) <= forward
 
-    return boundary(slips, 0.0, FARTHEST_HELD)[0] if slips(FARTHEST_HELD) else math.inf
+        if slips(0.0):
+            return math.nan
+        return boundary(slips, 0.0, FARTHEST_HELD)[0] if slips(FARTHEST_HELD) else math.inf
+
+    return held(-1), held(+1)
 
 
 def _of_the_report(loop: Loop) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -144,7 +144,8 @@ def start_of(
 
     given: velocity, integral, bristle; others: states by name. Raises InputError: one is out of range, or not there.
     """
-    x = loop.at_rest(moderate("position", position, power=COMPUTED) - set_point)
+    beside = moderate("position", position, power=COMPUTED) - set_point
+    x = loop.state(**dict.fromkeys(loop.angles, beside))
     for name, value in given.items():
         if moderate(name, value, power=COMPUTED) != 0 and NAMED[name] not in x:
             raise InputError(f"{name} = {value!r}: must be 0, as the {loop.name} has no {name}")

@@ -22,8 +22,7 @@ from ...errors import HuntsIrregularly, InputError
 from ...orbits.adapt import Options
 from ...servo.find_orbit import find_orbit
 from ...servo.friction import MODELS, Model
-from ...servo.linear.margins import Margins, margins_of
-from ...servo.linear.open_loop import open_loop_of_parts
+from ...servo.linear.margins import Margins, margins_of_parts
 from ...servo.move import Move, a_move
 from ...servo.parts.cascade import P_PI
 from ...servo.parts.fate import Swing
@@ -270,8 +269,7 @@ def _row(asked: _Asked, remedy: Remedy) -> Cure:
     corners = _rests(remedy, recommended, _numbers(asked.farthest_at_rest))
     rest, rests = _largest(_rests(remedy, size, numbers)), _largest(corners)
     step = task(mended, asked.swing, rests, asked.step, asked.move)
-    opened = open_loop_of_parts(mended)
-    linear = NOT_LINEAR if opened is None else margins_of(opened)
+    linear = margins_of_parts(mended) or NOT_LINEAR
     return Cure(
         remedy.name, remedy.unit, found.kind, size, found.error, recommended,
         rests=corners, rest_error=rest, recommended_rest_error=rests,

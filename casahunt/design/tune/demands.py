@@ -173,7 +173,7 @@ def cost_of(cost: str, servo: Servo | Loop, gain: float) -> float:
     if cost == "high-frequency":
         loop = loop_asked(servo, None, 1.0, usual="switch")
         return gain * at_the_start(loop, "kd", 0.0) / loop.value("motor_gain")
-    rate = -float(np.max(linear_loop(servo, gain).poles.real))
+    rate = -max(float(np.max(linear_loop(servo, gain, back=back).poles.real)) for back in (False, True))
     return math.log(50) / rate if rate > 0 else math.inf
 
 

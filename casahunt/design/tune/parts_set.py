@@ -17,7 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...servo.linear.margins import frequencies_of
-from ...servo.linear.open_loop import open_loop
+from ...servo.linear.open_loop import either_way, open_loop
 from ...servo.linear.sampled_loop import Lag
 from ...servo.parts.loop import Loop
 from .loop_set import LoopBox, WorstLoop
@@ -47,7 +47,9 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
     rows = low[:-1] + (high - low)[:-1] * picks
     if bool(np.all((low[:-1] <= own) & (own <= high[:-1]))):
         rows = np.vstack([own, rows]) if size else rows
-    curves = [_curve(loop.replace(**dict(zip(names, row.tolist(), strict=True))), lag) for row in rows]
+    ways = [either_way(loop.replace(**dict(zip(names, row.tolist(), strict=True)))) for row in rows]
+    curves = [_curve(each, lag) for way in ways for each in way.values()]
+    rows = np.repeat(np.array(rows, float), [len(way) for way in ways], axis=0)
 
     def worst(gain: float, factors: tuple[float, float]) -> WorstLoop:
         first, last = (math.log(gain * g * cm) for g, cm in zip(factors, motor, strict=True))
@@ -67,8 +69,10 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
 
 
 def _matters(loop: Loop, name: str, ends: tuple[float, float]) -> bool:
-    one, other = (open_loop(loop.replace(**{name: float(end)}), 1.0) for end in ends)
-    return not (np.array_equal(one.numerator, other.numerator) and np.array_equal(one.denominator, other.denominator))
+    low, high = (either_way(loop.replace(**{name: float(end)})).values() for end in ends)
+    one, other = ([open_loop(way, 1.0) for way in ways] for ways in (low, high))
+    told = ([(way.numerator.tolist(), way.denominator.tolist()) for way in opened] for opened in (one, other))
+    return next(told) != next(told)
 
 
 def _curve(loop: Loop, lag: Lag) -> tuple[Array, Array]:

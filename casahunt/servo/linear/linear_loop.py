@@ -20,7 +20,7 @@ from ..parts.plain_loop import loop_asked
 from ..servo import Servo
 from ..units import column
 from .margins import Crossover, gain_crossovers, phase_crossovers
-from .open_loop import open_loop
+from .open_loop import either_way, open_loop
 
 Array = np.ndarray
 
@@ -39,6 +39,7 @@ class LinearLoop(Result):
     phase_crossovers : where arg L = -180 degrees, with gain factors.
     lowest_factor, highest_factor : the loop stays as it is, stable or unstable, while the gain is multiplied by
         anything between them; 0 and inf where there is no such limit.
+    direction : "forwards" or "back", whose viscous friction it has; "" where that is the same in both.
     units : how its numbers are shown.
 
     Examples
@@ -62,6 +63,7 @@ class LinearLoop(Result):
     phase_crossovers: tuple[Crossover, ...]
     lowest_factor: float
     highest_factor: float
+    direction: str = ""
     units: Units = carried()
 
     def _columns(self) -> Columns:
@@ -69,6 +71,7 @@ class LinearLoop(Result):
         least = min(self.gain_crossovers, key=lambda c: abs(c.margin), default=None)
         row: dict[str, Any] = {
             column("gain"): self.gain,
+            **({"direction": self.direction} if self.direction else {}),
             "stable": bool(self.stable),
             "phase_margin_deg": least.margin if least else math.nan,
             "crossover_rad_per_s": least.frequency if least else math.nan,
@@ -86,7 +89,8 @@ class LinearLoop(Result):
     def _more(self) -> dict[str, Any]:
         crossings = (self.gain_crossovers, "phase_margin_deg"), (self.phase_crossovers, "gain_factor")
         gain, phase = ([{"frequency": c.frequency, name: c.margin} for c in items] for items, name in crossings)
-        return {"gain_crossovers": gain, "phase_crossovers": phase}
+        way = {"direction": self.direction} if self.direction else {}
+        return {"gain_crossovers": gain, "phase_crossovers": phase, **way}
 
     @property
     def damping_ratio(self) -> float:
@@ -95,13 +99,15 @@ class LinearLoop(Result):
 
 
 @in_its_units
-def linear_loop(servo: Servo | Loop, gain: float | None = None) -> LinearLoop:
+def linear_loop(servo: Servo | Loop, gain: float | None = None, *, back: bool = False) -> LinearLoop:
     """Poles, stability, crossovers and margins of the loop without dry friction.
 
     Parameters
     ----------
     servo, gain
         the servo and its gain K [V/rad]; or a loop of parts, which has its own.
+    back
+        of viscous friction by direction, with that of a motion back in the place of that forwards.
 
     Returns
     -------
@@ -117,6 +123,9 @@ def linear_loop(servo: Servo | Loop, gain: float | None = None) -> LinearLoop:
     >>> linear_loop(Servo(), 0.1).poles.round(3).tolist()
     [(-4.424+7.817j), (-4.424-7.817j), (-4.793+0j)]
     """
+    direction = ""
+    if isinstance(servo, Loop):
+        direction, servo = list(either_way(servo).items())[-1 if back else 0]
     loop = open_loop(servo, gain)
     if isinstance(servo, Loop):
         gain, (kp, kd, ki) = loop_asked(servo, None, gain, usual="switch").value("gain"), (math.nan,) * 3
@@ -136,4 +145,5 @@ def linear_loop(servo: Servo | Loop, gain: float | None = None) -> LinearLoop:
         phase_crossovers=crossings,
         lowest_factor=max((f for f in factors if f <= 1), default=0.0),
         highest_factor=min((f for f in factors if f >= 1), default=math.inf),
+        direction=direction,
     )

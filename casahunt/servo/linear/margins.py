@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from ..drive import Drive
 from ..parts.loop import Loop
 from ..parts.plain_loop import loop_asked
 from ..servo import Servo
-from .open_loop import OpenLoop, open_loop
+from .open_loop import OpenLoop, either_way, linear_stable, open_loop
 from .pulse_transfer import pulse_transfer
 
 Array = np.ndarray
@@ -128,7 +128,7 @@ def margins(
     Returns
     -------
     Margins; of an unstable loop the factors are nan.  As built, of crossovers up to pi/T; where there is none, the
-    frequency is that.
+    frequency is that.  Of viscous friction by direction, what holds in both.
 
     Raises
     ------
@@ -144,6 +144,8 @@ def margins(
     >>> round(found.phase_margin, 2), round(found.highest_factor, 2)
     (47.76, 18.48)
     """
+    if isinstance(servo, Loop) and len(ways := either_way(servo)) > 1:
+        return _of_both([margins(each, gain, delay=delay, drive=drive) for each in ways.values()])
     if drive is None:
         return margins_of(open_loop(servo, gain), require("delay", delay, at_least=0))
     if delay:
@@ -160,6 +162,21 @@ def margins(
     own = int((poles.real * loop.sample_time > ON_THE_AXIS).sum())
     crossed = crossed if crossed.size else omega[-1:]
     return _told(loop.response, omega, L, crossed, loop.stable, own, folds=True)
+
+
+def _of_both(found: Sequence[Margins]) -> Margins:
+    """The margins that hold in each direction: the least phase margin and the nearest factors, if both are stable."""
+    unstable = next((each for each in found if not each.stable), None)
+    if unstable is not None:
+        return unstable
+    least = min(found, key=lambda each: math.inf if math.isnan(each.phase_margin) else each.phase_margin)
+    lowest, highest = max(each.lowest_factor for each in found), min(each.highest_factor for each in found)
+    return replace(least, lowest_factor=lowest, highest_factor=highest)
+
+
+def margins_of_parts(loop: Loop) -> Margins | None:
+    """The margins of a loop of parts; None where it is not linear."""
+    return None if linear_stable(loop) is None else margins(loop)
 
 
 def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:

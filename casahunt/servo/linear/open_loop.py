@@ -5,9 +5,9 @@
                       L(s) = c (s I - A)^-1 b = (n_0 s^(n-1) + ... + n_(n-1)) / (s^n + d_1 s^(n-1) + ... + d_n)
                       n_k = sum over i <= k of d_i h_(k-i),   h_k = c A^k b: what is zero comes out as zero
 
-Viscous friction stays, of the motor and of a load.  Only a loop of which every part has one law and no event is linear:
-in a dead band, or with a reset, there is no L.  Stability is that of denominator + numerator, by Routh's array, not by
-rounded poles.
+Viscous friction stays, of the motor and of a load: where it differs by direction there is an L for each.  Only a loop
+of which every part has one law and no event is linear: in a dead band, or with a reset, there is no L.  Stability is
+that of denominator + numerator, by Routh's array, not by rounded poles.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class OpenLoop:
 
 
 def open_loop(servo: Servo | Loop, gain: float | None = None) -> OpenLoop:
-    """L of a servo at a gain [V/rad], or of a loop of parts, which has its own.
+    """L of a servo at a gain [V/rad], or of a loop of parts, which has its own; of friction by direction, forwards.
 
     Raises InputError: a gain out of range, or a loop that is not linear.
     """
@@ -124,10 +124,18 @@ def open_loop_of_parts(loop: Loop) -> OpenLoop | None:
     return OpenLoop(*_polynomials(A[:-1, :-1], A[:-1, -1], -c[:-1]))
 
 
+def either_way(loop: Loop) -> dict[str, Loop]:
+    """The loop with the viscous friction of each direction in both, by direction; by "" where that is the same."""
+    forwards, back = (loop.parameters.get(name) for name in ("viscous", "viscous_back"))
+    if forwards is None or back is None or forwards == back:
+        return {"": loop}
+    return {"forwards": loop.replace(viscous_back=forwards), "back": loop.replace(viscous=back)}
+
+
 def linear_stable(loop: Loop) -> bool | None:
-    """Whether a loop of parts without dry friction is stable; None where it is not linear."""
-    opened = open_loop_of_parts(loop)
-    return None if opened is None else opened.stable
+    """Whether a loop of parts without dry friction is stable, in either direction; None where it is not linear."""
+    opened = [open_loop_of_parts(each) for each in either_way(loop).values()]
+    return None if None in opened else all(each.stable for each in opened if each is not None)
 
 
 def smooth(loop: Loop) -> tuple[tuple[Part, ...], str]:

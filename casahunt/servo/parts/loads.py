@@ -2,8 +2,9 @@
 
     external = -load - stiffness x1     [N m]
 
-At a constant set point the integrator absorbs a constant torque: with friction that is the same in both directions the
-motion is that without it, the integrator's content apart.
+At a constant set point the integrator absorbs a constant torque: whatever the friction, the motion is that without it,
+the integrator's content apart, also that from rest, where the integral carries the load (`Loop.at_rest`).  A limit of
+the torque, and a leak, are met sooner on one side.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ...axis_units import Units, carried
@@ -26,6 +27,11 @@ from .product import Modes, mode_name, product_of, wiring_of
 from .wiring import Numbers, Signals
 
 Array = np.ndarray
+
+OF_MOTION = "x2", "load_rate", "x4"
+"""States of plants beside angles, and of bristles: all others are those of the controller and its filters."""
+BALANCED_TO = 1e-9
+"""Part of the load to which the controller holds it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +168,7 @@ class Loop:
         return {state: float(start.get(state, 0.0)) for state in states}
 
     def at_rest(self, angle: float) -> dict[str, float]:
-        """Every state where the servo stands still beside its set point and nothing has been wound up.
+        """Every state where the servo stands still beside its set point, nothing wound up but what carries the load.
 
         Parameters
         ----------
@@ -171,9 +177,36 @@ class Loop:
 
         Returns
         -------
-        State by name: angles are `angle`, all others zero.
+        State by name: angles are `angle`, velocities zero, all others those in which the controller, in balance at the
+        set point, holds the load there; zero without a load, or where the controller does not integrate.
         """
-        return self.state(**dict.fromkeys(self.angles, angle))
+        return {**self._under_load, **dict.fromkeys(self.angles, angle)}
+
+    @cached_property
+    def _under_load(self) -> dict[str, float]:
+        """The smallest states c of the controller: at the set point c' = A c + b = 0, torque = T c + m = -external.
+
+        A leak is left out: what it takes from the integral is no matter of where that stands.
+        """
+        start = self.state()
+        names, mode = list(start), self.mode_at(**start)
+        at = [i for i, name in enumerate(names) if name not in (*self.angles, *OF_MOTION)]
+        nowhere = np.zeros((len(names), 1))
+        load = float(self.signal("external", mode, nowhere)[0])
+        if not load or not at:
+            return start
+        field = self.system.vector_form.modes[mode]
+        # Affine about the set point: one of each state gives the slopes
+        unit = np.hstack([nowhere, np.eye(len(names))[:, at]])
+        rates = np.array([np.array(field.field(ca.DM(x), ca.DM(self.system.values(None)), field.sign))[at, 0]
+                          for x in unit.T]).T  # fmt: skip
+        told = np.vstack([rates[[names[i] != "x3" for i in at]], self.signal("torque", mode, unit)])
+        told = told[np.ptp(told, axis=1) > 0]
+        A, b = told[:, 1:] - told[:, :1], -told[:, 0]
+        b[-1] -= load
+        c = np.linalg.lstsq(A, b, rcond=None)[0]
+        holds = np.abs(A @ c - b).max() <= BALANCED_TO * abs(load)
+        return start | {names[i]: float(value) for i, value in zip(at, c, strict=True) if holds}
 
     def mode_at(self, **start: float) -> str:
         """The mode of a motion that starts at a state: of each part the first that may be there."""
@@ -239,6 +272,12 @@ def static_of(loop: Loop) -> tuple[float, float]:
         raise InputError(f"{loop.name}: has no dry friction, which is what a motion is judged by")
     static = loop.value(at + "static")
     return static, loop.value(at + "coulomb") if at + "coulomb" in loop.parameters else static
+
+
+def breakaway_of(loop: Loop) -> tuple[float, float]:
+    """Static friction [N m] against a pull forwards, and against one back."""
+    static, _ = static_of(loop)
+    return static, loop.parameters.get("static_back", static)
 
 
 def torque_gain(loop: Loop, name: str) -> float:

@@ -39,7 +39,7 @@ from ...axis_units import in_its_units, quantity
 from ...results import Result
 from ..drive import Drive, with_remedy
 from ..outcome import BY_SEVERITY, SETTLES, Outcome
-from ..parts.loop import Loop, static_of, torque_gain
+from ..parts.loop import Loop, breakaway_of, static_of, torque_gain
 from ..parts.plain_loop import loop_asked
 from ..servo import Servo
 from .motion import SampledMotion, again, followed
@@ -149,7 +149,7 @@ def motions_of(loop: Loop, drive: Drive) -> list[SampledMotion]:
     kp, ki = (torque_gain(loop, name) for name in ("kp", "ki"))
     error = max(static - coulomb, LEAST_DROP * static) / kp
     error = min(error, q / 2) if q else error
-    length = max(WOUND_UP * 2 * static / (ki * error), drive.sample_time)
+    length = max(WOUND_UP * sum(breakaway_of(loop)) / (ki * error), drive.sample_time)
     length = min(length, MOST_CHECKED * drive.sample_time)
     starts = product(OFFSETS if q else (0.0,), (loop.units.step, static / kp))
     return [followed(loop, drive, offset * q, length, loop.at_rest(-beside)) for offset, beside in starts]

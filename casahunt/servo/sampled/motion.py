@@ -299,7 +299,9 @@ class SampledMotion(LoopResult):
         middle = w[w.size // 2]
         if abs(w[-1] - middle) <= abs(middle - w[0]) / 2:
             return True
-        bent = abs(float(self.torque[-1])) + (self.loop.value("stiffness") + kp) * abs(float(self.states[0, -1]))
+        x = np.array([[self.state(-1).get(name, 0.0)] for name in self.loop.system.states])
+        load = float(self.loop.signal("external", self.loop.system.modes[0].name, x)[0])
+        bent = abs(float(self.torque[-1]) + load) + (self.loop.value("stiffness") + kp) * abs(float(self.states[0, -1]))
         return not (self.drive.quantises or self.drive.noise) and bent < self.static
 
     def _waits(self) -> str:

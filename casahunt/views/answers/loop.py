@@ -35,12 +35,12 @@ def loop_answer(
         plain.append(f"  with viscous friction     {_stable_from(limits[0])}")
         plain.append(f"  without any friction      {_stable_from(limits[1])}")
     for loop in loops:
-        plain.append(f"gain {_stated(loop.gain)}{kind}: {'stable' if loop.stable else 'unstable'}")
+        plain.append(f"gain {_stated(loop.gain)}{kind}{_way(loop)}: {'stable' if loop.stable else 'unstable'}")
         for c in loop.gain_crossovers:
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
         plain.append(item("gain margin", _gain_margin(loop)))
     for loop, margins in zip(loops, built, strict=bool(built)):
-        plain.append(f"gain {_stated(loop.gain)} as built: {_as_built(margins)}")
+        plain.append(f"gain {_stated(loop.gain)} as built{_way(loop)}: {_as_built(margins)}")
     if drive is not None:
         said = "; ".join(drive_said(drive.exact().quiet()))
         left = "what is not linear in it is left out; a picture (--plot) shows both"
@@ -50,6 +50,10 @@ def loop_answer(
 
 def _stated(gain: float) -> str:
     return quantity(gain, GAIN_UNIT, ".10g")
+
+
+def _way(loop: LinearLoop) -> str:
+    return f", with the viscous friction of a motion {loop.direction}" if loop.direction else ""
 
 
 def _stable_from(gain: float) -> str:
@@ -88,7 +92,7 @@ def _details(loops: Sequence[LinearLoop], limits: tuple[float, float] | None) ->
     if limits is not None:
         yield f"  Routh-Hurwitz    K > {_stated(limits[0])} with viscous friction, K > {limits[1]:.10g} without any"
     for loop in loops:
-        yield f"  gain {_stated(loop.gain)}"
+        yield f"  gain {_stated(loop.gain)}{_way(loop)}"
         yield f"    poles          {', '.join(_pole(pole) for pole in loop.poles)} 1/s"
         for c in loop.gain_crossovers:
             yield f"    phase margin   {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1"

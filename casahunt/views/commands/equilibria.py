@@ -10,6 +10,7 @@ from typing import Any
 from ...axis_units import label, quantity, several, shown, word
 from ...results import tables_of
 from ...servo.equilibria import PROVES, Equilibria, equilibria
+from ...servo.parts.loop import breakaway_of
 from ..answers.answer import Answer, angle, at_gain, called, item, parts_of, record_of, short
 from .arguments import add_command, asked_of
 from .output import give
@@ -45,13 +46,13 @@ def equilibria_answer(found: Equilibria) -> Answer:
     low, high = found.ranges.get("x1", (math.nan, math.nan))
     plain = [f"{called(found.loop)} {at_gain(found.gain)}: {_where(low, high)}", *parts_of(found.loop)]
     if math.isfinite(found.integral_limit):
-        limit = quantity(found.integral_limit, "rad s", short)
-        plain.append(item("there", f"with any integral of the error up to {limit}"))
+        plain.append(item("there", f"with any integral of the error {_up_to(*found.ranges['x3'], 'rad s')}"))
     elif "torque" in found.ranges:
         between = _between(*found.ranges["torque"], "N m")
         plain.append(item("there", f"with a {word('torque')} of the motor of {between}"))
-    if max(abs(low), abs(high)) <= AT_THE_SET_POINT and math.isfinite(found.position_limit):
-        held = f"friction alone holds it up to {angle(found.position_limit)} away, but the integral grows"
+    if max(abs(low), abs(high)) <= AT_THE_SET_POINT and math.isfinite(max(found.position_limits)):
+        alone = "friction alone" + ", beside an integral that carries the load," * _carries_a_load(found)
+        held = f"{alone} holds it {_away(*found.position_limits)}, but the integral grows"
         plain.append(item("stuck beside it", f"{held} until it breaks away"))
     if math.isinf(high - low):
         held = "as far as friction and the controller go: what was wound up before it stood tells where"
@@ -78,6 +79,28 @@ def _between(low: float, high: float, unit: str = "") -> str:
     return several((low, high), unit, short, " to ").rstrip()
 
 
+def _carries_a_load(found: Equilibria) -> bool:
+    return any(found.loop.at_rest(0.0).values())
+
+
+def _up_to(low: float, high: float, unit: str) -> str:
+    """An interval in words; what is the same to both sides is said once."""
+    if _alike(-low, high):
+        return f"up to {quantity(high, unit, short)}"
+    return f"from {several((low, high), unit, short, ' to ')}"
+
+
+def _away(below: float, above: float) -> str:
+    if _alike(below, above):
+        return f"up to {angle(below)} away"
+    return f"up to {angle(below)} below and {angle(above)} above"
+
+
+def _alike(below: float, above: float) -> bool:
+    """Whether two limits differ by no more than rounding."""
+    return abs(below - above) <= AT_THE_SET_POINT * abs(above)
+
+
 def _details(found: Equilibria) -> Iterator[str]:
     yield item("state", "x1 position from the set point, x2 velocity, x3 integral of x1")
     for each in found.rests:
@@ -86,9 +109,13 @@ def _details(found: Equilibria) -> Iterator[str]:
             for name, x in zip(each.names, each.corners.T, strict=True) if name not in ("x2", "load_rate")
         )  # fmt: skip
         yield item("equilibria", f"{each.mode}, {each.corners.shape[0]} corners: {extent}")
-    if math.isfinite(found.position_limit):
-        limit = quantity(found.position_limit, "rad", ".10g")
-        yield item("stick region", f"x2 = 0, |m| <= Fs: with nothing wound up |x1| <= {limit}")
+    if math.isfinite(max(found.position_limits)):
+        below, above = (quantity(limit, "rad", ".10g") for limit in found.position_limits)
+        up_to = f"|x1| <= {above}" if _alike(*found.position_limits) else f"-{below} <= x1 <= {above}"
+        m, nothing = ("m - load", "nothing but for the load") if _carries_a_load(found) else ("m", "nothing")
+        forward, back = breakaway_of(found.loop)
+        held = f"|{m}| <= Fs" if forward == back else f"-{back:.10g} <= {m} <= {forward:.10g} N m"
+        yield item("stick region", f"x2 = 0, {held}: with {nothing} wound up {up_to}")
         yield item("elsewhere in it", "something goes on until the servo breaks away, after a finite time, or rests")
     linear = "is not linear" if found.linear_stable is None else "is stable" if found.linear_stable else "is unstable"
     yield item("linear loop", f"without dry friction it {linear}")

@@ -9,6 +9,7 @@ from ...results import tables_of
 from ...servo.gains import lowest_stable_gain, routh_hurwitz_gain
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.margins import margins
+from ...servo.linear.open_loop import either_way
 from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT
 from ..answers.loop import loop_answer
@@ -29,8 +30,9 @@ def run(options: argparse.Namespace) -> int:
     gains = [positive("gain", text, GAIN_UNIT) for text in options.gain or ()] or [stated_gain(options)]
     parts, drive = loop_of(options, gains[0]), drive_of(options)
     servo = servo_of(options) if parts is None else parts
-    loops = [linear_loop(servo, gain) for gain in gains]
-    built = [margins(servo, gain, drive=drive) for gain in gains] if drive is not None else []
+    ways = either_way(parts) if parts is not None else {"": servo}
+    loops = [linear_loop(servo, gain, back=way == "back") for gain in gains for way in ways]
+    built = [margins(ways[loop.direction], loop.gain, drive=drive) for loop in loops] if drive is not None else []
     record: dict[str, Any] = {"loops": loops}
     limits = None
     if isinstance(servo, Servo):

@@ -185,8 +185,12 @@ def left_open(orbits: Any) -> dict[str, Any]:
 
 
 def friction_curve(numbers: Any) -> dict[str, Any]:
-    """Friction torque against velocity, with the jump at standstill."""
-    Fs, Fc, vs = (numbers[name] for name in ("static", "coulomb", "stribeck_velocity"))
+    """Friction torque against velocity, in either direction, with the jump at standstill."""
+    vs = numbers["stribeck_velocity"]
     v = np.linspace(0, DRAWN_SPEEDS * vs, SPEED_POINTS)
-    F = Fc + (Fs - Fc) * np.exp(-((v / vs) ** 2)) + numbers["viscous"] * v
-    return curve(velocity=[*-v[::-1], *v], torque=[*-F[::-1], *F])
+
+    def torque(direction: str) -> Any:
+        Fs, Fc, viscous = (numbers.get(name + direction, numbers[name]) for name in ("static", "coulomb", "viscous"))
+        return Fc + (Fs - Fc) * np.exp(-((v / vs) ** 2)) + viscous * v
+
+    return curve(velocity=[*-v[::-1], *v], torque=[*-torque("_back")[::-1], *torque("")])

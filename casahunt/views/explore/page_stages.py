@@ -22,8 +22,7 @@ from ...errors import ComesToRest, HuntsIrregularly, NoOrbit
 from ...orbits import Options, Orbit, SystemOrbit
 from ...servo.find_fold import find_fold
 from ...servo.find_orbit import find_orbit
-from ...servo.linear.margins import margins_of
-from ...servo.linear.open_loop import open_loop_of_parts
+from ...servo.linear.margins import margins_of_parts
 from ...servo.other_end import other_end
 from ...servo.outcome import SETTLES
 from ...servo.parts import Loop, Remedy, loop_of
@@ -162,12 +161,12 @@ class Stages:
 
     def linear(self) -> dict[str, Any]:
         """Friction curve and margins, where there are any."""
-        numbers, opened = self.loop.parameters, open_loop_of_parts(self.loop)
+        numbers, linear = self.loop.parameters, margins_of_parts(self.loop)
         known = {"static", "coulomb", "stribeck_velocity", "viscous"} <= set(numbers)
         shown = {"friction": friction_curve(numbers)} if known else {}
-        if opened is None:
+        if linear is None:
             return {**shown, "why": "with this part the loop is not linear: it has no margins"}
-        return {**shown, **margins_shown(margins_of(opened))}
+        return {**shown, **margins_shown(linear)}
 
     def step(self) -> dict[str, Any]:
         """A step of the set point, followed for a hundred reset times where there is no cycle."""

@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import InputError
 from ...servo.drive import Drive
 from ...servo.linear.linear_loop import LinearLoop
-from ...servo.linear.open_loop import OpenLoop, open_loop
+from ...servo.linear.open_loop import OpenLoop, either_way, open_loop
 from ...servo.linear.pulse_transfer import pulse_transfer
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
@@ -62,7 +62,8 @@ def bode(
     """
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
-    opened = [open_loop(servo, loop.gain) for loop in loops]
+    ways = either_way(servo) if isinstance(servo, Loop) else {"": servo}
+    opened = [open_loop(ways[loop.direction], loop.gain) for loop in loops]
     last = math.pi / drive.sample_time if drive is not None else math.nan
     omega = _frequencies(loops, opened, last)
     controller = None if isinstance(servo, Loop) else servo.controller
@@ -75,7 +76,7 @@ def bode(
         style = {"color": look.colour, "linewidth": look.width, "linestyle": look.dashes}
         if controller is not None:
             sizes[0].plot(omega, np.abs(controller.response(loop.gain, 1j * omega)), **style)
-        told = "stable" if loop.stable else "unstable"
+        told = ", ".join(filter(None, (loop.direction, "stable" if loop.stable else "unstable")))
         handles += l_size.plot(omega, np.abs(L.response(omega)), label=f"K = {loop.gain:.4g} ({told})", **style)
         dot = {"marker": "o", "markersize": 5, "color": look.colour, "markeredgecolor": "black"}
         for crossing in loop.gain_crossovers:
@@ -84,7 +85,7 @@ def bode(
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
     if drive is not None:
-        built = [loop_asked(servo, None, loop.gain, usual="switch") for loop in loops]
+        built = [loop_asked(ways[loop.direction], None, loop.gain, usual="switch") for loop in loops]
         handles += _as_built(built, drive, omega[omega <= last], l_size, l_phase)
     if controller is not None:
         phases[0].semilogx(omega, _degrees(controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
