@@ -7,10 +7,12 @@ import json
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
+from casahunt import Servo, find_fold
 from casahunt.cli import main
-from casahunt.servo.parts import load_loop
-from casahunt.servo.parts.verbs import fold_in, loop_cycle
+from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop, load_loop, loop_of
+from casahunt.servo.parts.verbs import fold_in, loop_cycle, stable_up_to
 
 AXIS = """
 [loop]
@@ -124,3 +126,37 @@ def test_the_fold_of_the_other_hunting_lies_behind_a_slip_that_vanishes(tmp_path
     assert np.abs(turned(np.zeros(4)) - 1).max() < 1e-7
     slopes = np.transpose([(turned(h) - turned(-h)) / 2e-6 for h in 1e-6 * np.eye(4)])
     assert np.abs(np.linalg.eigvals(slopes) - 1).min() < 1e-3  # as the root of what the gain is known to
+
+
+def test_a_cycle_that_loses_its_stability_in_front_of_its_fold_says_where():
+    """Friction by direction: P(x), from the place of one stick to that of the next on the same side by DOP853, has a
+    slope of -1 there; from there on motions come to rest, a fifth below the fold."""
+    loop = Loop((INERTIA, BY_DIRECTION, PID_BY_TIMES, INTEGRATOR), {"static_back": 0.47, "coulomb_back": 0.40})
+    fold = find_fold(loop)
+    gain = stable_up_to(loop, fold)
+    kp, kd, ki = 16 * gain * np.array([2, 1 / (2 * np.pi), 2 * np.pi])
+
+    def following(x):
+        for sign, static, coulomb in ((1, 0.53, 0.44), (-1, 0.47, 0.40)):
+
+            def rate(t, y, sign=sign, static=static, coulomb=coulomb):
+                friction = sign * (coulomb + (static - coulomb) * np.exp(-((y[1] / 0.02) ** 2))) + 0.1 * y[1]
+                return [y[1], (-(kp * y[0] + kd * y[1] + ki * y[2]) - friction) / 0.026, y[0]]
+
+            def stops(t, y, sign=sign):
+                return sign * y[1] if t > 1e-6 else 1.0
+
+            stops.terminal, stops.direction = True, -1
+            begins = [x, sign * 1e-13, -(sign * static + kp * x) / ki]
+            x = solve_ivp(rate, (0, 10), begins, "DOP853", events=stops, rtol=1e-12, atol=1e-15).y[0, -1]
+        return x
+
+    x = brentq(lambda x: following(x) - x, -1.01e-3, -1.0e-3, xtol=1e-15)
+    wide, narrow = ((following(x + h) - following(x - h)) / (2 * h) for h in (2e-7, 1e-7))
+    assert gain < 0.8 * fold.value and (4 * narrow - wide) / 3 == pytest.approx(-1, abs=1e-4)
+
+
+def test_a_cycle_that_is_stable_up_to_its_fold_says_so():
+    loop = loop_of(Servo(), "switch", 0.3)
+    fold = find_fold(loop)
+    assert stable_up_to(loop, fold) == fold.value
