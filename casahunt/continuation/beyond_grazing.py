@@ -10,13 +10,13 @@
 
 Where an event is grazed once more, the equations of the cycle go on beyond the contact, and between its points a phase
 shows the event no better than its polynomial: the contact is where the scalar of the event turns at zero
-(grazing_contact.py). At the contact the cycle with one more boundary has a regular tangent, although h' = 0 there:
-along it the phase before that boundary is cut the shorter, while x_0 and the parameter may go like the square of that.
+(grazing_contact.py). At the contact the cycle with one more boundary has a regular tangent, although h' = 0 there: the
+speed is free.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Generic, NamedTuple, cast
@@ -27,19 +27,10 @@ from ..collocation.successors import behind, undecided
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Cycles
-from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
-from ..orbits.restart import Start
-from ..orbits.sequences import (
-    joined_phases,
-    nearest_touch,
-    segments_of,
-    start_of,
-    with_contact,
-    with_successor,
-    without,
-)
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
+from ..orbits.sequences import nearest_touch, with_contact, with_successor, without
 from ..orbits.simulated_phases import may_vanish
-from .curve import along, parameter_value, solved_at
+from .curve import along, backwards, point_at, predict, solved_at
 from .grazing_contact import (
     NEAR_CONTACT,
     VANISHING_SHARE,
@@ -52,18 +43,15 @@ from .grazing_contact import (
 )
 from .poincare_section import same_events
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
-from .vanishing import BEHIND, BORN_PARTS, UNLOCATED, lacking, last_before, next_to, with_duration
+from .vanishing import UNLOCATED, lacking, last_before, with_phase_born
+from .walk import corrected
 
-MET_SOONER = (0.99, 0.999, 0.9999)
-"""Parts of its duration at the contact that the phase before an event takes where the cycle that meets it is sought."""
+SLOWLY = (1e-2, 1e-3, 1e-4)
+"""How far behind a grazing contact, in arclength, the cycle that meets the event is looked for."""
 BESIDE_GRAZING = (1e-5, -1e-5, 1e-4, -1e-4, 1e-3, -1e-3)
 """Where beside a grazing, in lambda, the first return of a motion is looked at."""
 NEARLY_THE_SAME = 0.05
 """Cycles on the two sides of a grazing differ by less than this part of their ranges and periods."""
-EITHER_SIDE = BEHIND, -BEHIND
-"""How far beside it, in lambda, the cycle that passes an event by is looked for."""
-CLOSELY_THE_SAME = 0.01
-"""Next to it they differ by less than this part."""
 MET_WITHOUT_SPEED = replace(
     GRAZING,
     meaning="grazing at {name} = {value:.8g}: an event is met with no speed, and no cycle with these phases follows",
@@ -123,15 +111,9 @@ def without_speed(orbit: Orbit, *, within: float = 0.0) -> bool:
 
     within: with how much, per period.
     """
-    return next(_met_slowly(orbit, within), None) is not None
-
-
-def _met_slowly(orbit: Orbit, within: float = NEAR_CONTACT) -> Iterator[Contact]:
-    """The ends of phases at which events are met with no speed."""
-    for k, phase in enumerate(orbit.cycle.phases):
-        end = Contact(k, phase.end.name, phase.direction, at_end=True)
-        if phase.direction and contact_value(end, orbit) <= within:
-            yield end
+    phases = enumerate(orbit.cycle.phases)
+    ends = (Contact(k, phase.end.name, phase.direction, at_end=True) for k, phase in phases if phase.direction)
+    return any(contact_value(end, orbit) <= within for end in ends)
 
 
 def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, options: Options) -> Behind[AnyOrbit]:
@@ -143,11 +125,9 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
     if leads_elsewhere(last):
         return _at_changed_successor(orbits, vary, options)
     posed, start = last.problem.asked(), unknowns_of(last)
-    sense = float(np.sign(parameter_value(last, vary) - parameter_value(orbits[-2:][0], vary))) or 1.0
     for _, fewer in without(posed, start):
         other = solved_at(last.problem, fewer, options)
         if other is not None and other.signature != last.signature and _alike(last, other):
-            other = next((o for o in next_to(other, vary, sense, options) if o.signature == other.signature), other)
             return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, other))
     distance, mode, event = nearest_touch(posed, start)
     if distance > NEAR_CONTACT:
@@ -210,7 +190,7 @@ def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Opti
     k = undecided(*at)[0]
     event, name = last.arcs[k].event, last.cycle.phases[k].leads_to(behind(*at, k), at[2].p)
     start = with_successor(cast(Cycles, there.problem).asked(), unknowns_of(there), k, name)
-    more = None if start is None else with_duration(there.problem, start, k + 1, BORN_PARTS, vary, options)
+    more = None if start is None else with_phase_born(there.problem, start, k + 1, vary, options)
     follows = "no cycle with it was found next to this one" if more is None else "it goes on with the cycle that has it"
     what = f"{SUCCESSOR_CHANGES} at {{name}} = {{value:.10g}}: {event!r} leads to {name!r} beyond; {follows}"
     point = special_point(
@@ -227,53 +207,39 @@ def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options)
     if start is None:
         return None
     if start[0].phases > len(orbit.arcs) + 1:  # it leads to another mode, and from there back
-        return cast("AnyOrbit | None", with_duration(family, start, place.phase + 1, BORN_PARTS, vary, options))
-    # the phase before the event ends the sooner, the faster that is met
-    each = (with_duration(family, start, place.phase, (part,), vary, options) for part in MET_SOONER)
-    near = (other for other in each if other is not None and _alike(orbit, other, within=CLOSELY_THE_SAME))
-    return cast("AnyOrbit | None", next(near, None))
+        return cast("AnyOrbit | None", with_phase_born(family, start, place.phase + 1, vary, options))
+    point = point_at(*start, along(family, vary), like=None)
+    for ds in SLOWLY:
+        for one in (point, backwards(point)):
+            u, lam, setting = predict(one, ds)
+            solved = corrected((one.t, u, setting), lam, family, options, ds=ds, border=one.row)
+            if solved.status.ok and solved.t.cycle.signature == start[0].cycle.signature:
+                value = family.moved(vary, lam, solved.solution.parameter)
+                return cast(AnyOrbit, orbit_of(solved, family.with_value(vary, value), wall_s=0.0))
+    return None
 
 
 def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The cycle with other phases next to a grazing one, a little to either side of it.
-
-    The one that does not meet an event which this one meets with no speed; or that of a motion's first return.
-    """
+    """The cycle with other phases on which the motion settles next to a grazing one, a little to either side of it."""
     family = last.problem
     if family.system is None:
         return None
-    for start in _passing_by(last):
-        sides = (solved_at(family.with_value(vary, family.moved(vary, lam)), start, options) for lam in EITHER_SIDE)
-        near = [other for other in sides if other is not None and _alike(last, other, within=CLOSELY_THE_SAME)]
-        clear = [other for other in near if not same_events(last, other)]
-        if clear:
-            return cast(AnyOrbit, max(clear, key=lambda o: nearest_touch(o.problem.asked(), unknowns_of(o))[0]))
     arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
     for lam in BESIDE_GRAZING:
         beside = cast(Cycles, family.with_value(vary, family.moved(vary, lam)))
         with suppress(NoOrbit):
             other = cycle_near(beside, arc.mode, middle_of(last, arc), options, settled=True)
-            if not same_events(last, other) and _alike(last, other, within=CLOSELY_THE_SAME):
+            if not same_events(last, other) and _alike(last, other):
                 return cast(AnyOrbit, other)
     return None
 
 
-def _passing_by(last: Orbit) -> Iterator[Start]:
-    """The phases of a cycle without an event that it meets with no speed, those on both sides of it being one."""
-    posed, start = cast(Cycles, last.problem).asked(), unknowns_of(last)
-    segments = segments_of(*start)
-    for place in _met_slowly(last):
-        k = place.phase
-        if k + 1 < len(segments) and segments[k].mode == segments[k + 1].mode:
-            yield start_of(posed, [*segments[:k], joined_phases(segments[k : k + 2]), *segments[k + 2 :]], start)
-
-
-def _alike(one: Orbit, other: Orbit, *, within: float = NEARLY_THE_SAME) -> bool:
+def _alike(one: Orbit, other: Orbit) -> bool:
     """Whether the ranges of all states and the periods are nearly the same."""
-    if abs(one.period - other.period) > within * one.period:
+    if abs(one.period - other.period) > NEARLY_THE_SAME * one.period:
         return False
     states = len(one.problem.vocabulary(one.cycle.states).states)
     x, y = one.sample()[1][:states], other.sample()[1][:states]
     size = np.ptp(x, axis=1)
     off = np.maximum(np.abs(x.max(axis=1) - y.max(axis=1)), np.abs(x.min(axis=1) - y.min(axis=1)))
-    return bool(np.all(off <= within * size))
+    return bool(np.all(off <= NEARLY_THE_SAME * size))

@@ -16,9 +16,8 @@ The other way round, a phase that begins at a contact is held at a small duratio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from itertools import chain, islice, takewhile
 from typing import cast
 
@@ -215,19 +214,12 @@ def vanishing_soon(
     came = last - parameter_value(before, vary)
     if abs(value - last) > AS_FAR * abs(came) or (value - last) * came < 0:
         return None  # far away, or where the branch comes from
-    sense = float(np.sign(value - last)) or 1.0
-    behind = (orbit for orbit in next_to(contact, vary, sense, options) if orbit.signature == contact.signature)
-    first = next(behind, None)
-    return None if first is None else (contact, first)
-
-
-def next_to(contact: AnyOrbit, vary: str, sense: float, options: Options) -> Iterator[AnyOrbit]:
-    """The cycles next to a contact that steps from it lead to, the one in the sense of the parameter first."""
-    point = curve_point(contact, vary, sense=sense)
+    point = curve_point(contact, vary, sense=float(np.sign(value - last)) or 1.0)
     for way in (point, backwards(point)):
-        outcome = step_along(way, contact, vary, BEHIND, *contact.problem.range_of(vary), options)
-        if not isinstance(outcome, str):
-            yield outcome[0]
+        behind = step_along(way, contact, vary, BEHIND, *contact.problem.range_of(vary), options)
+        if not isinstance(behind, str) and behind[0].signature == contact.signature:
+            return contact, behind[0]
+    return None
 
 
 def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
@@ -235,16 +227,12 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
 
     It is the cycle at which a phase of the longer sequence has vanished, or the one with fewer phases that grazes an
     event, or the last of those that was found; of what is no user's system, the last one with the phases of `before`.
-    Where only a plane cuts the one elsewhere than the other, no phase of the motion changes.
+    Where only a plane cuts the one elsewhere than the other, no phase of
+    the motion changes.
 
     vary, options: name of the parameter; tolerance and method of the orbits.
     Returns Orbit; None where the events are the same.
     """
-    return cast("AnyOrbit | None", _change_of_phases(before, after, vary, options))
-
-
-@lru_cache(maxsize=16)  # the walk asks for it, and again what lies in its steps
-def _change_of_phases(before: Orbit, after: Orbit, vary: str, options: Options) -> Orbit | None:
     if same_events(before, after):
         return None
     fewer, more = sorted((before, after), key=lambda orbit: len(orbit.arcs))
@@ -283,7 +271,8 @@ def last_before(
 ) -> AnyOrbit:
     """The last orbit on the way from one to another that is not beyond something."""
     start = curve_point(before, vary, like=secant_direction(before, after, vary))
-    length, found = length_to(after, before, start, vary), [before]
+    length = length_to(after, before, start, vary)
+    found = [before]
 
     def passed(ds: float) -> bool:
         outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
@@ -292,26 +281,19 @@ def last_before(
         found.append(outcome[0])
         return False
 
-    low = 0.0
-    for far in (length, 2 * length, 4 * length):  # where the branch turns back, it is farther than the other orbit
-        low, high = boundary(passed, low, far, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
-        if high < far:
-            break
+    boundary(passed, 0.0, length, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
     return found[-1]
 
 
-def with_duration(
-    problem: Problem, start: Start, k: int, parts: Sequence[float], vary: str, options: Options
-) -> Orbit | None:
-    """The cycle next to a contact in which a phase has been given a duration: T_k is held, the parameter free.
+def with_phase_born(problem: Problem, start: Start, k: int, vary: str, options: Options) -> Orbit | None:
+    """The cycle in which a phase has just begun, from the contact on: T_k is held, the parameter free.
 
-    problem, start, k: the problem at the contact; the cycle there with the phase, and its number; parts: of its
-    duration there, the first one taken that leads to a cycle.
+    problem, start, k: the problem at the contact; the cycle there with the phase, as long as it may be; its number.
     Returns Orbit; None where there is none with these phases next to the contact.
     """
     t, begun, setting = start
     setting = replace(setting, p=problem.vector(), dp=along(problem, vary))
-    for part in parts:
+    for part in BORN_PARTS:
         u = begun.copy()
         t.durations_of(u)[k] *= part
         solution = newton(t, u, setting, border=_row(t, u, k), accuracy=1e-3 * options.tol)
