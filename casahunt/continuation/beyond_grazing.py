@@ -225,10 +225,11 @@ def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None
     if family.system is None:
         return None
     arc = max(last.arcs, key=lambda arc: arc.duration)  # from its middle, far from where the event grazes
+    near_by = replace(options, solver="newton")
     for lam in BESIDE_GRAZING:
         beside = cast(Cycles, family.with_value(vary, family.moved(vary, lam)))
         with suppress(NoOrbit):
-            other = cycle_near(beside, arc.mode, middle_of(last, arc), options, settled=True)
+            other = cycle_near(beside, arc.mode, middle_of(last, arc), near_by, settled=True)
             if not same_events(last, other) and _alike(last, other):
                 return cast(AnyOrbit, other)
     return None
