@@ -50,7 +50,7 @@ def check_phase(
             fades = lasted.size == EVER_SHORTER and (np.diff(lasted) < 0).all() and lasted.sum() <= CROWDED * time
             raise MarchFailure(ACCUMULATE.format(time, EVER_SHORTER) if fades else why)
     time += last.duration
-    if len(segments) % CROWD == 0 and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
+    if len(segments) > CROWD and sum(s.duration for s in segments[-CROWD:]) <= CROWDED * time:
         raise MarchFailure(ACCUMULATE.format(time, CROWD))
 
 
