@@ -220,7 +220,7 @@ def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options)
 
 
 def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
-    """The cycle with other phases on which the motion settles next to a grazing one, a little to either side of it."""
+    """The cycle with other phases to which the first return of a motion leads next to a grazing one, on either side."""
     family = last.problem
     if family.system is None:
         return None

@@ -10,6 +10,7 @@ from command_line import one_json, run
 from casahunt import Demands, InputError, NoOrbit, Options, Servo, Uncertainty, find_fold, tune
 from casahunt.design.tune.best_gain import Given
 from casahunt.design.tune.check import verified
+from casahunt.servo.parts import loop_of, series
 
 STEP, KP, MOTOR = 1.0, 2.0, 16.0
 """The largest step of the tasks [rad]; Table 1's: kp of the controller at K = 1, motor gain [N m/V]."""
@@ -44,6 +45,15 @@ def test_the_strongest_motor_of_the_set():
     uncertain = Uncertainty({"servo.motor_gain": (15.0, 18.0)})
     assert given(Demands(max_torque=30.0), uncertain).largest_gain(Servo()) == pytest.approx(30 / (18 * KP), rel=1e-12)
     assert given(Demands(), uncertain).largest_gain(Servo()) == math.inf
+
+
+def test_a_lead_makes_the_first_torque_larger_and_a_low_pass_does_not_hide_it():
+    """A lead passes lead_pole/lead_zero of a jump at once; behind a low-pass the torque of the controller comes later."""
+    plain = loop_of(Servo(), "switch", 0.1)
+    lead = plain.with_parts(series("lead"), lead_zero=10.0, lead_pole=80.0)
+    most = given(Demands(max_torque=30.0))
+    assert most.first_torque(lead) == pytest.approx(8 * MOTOR * KP * STEP, rel=1e-12)
+    assert most.first_torque(plain.with_parts(series("low-pass"))) == pytest.approx(MOTOR * KP * STEP, rel=1e-12)
 
 
 @pytest.mark.slow

@@ -1,18 +1,19 @@
-"""casahunt fold of an axis that hunts in two ways: that of the cycle which was followed ends, the other one goes on."""
+"""casahunt fold, where hunting ends elsewhere: another cycle goes on, or the one that folds is unstable before."""
 
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from casahunt import Servo, find_fold
+from casahunt import Servo, find_fold, simulate
 from casahunt.cli import main
 from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop, load_loop, loop_of
-from casahunt.servo.parts.verbs import fold_in, loop_cycle, stable_up_to
+from casahunt.servo.parts.verbs import fold_in, last_stable, loop_cycle, stable_up_to
 
 AXIS = """
 [loop]
@@ -128,27 +129,35 @@ def test_the_fold_of_the_other_hunting_lies_behind_a_slip_that_vanishes(tmp_path
     assert np.abs(np.linalg.eigvals(slopes) - 1).min() < 1e-3  # as the root of what the gain is known to
 
 
-def test_a_cycle_that_loses_its_stability_in_front_of_its_fold_says_where():
-    """Friction by direction: P(x), from the place of one stick to that of the next on the same side by DOP853, has a
-    slope of -1 there; from there on motions come to rest, a fifth below the fold."""
-    loop = Loop((INERTIA, BY_DIRECTION, PID_BY_TIMES, INTEGRATOR), {"static_back": 0.47, "coulomb_back": 0.40})
-    fold = find_fold(loop)
-    gain = stable_up_to(loop, fold)
+BY_DIRECTION_LOOP = Loop((INERTIA, BY_DIRECTION, PID_BY_TIMES, INTEGRATOR), {"static_back": 0.47, "coulomb_back": 0.40})
+
+
+def sticks(x, gain):
+    """The places of the next two sticks of `BY_DIRECTION_LOOP`, from one that ends forwards at x on, by DOP853."""
     kp, kd, ki = 16 * gain * np.array([2, 1 / (2 * np.pi), 2 * np.pi])
+    for sign, static, coulomb in ((1, 0.53, 0.44), (-1, 0.47, 0.40)):
+
+        def rate(t, y, sign=sign, static=static, coulomb=coulomb):
+            friction = sign * (coulomb + (static - coulomb) * np.exp(-((y[1] / 0.02) ** 2))) + 0.1 * y[1]
+            return [y[1], (-(kp * y[0] + kd * y[1] + ki * y[2]) - friction) / 0.026, y[0]]
+
+        def stops(t, y, sign=sign):
+            return sign * y[1] if t > 1e-6 else 1.0
+
+        stops.terminal, stops.direction = True, -1
+        begins = [x, sign * 1e-13, -(sign * static + kp * x) / ki]
+        x = solve_ivp(rate, (0, 10), begins, "DOP853", events=stops, rtol=1e-12, atol=1e-15).y[0, -1]
+        yield x
+
+
+def test_a_cycle_that_loses_its_stability_in_front_of_its_fold_says_where():
+    """Friction by direction: P(x), from the place of one stick to that of the next on the same side, has a slope of -1
+    there; from there on motions come to rest, a fifth below the fold."""
+    fold = find_fold(BY_DIRECTION_LOOP)
+    gain = stable_up_to(BY_DIRECTION_LOOP, fold)
 
     def following(x):
-        for sign, static, coulomb in ((1, 0.53, 0.44), (-1, 0.47, 0.40)):
-
-            def rate(t, y, sign=sign, static=static, coulomb=coulomb):
-                friction = sign * (coulomb + (static - coulomb) * np.exp(-((y[1] / 0.02) ** 2))) + 0.1 * y[1]
-                return [y[1], (-(kp * y[0] + kd * y[1] + ki * y[2]) - friction) / 0.026, y[0]]
-
-            def stops(t, y, sign=sign):
-                return sign * y[1] if t > 1e-6 else 1.0
-
-            stops.terminal, stops.direction = True, -1
-            begins = [x, sign * 1e-13, -(sign * static + kp * x) / ki]
-            x = solve_ivp(rate, (0, 10), begins, "DOP853", events=stops, rtol=1e-12, atol=1e-15).y[0, -1]
+        _, x = sticks(x, gain)
         return x
 
     x = brentq(lambda x: following(x) - x, -1.01e-3, -1.0e-3, xtol=1e-15)
@@ -156,7 +165,33 @@ def test_a_cycle_that_loses_its_stability_in_front_of_its_fold_says_where():
     assert gain < 0.8 * fold.value and (4 * narrow - wide) / 3 == pytest.approx(-1, abs=1e-4)
 
 
+def test_both_ends_of_swings_to_one_side_are_told():
+    """They were said to reach as far to either side."""
+    place = -0.04
+    for _ in range(30):
+        above, place = sticks(place, 0.04)
+    said = simulate(BY_DIRECTION_LOOP, set_point=1.0, time=100.0).verdict.sentence
+    assert f"from {place:.4g} rad to {above:.4g} rad beside the set point" in said
+
+
 def test_a_cycle_that_is_stable_up_to_its_fold_says_so():
     loop = loop_of(Servo(), "switch", 0.3)
     fold = find_fold(loop)
     assert stable_up_to(loop, fold) == fold.value
+
+
+@pytest.mark.parametrize(("stable", "special", "told"), [
+    ((True, True, True), [("fold", 2)], 9.0),
+    ((True, True, False), [("fold", 2)], None),  # lost, and nobody knows where
+    ((True, True, False), [("superstable", 0), ("flip", 1), ("fold", 2)], 1.0),
+    ((True, True, True), [("flip", 2), ("fold", 2)], 2.0),  # in the last step
+    ((True, False, True), [("flip", 0), ("flip", 1), ("fold", 2)], 9.0),  # and wins it back
+    ((True, True, False), [("grazing", 1), ("fold", 2)], 1.0),
+    ((True, True, True), [("grazing", 2), ("fold", 2)], 9.0),  # which it survives
+    ((None, None, None), [("fold", 2)], None),
+    ((True, True, True), [], None),
+])  # fmt: skip
+def test_what_is_known_of_where_stability_is_lost(stable, special, told):
+    orbits = [SimpleNamespace(seen_stable=each) for each in (*stable, False)]
+    points = [SimpleNamespace(kind=kind, behind=orbits[k], value=float(k)) for kind, k in special]
+    assert last_stable(SimpleNamespace(orbits=orbits, special=points), 9.0) == told

@@ -69,10 +69,11 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
 
 
 def _matters(loop: Loop, name: str, ends: tuple[float, float]) -> bool:
-    low, high = (either_way(loop.replace(**{name: float(end)})).values() for end in ends)
-    one, other = ([open_loop(way, 1.0) for way in ways] for ways in (low, high))
-    told = ([(way.numerator.tolist(), way.denominator.tolist()) for way in opened] for opened in (one, other))
-    return next(told) != next(told)
+    def told(end: float) -> list[tuple[list[float], list[float]]]:
+        opened = (open_loop(way, 1.0) for way in either_way(loop.replace(**{name: float(end)})).values())
+        return [(each.numerator.tolist(), each.denominator.tolist()) for each in opened]
+
+    return told(ends[0]) != told(ends[1])
 
 
 def _curve(loop: Loop, lag: Lag) -> tuple[Array, Array]:

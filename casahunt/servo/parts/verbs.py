@@ -20,7 +20,7 @@ from itertools import chain
 from ... import effort
 from ...axis_units import several
 from ...checks import choice_of
-from ...continuation import FOLD, Fold, follow, largest, smallest
+from ...continuation import FOLD, GRAZING, Branch, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
@@ -45,6 +45,8 @@ one that settles.  With a torque limit a motion from afar may grow for ever, whi
 WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring; and of
 following a cycle to another gain, five seconds of a processor or less."""
+LOSES_STABILITY = ("flip", "symmetry breaking", "Neimark-Sacker", "grazing")
+"""Special points behind which cycles may be unstable up to their fold."""
 BESIDE_A_FOLD, OF_ITS_AMPLITUDE = 0.01, (2.0, 1.0, 0.5)
 """How far beyond a fold other hunting is looked for, and from where motions start at rest there."""
 FAR_UP, FARTHEST_FOLD = 1e3, 1e6
@@ -305,14 +307,23 @@ def stable_up_to(loop: Loop, fold: Fold[SystemOrbit]) -> float | None:
             branch = follow(cycle, name, to=beyond_fold(fold), options=rough, until=lambda each: each.kind == FOLD.kind)
     except (NoOrbit, effort.PartGivenUp):
         return None
+    return last_stable(branch, fold.value)
+
+
+def last_stable(branch: Branch[SystemOrbit], fold: float) -> float | None:
+    """The value at which the cycles of a branch lose their stability for good on the way to its fold; `fold` where they
+    keep it; None where neither was located."""
     number = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
     special = [(number.get(id(each.behind), -1), each) for each in branch.special]
-    ends = next((k for k, each in special if each.kind == FOLD.kind), None)
-    stable = [k for k, orbit in enumerate(branch.orbits[: (ends or 0) + 1]) if orbit.seen_stable]
-    if ends is None or not stable:
+    ends = next((k for k, each in special if each.kind == FOLD.kind), -1)
+    stable = [k for k, orbit in enumerate(branch.orbits[: ends + 1]) if orbit.seen_stable]
+    if not stable:
         return None
-    lost = next((each for k, each in special if k >= stable[-1]), None)
-    return fold.value if stable[-1] == ends or lost is None or lost.kind == FOLD.kind else lost.value
+    last = stable[-1]
+    lost = next((each for k, each in special if k >= last and each.kind in LOSES_STABILITY), None)
+    if lost is not None and (last < ends or lost.kind != GRAZING.kind):
+        return lost.value
+    return fold if last == ends else None
 
 
 def beyond_fold(fold: Fold[SystemOrbit]) -> float:
