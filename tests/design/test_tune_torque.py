@@ -48,7 +48,7 @@ def test_the_strongest_motor_of_the_set():
 
 
 def test_a_lead_makes_the_first_torque_larger_and_a_low_pass_does_not_hide_it():
-    """A lead passes lead_pole/lead_zero of a jump at once; behind a low-pass the torque of the controller comes later."""
+    """A lead passes lead_pole/lead_zero of a jump at once; a low-pass lets that of the controller come later."""
     plain = loop_of(Servo(), "switch", 0.1)
     lead = plain.with_parts(series("lead"), lead_zero=10.0, lead_pole=80.0)
     most = given(Demands(max_torque=30.0))
