@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 import casahunt
 from casahunt import InputError, Servo, pictures
 from casahunt.cli import main
+from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop
 
 SERVO = Servo()
 
@@ -234,3 +235,15 @@ def test_the_time_axis_goes_to_where_something_happens(gain, position, whole):
         late = found.times[:-1] > end
         t, x = found.dense(4)
         assert late.any() and np.abs(x[0][t > end]).max() < 1e-3
+
+
+def test_each_direction_of_viscous_friction_has_its_phase():
+    """Both crossovers lie on a curve: that of a motion back lay beside the one that was drawn for both."""
+    loop = Loop((INERTIA, BY_DIRECTION, PID_BY_TIMES, INTEGRATOR), {"viscous_back": 0.2})
+    _, phase = pictures.bode(loop, [casahunt.linear_loop(loop, back=back) for back in (False, True)])
+    curves = [line for line in phase.lines if line.get_xdata().size > 2]
+    dots = [line for line in phase.lines if line.get_marker() == "o"]
+    assert len(curves) == len(dots) == 2
+    for dot in dots:
+        beside = [np.interp(dot.get_xdata()[0], *curve.get_data()) - dot.get_ydata()[0] for curve in curves]
+        assert np.abs(beside).min() < 0.1 and np.abs(beside).max() > 5

@@ -8,7 +8,7 @@ The gain moves the magnitude curves up and down; the phase curves are the same f
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -69,7 +69,8 @@ def bode(
     controller = None if isinstance(servo, Loop) else servo.controller
     figure, axes = panels(ax, 2, 1 if controller is None else 2, sharex=True)
     sizes, phases = np.reshape(axes, (2, -1)).tolist()
-    l_size, l_phase, phase_of_L = sizes[-1], phases[-1], _degrees(opened[0].response(omega))
+    l_size, l_phase, firsts = sizes[-1], phases[-1], {loop.direction: i for i, loop in reversed([*enumerate(loops)])}
+    phase_of_L = {way: _degrees(opened[i].response(omega)) for way, i in firsts.items()}
     handles = []
     for i, (loop, L) in enumerate(zip(loops, opened, strict=True)):
         look = _LOOKS[i % len(_LOOKS)]
@@ -81,15 +82,16 @@ def bode(
         dot = {"marker": "o", "markersize": 5, "color": look.colour, "markeredgecolor": "black"}
         for crossing in loop.gain_crossovers:
             l_size.plot(crossing.frequency, 1.0, **dot)
-            at = np.interp(crossing.frequency, omega, phase_of_L)
+            at = np.interp(crossing.frequency, omega, phase_of_L[loop.direction])
             turns = round((at - crossing.margin + 180) / 360)  # the curve goes on where an angle begins anew
             l_phase.plot(crossing.frequency, crossing.margin - 180 + 360 * turns, **dot, zorder=5)
     if drive is not None:
         built = [loop_asked(ways[loop.direction], None, loop.gain, usual="switch") for loop in loops]
-        handles += _as_built(built, drive, omega[omega <= last], l_size, l_phase)
+        handles += _as_built(built, drive, omega[omega <= last], l_size, l_phase, firsts.values())
     if controller is not None:
         phases[0].semilogx(omega, _degrees(controller.response(loops[0].gain, 1j * omega)), color=NEUTRAL)
-    l_phase.semilogx(omega, phase_of_L, color=NEUTRAL)
+    for way, phase in phase_of_L.items():
+        l_phase.semilogx(omega, phase, color=_of_a_phase(firsts[way], firsts.values()))
     l_size.axhline(1.0, color=NEUTRAL, linewidth=0.8)
     l_phase.axhline(-180.0, color=NEUTRAL, linewidth=0.8)
     _labelled(sizes, phases)
@@ -98,13 +100,21 @@ def bode(
     return axes
 
 
-def _as_built(loops: Sequence[Loop], drive: Drive, omega: Array, size: Any, phase: Any) -> list[Any]:
-    """Draw L as built below the continuous one; returns a handle."""
+def _of_a_phase(i: int, firsts: Collection[int]) -> str:
+    """The colour of a phase that loops share: that of the first of them, where others have another phase."""
+    return _LOOKS[i % len(_LOOKS)].colour if len(firsts) > 1 else NEUTRAL
+
+
+def _as_built(
+    loops: Sequence[Loop], drive: Drive, omega: Array, size: Any, phase: Any, firsts: Collection[int]
+) -> list[Any]:
+    """Draw L as built below the continuous one, its phase for the first of those that share it; returns a handle."""
     built = [pulse_transfer(loop, drive).response(omega) for loop in loops]
     for i, L in enumerate(built):
         size.plot(omega, np.abs(L), color=_LOOKS[i % len(_LOOKS)].colour, linestyle=":")
-    drawn: list[Any] = phase.semilogx(omega, _degrees(built[0]), color=NEUTRAL, linestyle=":", label="as built")
-    return drawn
+    how = {"linestyle": ":", "label": "as built"}
+    drawn = [phase.semilogx(omega, _degrees(built[i]), color=_of_a_phase(i, firsts), **how) for i in firsts]
+    return list(drawn[0])
 
 
 def _frequencies(loops: Sequence[LinearLoop], opened: Sequence[OpenLoop], last: float) -> Array:
