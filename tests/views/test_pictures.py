@@ -241,7 +241,7 @@ def test_each_direction_of_viscous_friction_has_its_phase():
     """Both crossovers lie on a curve: that of a motion back lay beside the one that was drawn for both."""
     loop = Loop((INERTIA, BY_DIRECTION, PID_BY_TIMES, INTEGRATOR), {"viscous_back": 0.2})
     _, phase = pictures.bode(loop, [casahunt.linear_loop(loop, back=back) for back in (False, True)])
-    curves = [line for line in phase.lines if line.get_xdata().size > 2]
+    curves = [line for line in phase.lines if np.size(line.get_xdata()) > 2]
     dots = [line for line in phase.lines if line.get_marker() == "o"]
     assert len(curves) == len(dots) == 2
     for dot in dots:
