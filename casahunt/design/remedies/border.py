@@ -25,7 +25,7 @@ import numpy as np
 from ... import effort
 from ...continuation import Branch, SpecialPoint, follow, largest, smallest
 from ...errors import NoOrbit, Status
-from ...orbits import Orbit, SystemOrbit
+from ...orbits import Orbit, SystemOrbit, find_cycle
 from ...orbits.adapt import Options
 from ...roots import boundary
 from ...servo.linear.open_loop import linear_stable
@@ -50,8 +50,11 @@ SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
 FINER_FOR_GRAZINGS = 0.1
 """Of the tolerance of folds, that of the cycles on the way: their branch may end at an event met for the first time."""
-MOST_UNSTABLE = 20
-"""Cycles that are followed on where they have lost their stability: they may win it back, or come to a fold."""
+MOST_UNSTABLE, WORK_OF_UNSTABLE = 20, 3e4
+"""Cycles that are followed on where they have lost their stability, and the work of that (effort.py): they may win it
+back, or come to a fold."""
+WORK_OF_SETTLING = 5e4
+"""Work (effort.py) of a motion that settles: one that is next to losing its stability comes nearer ever so slowly."""
 MOST_CYCLES, MOST_WORK_OF_AN_END = 150, 4e5
 """Orbits, and work (effort.py: ten seconds of a processor or less), after which cycles are followed no further, and
 motions tell where hunting ends: where slips all but stop half-way, steps become ever smaller.  Twice as much where
@@ -294,7 +297,7 @@ def _end_of_stable(
     loop: with some of it; lost: cycles that were not followed so far, to which this one is added until it is.
     Raises NoOrbit, effort.PartGivenUp: it was not followed so far.
     """
-    cycle = loop_cycle(loop, remedy.size, start=swing.state, options=options)
+    cycle = _next_to(swing, loop, remedy, options)
     if cycle.seen_stable is False:
         raise NoOrbit("the cycle next to a motion that hunts is not stable", Status.NOT_FOUND)
     if any(_same(cycle, other, remedy) for other in lost):
@@ -303,6 +306,17 @@ def _end_of_stable(
     found = _followed_to_its_end(cycle, remedy, last, options)
     lost.pop()
     return found
+
+
+def _next_to(swing: Swing, loop: Loop, remedy: Remedy, options: Options) -> SystemOrbit:
+    """The cycle on which a motion that hunts settles; of its first return where it takes long.  Raises NoOrbit."""
+    try:
+        with effort.at_most(WORK_OF_SETTLING):
+            return loop_cycle(loop, remedy.size, start=swing.state, options=options)
+    except effort.PartGivenUp:
+        start, near = loop.state(**swing.state), replace(options, solver="newton")
+        mode = loop.mode_at(**start)
+        return find_cycle(loop.system, mode, start=start, follow=remedy.size, settled=True, options=near)
 
 
 def _same(cycle: SystemOrbit, other: SystemOrbit, remedy: Remedy) -> bool:
@@ -355,9 +369,10 @@ def _further(
     lost it is known.  Raises NoOrbit, effort.PartGivenUp: stable ones could not.
     """
     finer = replace(options, tol=FINER_FOR_GRAZINGS * options.tol)
-    most = MOST_UNSTABLE if losses else MOST_CYCLES
+    most, work = (MOST_UNSTABLE, WORK_OF_UNSTABLE) if losses else (MOST_CYCLES, math.inf)
     try:
-        return follow(at, remedy.size, to=last, previous=before, options=finer, until=_may_end, max_points=most)
+        with effort.at_most(work):
+            return follow(at, remedy.size, to=last, previous=before, options=finer, until=_may_end, max_points=most)
     except (NoOrbit, effort.PartGivenUp):
         if not losses:
             raise
