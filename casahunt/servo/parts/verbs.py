@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import chain
+from typing import Any
 
 from ... import effort
 from ...axis_units import several
@@ -301,13 +302,25 @@ def stable_up_to(loop: Loop, fold: Fold[SystemOrbit]) -> float | None:
     """The last value of the parameter, on the way to a fold, at which the cycle that ends there is stable: the fold's
     own, or where it has lost its stability for good; None where that is not known."""
     name, rough = fold.parameter, Options(tol=TOLERANCE_ON_THE_WAY)
+    ends: Any = {"vary": name, "to": beyond_fold(fold), "options": rough, "until": lambda each: each.kind == FOLD.kind}
     try:
         with effort.at_most(WORK_OF_A_START):
             cycle = loop_cycle(loop, name, options=rough, or_below=name == "gain")
-            branch = follow(cycle, name, to=beyond_fold(fold), options=rough, until=lambda each: each.kind == FOLD.kind)
+            way = follow(cycle, monitors=(FOLD,), **ends)
+            # what rings beside a stick may lose its stability and win it back many times before
+            k = next((k for k in range(_last_before(way), -1, -1) if way.orbits[k].seen_stable), None)
+            if k is None:
+                return None
+            branch = follow(way.orbits[k], previous=way.orbits[k - 1] if k else None, **ends)
     except (NoOrbit, effort.PartGivenUp):
         return None
     return last_stable(branch, fold.value)
+
+
+def _last_before(branch: Branch[SystemOrbit]) -> int:
+    """Number of the last orbit in front of the fold of a branch; -1 where it has none."""
+    numbers = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
+    return next((numbers.get(id(each.behind), -1) for each in branch.special if each.kind == FOLD.kind), -1)
 
 
 def last_stable(branch: Branch[SystemOrbit], fold: float) -> float | None:
@@ -315,7 +328,7 @@ def last_stable(branch: Branch[SystemOrbit], fold: float) -> float | None:
     keep it; None where neither was located."""
     number = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
     special = [(number.get(id(each.behind), -1), each) for each in branch.special]
-    ends = next((k for k, each in special if each.kind == FOLD.kind), -1)
+    ends = _last_before(branch)
     stable = [k for k, orbit in enumerate(branch.orbits[: ends + 1]) if orbit.seen_stable]
     if not stable:
         return None
