@@ -9,14 +9,14 @@ Symbols: n states, N + 1 ends of intervals, m samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ..axis_units import in_its_units
+from ..axis_units import in_its_units, suffix
 from ..errors import InputError, Status
 from ..export import Columns
 from ..motion import Motion
@@ -31,7 +31,7 @@ Array = np.ndarray
 
 FIRST_STATES = ("x1", "x2", "x3")
 """Position and velocity of the motor, and the integral: the states that are told first."""
-COLUMNS = {"x2": "velocity_rad_per_s", "x3": "integral_rad_s", "x4": "bristle_rad"}
+STATE_NAMES = {"x2": "velocity", "x3": "integral", "x4": "bristle"}
 """Columns of the table of a motion, by states; any other state has its own name, from the set point if it is an
 angle."""
 PEAK_POINTS = 16
@@ -43,6 +43,11 @@ def told_first(names: Sequence[str]) -> tuple[str, ...]:
     """States in the order in which they are told."""
     first = [name for name in FIRST_STATES if name in names]
     return (*first, *(name for name in names if name not in first))
+
+
+def named_columns(loop: Loop, states: Mapping[str, Array], names: Mapping[str, str]) -> Columns:
+    """States as columns, with the units of a loop; names: of those that are not called as they are."""
+    return {names.get(state, state) + suffix(loop.unit_of(state)): values for state, values in states.items()}
 
 
 @dataclass(frozen=True, repr=False)
@@ -265,7 +270,7 @@ class Trajectory(LoopResult):
         return ahead(self.loop, Moved(times, states[kept], np.array([errors[name] for name in names]), mode))
 
     def table(self, times: Array | None = None) -> Columns:
-        """The motion as columns: time_s, position_rad, the other states (`COLUMNS`), torque_Nm, mode.
+        """The motion as columns: time_s, position_rad, the other states (`STATE_NAMES`), torque_Nm, mode.
 
         Parameters
         ----------
@@ -275,7 +280,7 @@ class Trajectory(LoopResult):
         t, x = self.dense() if times is None else (np.asarray(times, float), self.sample(times))
         states = dict(zip(self.names, x, strict=True))
         first = {"time_s": t, "position_rad": self.set_point + states.pop("x1")}
-        named = {COLUMNS.get(name, name): values for name, values in states.items()}
+        named = named_columns(self.loop, states, STATE_NAMES)
         if self.move is not None:
             first["set_point_rad"] = self.set_point - self.signal("remaining", t)
         return {**first, **named, "torque_Nm": self.signal("torque", t), "mode": self.mode_at(t)}

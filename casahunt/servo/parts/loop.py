@@ -30,6 +30,8 @@ Array = np.ndarray
 
 OF_MOTION = "x2", "load_rate", "x4"
 """States of plants beside angles, and of bristles: all others are those of the controller and its filters."""
+_UNITS = {"x2": "rad/s", "x3": "rad s", "x4": "rad", "load_rate": "rad/s", "filtered": "rad", "clock": "s"}
+"""Of states that are no angles."""
 BALANCED_TO = 1e-9
 """Part of the load to which the controller holds it."""
 
@@ -154,6 +156,10 @@ class Loop:
     def angles(self) -> tuple[str, ...]:
         """The states that are angles from the set point."""
         return tuple(state for part in self.present for state in part.angles)
+
+    def unit_of(self, state: str) -> str:
+        """The unit of a state in SI, of a rotary axis; "" where it is not known."""
+        return "rad" if state in self.angles else _UNITS.get(state, "")
 
     def state(self, **start: float) -> dict[str, float]:
         """Every state: those given, the others zero.

@@ -49,7 +49,7 @@ from ..parts.lugre import LUGRE
 from ..parts.plain_loop import LoopResult, loop_asked
 from ..servo import Servo
 from ..simulate import start_of
-from ..trajectory import told_first
+from ..trajectory import STATE_NAMES, named_columns, told_first
 from .loop import Sampled, SampledLoop
 from .plant import as_run
 
@@ -311,10 +311,9 @@ class SampledMotion(LoopResult):
 
     def _columns(self) -> Columns:
         states = dict(zip(self.names, self.states[:, :-1], strict=True))
-        named = {"time_s": self.times[:-1], "position_rad": self.set_point + states.pop("x1"),
-                 "velocity_rad_per_s": states.pop("x2")}  # fmt: skip
-        named |= {"sum_rad_s": states.pop("x3")} if "x3" in states else {}
-        return named | states | {"torque_Nm": self.torque}
+        first = {"time_s": self.times[:-1], "position_rad": self.set_point + states.pop("x1")}
+        others = named_columns(self.loop, states, STATE_NAMES | {"x3": "sum"})
+        return {**first, **others, "torque_Nm": self.torque}
 
     def _more(self) -> dict[str, Any]:
         end = self.state(-1)

@@ -79,10 +79,11 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
 def _others(found: Trajectory) -> Iterator[str]:
     """The states of other parts than those of a servo, at the end."""
     for state, value, error in zip(found.names, found.end, found.state_errors, strict=True):
+        unit = found.loop.unit_of(state)
         if state in found.loop.angles and state != "x1":
-            yield f"{quantity(value, 'rad', within, error)} from the set point ({state})"
+            yield f"{quantity(value, unit, within, error)} from the set point ({state})"
         elif state not in ("x1", *NAMED.values()):
-            yield f"{state} {within(value, error)}"
+            yield f"{state} {quantity(value, unit, within, error)}".rstrip()
 
 
 def _near(found: Trajectory) -> str:

@@ -36,7 +36,6 @@ def run(options: argparse.Namespace) -> int:
 # What `casahunt equilibria` says of where the servo can stand still
 
 NO_LIMIT = "no limit"
-STATE_UNITS = {"x1": "rad", "x3": "rad s", "x4": "rad", "load_angle": "rad"}
 AT_THE_SET_POINT = 1e-9
 """Of a servo that stands as near to its set point as that [rad], it stands there."""
 
@@ -105,7 +104,7 @@ def _details(found: Equilibria) -> Iterator[str]:
     yield item("state", "x1 position from the set point, x2 velocity, x3 integral of x1")
     for each in found.rests:
         extent = "; ".join(
-            f"{name} {_between(float(x.min()), float(x.max()), '' if shown().plain else STATE_UNITS.get(name, ''))}"
+            f"{name} {_between(x.min(), x.max(), 'N m' if name == 'torque' else found.loop.unit_of(name))}"
             for name, x in zip(each.names, each.corners.T, strict=True) if name not in ("x2", "load_rate")
         )  # fmt: skip
         yield item("equilibria", f"{each.mode}, {each.corners.shape[0]} corners: {extent}")
