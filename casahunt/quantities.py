@@ -34,12 +34,12 @@ _OTHERS: dict[str, dict[str, Any]] = {
         "deg": math.pi / 180, "°": math.pi / 180, "arcmin": math.pi / 10800, "arcsec": math.pi / 648000,
         "gon": math.pi / 200, "rev": 2 * math.pi,
     },
-    "rad/s": {"rpm": math.pi / 30},
+    "rad/s": {"rpm": math.pi / 30, "Hz": 2 * math.pi, "kHz": 2000 * math.pi},
 }  # fmt: skip
 """What takes none, by the SI unit of the same kind: its size in that (NIST SP 811, appendix B)."""
 COUNTS = "counts"
 """The unit of a length or an angle that is one count of the encoder."""
-KNOWN = "um mm cm m in ft urad mrad rad deg rev rpm ms s min mN N kN lbf Nm g kg lb mV V mA A".split()
+KNOWN = "um mm cm m in ft urad mrad rad deg rev rpm Hz kHz ms s min mN N kN lbf Nm g kg lb mV V mA A".split()
 """Those that are told to who asks for another one."""
 _VALUE = re.compile(
     r"\s*+([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+((?![eE](?:[-+\d]|$))(?:[A-Za-zµμ°]|1\s*/).*)"

@@ -58,9 +58,10 @@ _OF_PARTS = {
     "hysteresis": "rad",
     "error_dead_band": "rad",
     "dither": "rad/s",
-    **dict.fromkeys(("lead_zero", "lead_pole", "notch_frequency", "low_pass", "filter_frequency"), "1/s"),
 }
 """Of parameters of parts that no plain servo has, and of keys of a drive."""
+_FREQUENCIES = "lead_zero", "lead_pole", "notch_frequency", "low_pass", "filter_frequency"
+"""Of filters: a plain number is an angular one."""
 _GAINS = {
     "kp": ("V/rad", "N m/rad"),
     "ki": ("1/s", "V/(rad s)", "N m/(rad s)"),
@@ -75,6 +76,8 @@ def kinds_of(name: str) -> tuple[str, ...]:
     last = name.rpartition(".")[2]
     bare = last.removeprefix("load_").removesuffix("_back")
     known = {key.rpartition(".")[2]: unit for key, unit in PARAMETER_UNITS.items()} | _OF_PARTS
+    if last in _FREQUENCIES:
+        return "1/s", "Hz"
     return _GAINS.get(last) or (known.get(last, known.get(bare, "")),)
 
 

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,6 @@ from casahunt import (
     InputError,
     NoOrbit,
     Options,
-    Servo,
     Units,
     basin,
     find_fold,
@@ -33,7 +33,6 @@ from casahunt import (
 )
 from casahunt.axis_units import shown
 from casahunt.quantities import in_si
-from casahunt.servo.parts import loop_of, series
 from casahunt.servo.units import value_of
 from problems.ball_screw import BY_HAND, TOML
 
@@ -160,11 +159,29 @@ def test_the_drive_of_a_linear_axis_is_changed_on_the_command_line(capsys, encod
     assert (found["sample_time"], found["delay"]) == pytest.approx((0.5e-3, 0.1e-3), rel=1e-12)
 
 
-def test_a_frequency_of_a_filter_has_its_unit():
-    loop = loop_of(Servo(), "switch", 0.1).with_parts(series("low-pass", "notch"))
-    assert loop.replace(low_pass=value_of("low_pass", "0.8 1/ms", loop.units)).value("low_pass") == pytest.approx(800)
-    with pytest.raises(InputError, match="low_pass = '800 rad/s': must be in 1/s"):
-        value_of("low_pass", "800 rad/s", loop.units)
+@pytest.mark.parametrize(("text", "turns"), [("45 Hz", 45), ("0.045 kHz", 45), ("2700 rpm", 45), ("45 rev/s", 45)])
+@pytest.mark.parametrize("motion", ["rotary", "linear"])
+def test_a_frequency_of_a_filter_has_its_unit(text, turns, motion):
+    assert value_of("low_pass", text, Units(motion)) == pytest.approx(2 * math.pi * turns, rel=1e-15)
+    for plain in ("0.8 1/ms", "800 1/s", "800 rad/s"):
+        assert value_of("notch_frequency", plain, Units(motion)) == 800
+    with pytest.raises(InputError, match="low_pass = '800 s': must be in 1/s or Hz"):
+        value_of("low_pass", "800 s", Units(motion))
+
+
+def test_states_of_a_load_are_in_the_units_of_the_axis(capsys, tmp_path):
+    """On one file they stood in metres beside millimetres: as it swings, as its drive samples it, and in sentences."""
+    belt = (Path(TOML).parent / "belt_axis.toml").read_text()
+    files = {"swings.toml": belt[: belt.index("[drive]")], "sampled.toml": belt}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+        words = "--time", "0.2", "--csv", tmp_path / f"{name}.csv", "--quiet"
+        assert run(capsys, "simulate", tmp_path / name, *words)[0] == 0
+        first, *_, last = csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines())
+        assert float(first["load_angle_mm"]) == -1 and "load_rate_mm_per_s" in first
+        assert float(last["load_angle_mm"]) == pytest.approx(float(last["position_mm"]) - 1, abs=0.05)  # the belt gives
+    _, out, _ = run(capsys, "simulate", tmp_path / "swings.toml", "--time", "0.2", "--quiet")
+    assert re.search(r"load_rate -?[.\de-]+ [um]m/s", " ".join(out.split()))
 
 
 def test_where_no_step_is_stated_it_is_one_unit_of_length():
