@@ -28,7 +28,7 @@ from ...errors import NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit, find_cycle
 from ...orbits.adapt import Options
 from ...roots import boundary
-from ...servo.linear.open_loop import linear_stable
+from ...servo.linear.open_loop import grows_without_friction, linear_stable
 from ...servo.parts.fate import LEFT_OF_A_SWING, NEARLY_THERE, Swing
 from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Remedy
@@ -75,7 +75,8 @@ second on; where they hunt, cycles are followed from there, so many times at mos
 LIMIT_KNOWN, BESIDE_UNSTABLE = 1e-4, 0.01
 """Part of a step to which a size is known from which on the loop is unstable; how far in front of it is looked."""
 BRIEFLY = LOOKED_AT_BEYOND[0]
-"""Cycles that win their stability back for a smaller part of the size than this are no hunting that would be seen."""
+"""Cycles that win their stability back for a smaller part of the size than this are no hunting that would be seen; and
+what branches off where they lose it may hunt on so far."""
 MOST_UNCLEAR = 2
 """Sizes one after the other with which nobody knows whether motions hunt, behind which no more is looked at."""
 SAME_CYCLE = "the same cycle was not followed so far before"
@@ -223,13 +224,13 @@ def _of_stable_loops(loop: Loop, remedy: Remedy, size: float, last: float) -> tu
     while remedy.sense * sizes[-1] < remedy.sense * last:
         more = more_of(remedy, sizes[-1], 1 + FIRST_MORE)
         sizes.append(last if remedy.sense * more > remedy.sense * last else more)
-    stable = [linear_stable(with_remedy(loop, remedy, each)) for each in sizes]
-    k = stable.index(False) if False in stable else len(sizes)
-    if k == len(sizes) or any(each is not False for each in stable[k:]):  # or more of it makes the loop stable again
+    grows = [grows_without_friction(with_remedy(loop, remedy, each)) for each in sizes]
+    k = grows.index(True) if True in grows else len(sizes)
+    if k == len(sizes) or not all(grows[k:]):  # or more of it makes the loop stable again
         return math.nan, last
     at, more = sizes[k - 1 : k + 1]
     width = LIMIT_KNOWN * abs(more - at)
-    _, limit = boundary(lambda x: not linear_stable(with_remedy(loop, remedy, x)), at, more, width=width)
+    _, limit = boundary(lambda x: grows_without_friction(with_remedy(loop, remedy, x)), at, more, width=width)
     return limit, more_of(remedy, limit, 1 - BESIDE_UNSTABLE)
 
 
@@ -399,7 +400,7 @@ def _lost(losses: list[SpecialPoint[SystemOrbit]], fold: float) -> Border:
     if not losses:
         raise NoOrbit("cycles are not stable, and where they were was not found", Status.NOT_FOUND)
     special = losses[-1]
-    error = max(np.nan_to_num(special.error), SIZE_KNOWN * abs(special.value))
+    error = max(np.nan_to_num(special.error), BRIEFLY * abs(special.value))
     return Border("instability", special.value, error, orbit=special.orbit, why=special.meaning, fold=fold)
 
 

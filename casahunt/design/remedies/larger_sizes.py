@@ -9,7 +9,7 @@ import math
 from contextlib import suppress
 
 from ... import effort
-from ...servo.linear.open_loop import linear_stable
+from ...servo.linear.open_loop import grows_without_friction
 from ...servo.outcome import Kind
 from ...servo.parts.fate import GROWN_BY, Swing, fate
 from ...servo.parts.loop import Loop
@@ -31,7 +31,7 @@ def stays(loop: Loop, remedy: Remedy, sizes: tuple[float, ...], before: Swing) -
         if swing is not None:
             swing = handed_down(loop, remedy, swing, (above, at), before)
         there = with_remedy(loop, remedy, at)
-        if linear_stable(there) is False:
+        if grows_without_friction(there):
             seen = Scan("growing")
         else:
             grid = at == sizes[0] or not before.irregular  # to which motions come from anywhere

@@ -1,8 +1,8 @@
 """What a remedy costs: a step from rest, or a move by a profile, simulated: x1 = -distance, all other states zero.
 
     peak        the largest |torque| of the motor on it [N m], and the voltage [V]
-    settling    the time from which on |x1| stays within the error at rest, or within `SETTLED_WITHIN` of the step and
-                half of the amplitude of the hunting that is to end [s], since the start of the move
+    settling    the time from which on |x1| stays within the error at rest, and a part of that more, or within as large
+                a part of the step and half of the amplitude of the hunting that is to end [s], from the move's start
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ...servo.parts.loop import Loop
 Array = np.ndarray
 
 SETTLED_WITHIN = 0.02
-"""Part of the step within which it has settled."""
+"""Part of the step within which it has settled; and of the error at rest, to which the last of the way may creep."""
 TASK_POINTS = 4
 """Of an interval, at which torque and error are looked at."""
 HALF_OF_IT = 0.5
@@ -71,9 +71,9 @@ def task(loop: Loop, before: Swing, rest_error: float, step: float, move: Move |
         x.append(states[one.system.states.index("x1")])
         peak, began = max(peak, float(np.abs(one.along("torque", motion, t)).max())), began + float(t[-1])
     error, within = np.abs(np.concatenate(x)), settled_within(before.amplitude, step)
-    within = float(np.fmax(rest_error, within))
     if math.isnan(rest_error) and ended.kind == "at rest":
-        within = max(within, float(error[-1]))
+        rest_error = float(error[-1])
+    within = float(np.fmax((1 + SETTLED_WITHIN) * rest_error, within))
     outside = np.flatnonzero(error > within)
     last = int(outside[-1]) if outside.size else 0
     settled = float(np.concatenate(times)[last]) if last < error.size - 1 and ended.kind != "hunting" else math.nan

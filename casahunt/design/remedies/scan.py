@@ -19,6 +19,8 @@ OFF_THE_CYCLE = (0.97, 1.03)
 the one side of it may be a band in which everything rests."""
 LEAST_START, LARGEST_START, NO_GAP, MOST_STARTS = 1e-3, 3.0, 1.6, 30
 """Between so many amplitudes of the hunting no gap as wide as that, as a ratio, is left without a turn of a motion."""
+LEAST_SHRINKING = 0.99
+"""Of places by which a motion decays on, from one to the next: more slowly is told as well by fewer."""
 GRID_BEYOND = np.geomspace(0.2, 8.0, 12).tolist()
 """Starts at rest beside the set point, in amplitudes of the hunting, where that is said to have ended."""
 MOST_UNDECIDED, MOST_TURNS_OF_ALL = 2, 1200
@@ -70,10 +72,11 @@ def scan(loop: Loop, *before: Swing, rest: float = NEARLY_THERE, beyond: bool = 
 
 
 def _way(start: float, found: Fate) -> list[tuple[float, float]]:
-    """Places of a motion, and the next one of each: where it rests, that; where it decays, those of a decade more."""
+    """Places of a motion, and the next one of each: where it rests, that; where it decays towards the set point, those
+    of a decade more."""
     places = [start, *np.abs(found.turns).tolist()]
-    if found.kind == "decaying":
-        ratio = math.sqrt(places[-2] / places[-4])
+    if found.kind == "decaying" and places[-2] <= abs(found.turns[-2] - found.turns[-3]):
+        ratio = min(math.sqrt(places[-2] / places[-4]), LEAST_SHRINKING)
         places += (places[-2] * np.geomspace(ratio, 1 / DECADE, 1 + int(math.log(DECADE) / -math.log(ratio)))).tolist()
     return list(zip(places, [*places[1:], places[-1] if found.kind == "at rest" else math.nan], strict=True))
 

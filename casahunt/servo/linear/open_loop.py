@@ -138,6 +138,13 @@ def linear_stable(loop: Loop) -> bool | None:
     return None if None in opened else all(each.stable for each in opened if each is not None)
 
 
+def grows_without_friction(loop: Loop) -> bool:
+    """Whether a loop of parts without dry friction is unstable, with the viscous friction of either direction: where it
+    is with that of one alone, the two of a swing may yet damp it."""
+    opened = [open_loop_of_parts(each) for each in either_way(loop).values()]
+    return all(each is not None and not each.stable for each in opened)
+
+
 def smooth(loop: Loop) -> tuple[tuple[Part, ...], str]:
     """The parts of a loop without its dry friction; why they are not linear, as far as they say it, or ""."""
     parts, switching = list[Part](), list[str]()

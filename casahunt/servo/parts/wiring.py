@@ -54,6 +54,8 @@ UNGIVEN: dict[str, Function] = {
     "load_moving": lambda x, s, p: 1.0,
 }
 """What a signal is where no part gives it; angles are measured from the set point."""
+SPOKEN = {"integrates": "times at which the integrator stands still", "leak_rate": "leak"}
+"""What signals are called in a refusal, where their names are none of a controller."""
 
 Active = tuple[tuple[Part, Law, float | None], ...]
 """Each part with the law of its mode, and the sign of that mode where the loop's mode does not carry it."""
@@ -138,7 +140,8 @@ class Wiring:
         for part, law, sign in active:
             for name, function in {**part.gives, **law.gives}.items():
                 if name in taken:
-                    raise InputError(f"{taken[name]} and {part.name} do not go together: both give the {name}")
+                    what = SPOKEN.get(name, name)
+                    raise InputError(f"{taken[name]} and {part.name} do not go together: both give the {what}")
                 taken[name] = part.name
                 self._givers[name] = function, sign
         self._givers.update({name: (function, None) for name, function in (others or {}).items()})

@@ -215,7 +215,7 @@ def test_the_border_in_two_parameters_is_that_of_the_stick_map():
 
 @pytest.mark.parametrize(("parts", "values", "sentence"), [
     ((*PLAIN, DEAD_BAND, HYSTERESIS), {"dead_band": 0.01, "hysteresis": 0.01}, "both give the integrand"),
-    ((*PLAIN, LEAK, LEAK), {"leak": 0.1}, "both give the leak_rate"),
+    ((*PLAIN, LEAK, LEAK), {"leak": 0.1}, "both give the leak"),
     (PLAIN, {"backlash": 0.1}, "unknown parameter 'backlash'"),
     ((INERTIA, PID_BY_GAINS, INTEGRATOR), {}, "no part of the loop gives the signal 'moving'"),
     ((*PLAIN, RESET_AT_CENTRE), {"reset": 0.5}, "reset does not go with these parts: none has the event 'centre'"),
