@@ -10,7 +10,8 @@ free, it leads to the contact; behind it stands the cycle without the phase.  Be
     where that is too far, the same from the orbits of a walk towards the other one, nearer and nearer
     where no phase vanishes, the cycle with fewer phases that grazes an event, or the last of them found
 
-The other way round, a phase that begins at a contact is held at a small duration there, with the parameter free.
+The other way round, a phase that begins at a contact is held at a small duration there, with the parameter free; where
+one event more begins, and no phase of another mode, the phase before it is held at a little less than it lasted.
 """
 
 from __future__ import annotations
@@ -219,9 +220,8 @@ def vanishing_soon(
     if abs(value - last) > AS_FAR * abs(came) or (value - last) * came < 0:
         return None  # far away, or where the branch comes from
     sense = float(np.sign(value - last)) or 1.0
-    behind = (orbit for orbit in next_to(contact, vary, sense, options) if orbit.signature == contact.signature)
-    first = next(behind, None)
-    return None if first is None else (contact, first)
+    each = next_to(contact, vary, sense, options)
+    return next(((contact, orbit) for orbit in each if orbit.signature == contact.signature), None)
 
 
 def next_to(contact: AnyOrbit, vary: str, sense: float, options: Options) -> Iterator[AnyOrbit]:
@@ -249,9 +249,10 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
 
 @lru_cache(maxsize=16)  # the walk asks for it, and again what lies in its steps
 def contact_between(before: Orbit, after: Orbit, vary: str, options: Options) -> tuple[Orbit, Orbit | None] | None:
-    """The same, and one next to it with more phases, or from which on one of these shrinks to nothing, with no fold.
+    """The same, and a cycle on the side of more phases, up to which there is no fold.
 
-    None where none was found: as a rule they begin at a contact that could not be located.
+    It is the one from which on a phase shrinks to nothing, or one next to the contact that meets its event slowly.
+    None in its place where none was found.
     """
     if same_events(before, after):
         return None
@@ -293,7 +294,8 @@ def last_before(
 ) -> AnyOrbit:
     """The last orbit on the way from one to another that is not beyond something."""
     start = curve_point(before, vary, like=secant_direction(before, after, vary))
-    length, found = length_to(after, before, start, vary), [before]
+    length = length_to(after, before, start, vary)
+    found = [before]
 
     def passed(ds: float) -> bool:
         outcome = step_along(start, before, vary, ds, *before.problem.range_of(vary), options)
@@ -302,7 +304,11 @@ def last_before(
         found.append(outcome[0])
         return False
 
-    boundary(passed, 0.0, length, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
+    low = 0.0
+    for far in (length, 2 * length, 4 * length):  # where the branch turns back, it is farther than the other orbit
+        low, high = boundary(passed, low, far, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
+        if high < far:
+            break
     return found[-1]
 
 
