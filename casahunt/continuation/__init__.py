@@ -21,6 +21,7 @@ birth.py            the cycle that is born at a Hopf bifurcation
 terminations.py     where cycles end: shrunk, grown, at an equilibrium; and through a rest
 branch.py           a branch on its way, and as it is handed out
 closed_branch.py    where a branch closes
+over_contacts.py    steps of a walk that lead over a contact
 following.py        a branch of a user's system, with what is met on the way
 fold_expansion.py   a known fold and how it changes with parameters; the folds of many members from there, in one loop
 fold.py             a fold as a point of the branch, and how much it moves with every parameter

@@ -10,8 +10,8 @@
 
 Where an event is grazed once more, the equations of the cycle go on beyond the contact, and between its points a phase
 shows the event no better than its polynomial: the contact is where the scalar of the event turns at zero
-(grazing_contact.py). At the contact the cycle with one more boundary has a regular tangent, although h' = 0 there: the
-speed is free.
+(grazing_contact.py). At the contact the cycle with one more boundary has a regular tangent, although h' = 0 there:
+along it the phase before that boundary is cut the shorter, while x_0 and the parameter may go like the square of that.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from ..collocation.successors import behind, undecided
 from ..errors import NoOrbit, Status
 from ..orbits.adapt import Options
 from ..orbits.family import Cycles
-from ..orbits.orbit import AnyOrbit, Complaint, Orbit, orbit_of, unknowns_of
-from ..orbits.sequences import nearest_touch, with_contact, with_successor, without
+from ..orbits.orbit import AnyOrbit, Complaint, Orbit, unknowns_of
+from ..orbits.sequences import nearest_touch, with_successor, without
 from ..orbits.simulated_phases import may_vanish
-from .curve import along, backwards, point_at, predict, solved_at
+from .curve import along, parameter_value, solved_at
 from .grazing_contact import (
     NEAR_CONTACT,
     VANISHING_SHARE,
@@ -43,11 +43,8 @@ from .grazing_contact import (
 )
 from .poincare_section import same_events
 from .special_points import GRAZING, Monitor, SpecialPoint, special_point
-from .vanishing import UNLOCATED, lacking, last_before, with_phase_born
-from .walk import corrected
+from .vanishing import BORN_PARTS, UNLOCATED, lacking, last_before, next_to, with_duration, with_one_more
 
-SLOWLY = (1e-2, 1e-3, 1e-4)
-"""How far behind a grazing contact, in arclength, the cycle that meets the event is looked for."""
 BESIDE_GRAZING = (1e-5, -1e-5, 1e-4, -1e-4, 1e-3, -1e-3)
 """Where beside a grazing, in lambda, the first return of a motion is looked at."""
 NEARLY_THE_SAME = 0.05
@@ -125,9 +122,11 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
     if leads_elsewhere(last):
         return _at_changed_successor(orbits, vary, options)
     posed, start = last.problem.asked(), unknowns_of(last)
+    sense = float(np.sign(parameter_value(last, vary) - parameter_value(orbits[-2:][0], vary))) or 1.0
     for _, fewer in without(posed, start):
         other = solved_at(last.problem, fewer, options)
         if other is not None and other.signature != last.signature and _alike(last, other):
+            other = next((o for o in next_to(other, vary, sense, options) if o.signature == other.signature), other)
             return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, other))
     distance, mode, event = nearest_touch(posed, start)
     if distance > NEAR_CONTACT:
@@ -151,7 +150,7 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
         special = special_point(called, last, vary, error=NEAR_CONTACT)
         return Behind(special, _clear_of_it(last, vary, options))
     place, orbit = located
-    more = _with_one_more(orbit, place, vary, options)
+    more = with_one_more(orbit, place, vary, options)
     follows = "no cycle with these phases follows" if more is None else "it goes on with the cycle that meets it"
     contact = special_point(replace(GRAZING, meaning=f"{what}; {follows}"), orbit, vary)
     return Behind(contact, more or _clear_of_it(last, vary, options), _beyond(place))
@@ -190,7 +189,7 @@ def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Opti
     k = undecided(*at)[0]
     event, name = last.arcs[k].event, last.cycle.phases[k].leads_to(behind(*at, k), at[2].p)
     start = with_successor(cast(Cycles, there.problem).asked(), unknowns_of(there), k, name)
-    more = None if start is None else with_phase_born(there.problem, start, k + 1, vary, options)
+    more = None if start is None else with_duration(there.problem, start, k + 1, BORN_PARTS, vary, options)
     follows = "no cycle with it was found next to this one" if more is None else "it goes on with the cycle that has it"
     what = f"{SUCCESSOR_CHANGES} at {{name}} = {{value:.10g}}: {event!r} leads to {name!r} beyond; {follows}"
     point = special_point(
@@ -198,25 +197,6 @@ def _at_changed_successor(orbits: tuple[AnyOrbit, ...], vary: str, options: Opti
     )
     following = cast("AnyOrbit | None", more) or _clear_of_it(last, vary, options)
     return Behind(point, following, leads_elsewhere)
-
-
-def _with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | None:
-    """The cycle next to one that grazes an event which meets it, slowly; None where none was found."""
-    family = cast(Cycles, orbit.problem)
-    start = with_contact(family.asked(), unknowns_of(orbit), place.phase, place.event)
-    if start is None:
-        return None
-    if start[0].phases > len(orbit.arcs) + 1:  # it leads to another mode, and from there back
-        return cast("AnyOrbit | None", with_phase_born(family, start, place.phase + 1, vary, options))
-    point = point_at(*start, along(family, vary), like=None)
-    for ds in SLOWLY:
-        for one in (point, backwards(point)):
-            u, lam, setting = predict(one, ds)
-            solved = corrected((one.t, u, setting), lam, family, options, ds=ds, border=one.row)
-            if solved.status.ok and solved.t.cycle.signature == start[0].cycle.signature:
-                value = family.moved(vary, lam, solved.solution.parameter)
-                return cast(AnyOrbit, orbit_of(solved, family.with_value(vary, value), wall_s=0.0))
-    return None
 
 
 def _clear_of_it(last: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:

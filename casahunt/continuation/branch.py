@@ -182,6 +182,26 @@ class Branch(Result, Generic[AnyOrbit]):
         return {**labels, f"{self.vary}_range": self.range, "special": special}
 
 
+@dataclass(frozen=True)
+class Departure(Generic[AnyOrbit]):
+    """How a walk sets out.
+
+    Attributes
+    ----------
+    sense, previous, heading : its sense; the orbit before or None; its direction on the curve or None.
+    first_step : the length of its first step; None for that of the branch.
+    watched, insisted : for cycles cut by planes, whether the plane is watched, and whether another was asked for in
+        need.
+    """
+
+    sense: float
+    previous: AnyOrbit | None = None
+    heading: Array | None = None
+    first_step: float | None = None
+    watched: bool = True
+    insisted: bool = False
+
+
 @dataclass
 class Run(Generic[AnyOrbit]):
     """A branch on its way: what it has come to, and what stays the same."""

@@ -147,17 +147,21 @@ def _met(
         orbit, vary, to=min(max(to, lowest), highest), options=rough, monitors=(FOLD,), recut=False, progress=progress,
         until=lambda special: special.kind == FOLD.kind, max_points=max_points,
     )  # fmt: skip
-    top = max(branch.orbits, key=lambda each: sense * parameter_value(each, vary))
-    turned = next((special.orbit for special in branch.special if special.kind == FOLD.kind), None)
-    beside = top if turned is None and branch.missed else turned
+    fold = next((special for special in branch.special if special.kind == FOLD.kind), None)
+    turned, last = (None, None) if fold is None else (fold.orbit, fold.behind)
+    many = 1 + next((k for k, each in enumerate(branch.orbits) if each is last), len(branch.orbits))
+    top = max(branch.orbits[:many], key=lambda each: sense * parameter_value(each, vary))
+    beside = top if turned is None and any(missed.kind == FOLD.kind for missed in branch.missed) else turned
     if beside is not None and sense * beside.problem.distance(vary, parameter_value(top, vary)) <= rough.tol:
         return special_point(FOLD, optimal_beside(beside, vary, finer(options), sense), vary)
     word, title = "largest" if sense > 0 else "smallest", orbit.problem.title
     if top is not branch.orbits[-1]:
-        at = f"{vary} = {parameter_value(top, vary):.8g}, about"
-        raise NoOrbit(f"the branch of {title} turns back at {at}, where its phases change: no fold", Status.NOT_FOUND)
+        at = f"its {word} {vary} = {parameter_value(top, vary):.8g}, about"
+        sentence = f"the branch of {title} turns back at {at}, where its phases change: no fold; `follow` locates it"
+        raise NoOrbit(sentence, Status.NOT_FOUND)
     between = f"{here:.6g} and {to:.6g}"
-    raise NoOrbit(f"{title} has no {word} {vary} on this branch between {between}: {branch.ended}", Status.NOT_FOUND)
+    why = "; ".join([branch.ended, *(missed.meaning for missed in branch.missed)])
+    raise NoOrbit(f"{title} has no {word} {vary} on this branch between {between}: {why}", Status.NOT_FOUND)
 
 
 def grazing(

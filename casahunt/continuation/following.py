@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum, auto
-from typing import Any, Generic, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -38,22 +38,22 @@ from .beyond_grazing import (
     without_speed,
 )
 from .bifurcations import monitors_of
-from .branch import Branch, Run
+from .branch import Branch, Departure, Run
 from .branching import as_whole_as_needed
 from .closed_branch import came_round, met_itself, unseen_turns
 from .crossings import Crossings, Passed
 from .curve import CurvePoint, curve_point, in_asked_scheme, parameter_value, solved_at
+from .over_contacts import leapt_over, phase_gone, said_to_turn, turns_round
 from .poincare_section import (
     badly_cut,
-    beside_the_plane,
     cut_by_planes,
     cut_elsewhere,
     section_outgrown,
     with_better_section,
 )
-from .special_points import GRAZING, Monitor, SpecialPoint, special_point
+from .special_points import GRAZING, Monitor, SpecialPoint
 from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges, through_rest
-from .vanishing import first_shrinks, from_strongest, vanishing_soon
+from .vanishing import first_shrinks, from_strongest
 from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk, walk_naturally
 
 Array = np.ndarray
@@ -68,7 +68,6 @@ class _Pause(Enum):
     """Why a walk is left where the branch goes on."""
 
     FIRST_SHRINKS = auto()  # the first phase may be about to vanish
-    PHASE_GONE = auto()  # a phase has vanished
     CUT_SHRINKS = auto()  # an event is about to move past the plane that cuts the cycle
     LEFT_BEHIND = auto()  # the plane that cuts the cycle is left behind
     NEXT_TO_NOTHING = auto()  # the cycle has shrunk to nothing
@@ -190,16 +189,17 @@ def follow(
 
 def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> End:
     """The branch from its last orbit on to its end."""
-    way: _Departure[AnyOrbit] = _Departure(sense, previous)
+    way: Departure[AnyOrbit] = Departure(sense, previous)
     while True:
         along: dict[str, Any] = {"previous": way.previous, "heading": way.heading, **run.how}
+        along["first_step"] = way.first_step or along["first_step"]
         steps = (walk_naturally if run.natural else walk)(
             run.last, vary=run.branch.vary, sense=way.sense, options=run.options,
             max_points=run.max_points - len(run.branch.orbits),
             **{name: along[name] for name in NATURAL} if run.natural else along,
         )  # fmt: skip
         length = len(run.branch.orbits)
-        outcome = _walked(run, steps, way.watched)
+        outcome = _walked(run, steps, way)
         if isinstance(outcome, Complaint):
             outcome = comes_to(run.branch.orbits, run.branch.vary, stuck=True) or _one_of_many(run) or outcome
         following = _after(run, outcome, way, len(run.branch.orbits) > length)
@@ -208,24 +208,12 @@ def _followed(run: Run[AnyOrbit], sense: float, previous: AnyOrbit | None) -> En
         way = following
 
 
-@dataclass(frozen=True)
-class _Departure(Generic[AnyOrbit]):
-    """How a walk sets out: its sense, the orbit before or None, its direction on the curve or None; for cycles cut by
-    planes, whether the plane is watched and whether another was asked for in need."""
-
-    sense: float
-    previous: AnyOrbit | None = None
-    heading: Array | None = None
-    watched: bool = True
-    insisted: bool = False
-
-
-def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bool) -> End | _Departure[AnyOrbit]:
+def _after(run: Run[AnyOrbit], outcome: Any, way: Departure[AnyOrbit], came: bool) -> End | Departure[AnyOrbit]:
     """How the branch goes on after a walk, or its end; `came` where the walk had led to any orbit at all."""
+    if isinstance(outcome, Departure):
+        return outcome
     if outcome is _Pause.FIRST_SHRINKS:
         return _cut_anew(run, from_strongest(run.last, None, run.options)[0], way.sense)
-    if outcome is _Pause.PHASE_GONE:
-        return _Departure(way.sense, run.branch.orbits[-2])
     if outcome is _Pause.CUT_SHRINKS:
         # on with the last cycle cut elsewhere, where it can be
         fresh = cut_elsewhere(run.last, run.options)
@@ -239,7 +227,7 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     if isinstance(outcome, Complaint):  # natural steps end at a fold, which no contact explains
         natural = run.natural and GRAZING not in run.looked_for
         outcome = End("stuck", str(outcome)) if natural else _grazed(run, outcome)
-    if isinstance(outcome, End | _Departure):
+    if isinstance(outcome, End | Departure):
         return outcome
     if not run.within(outcome):
         # the branch goes on with a cycle beyond its range: it ends with that cycle on the bound, where it is one
@@ -258,12 +246,12 @@ def _after(run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bo
     run.add(passed=run.line.rest())
     run.add(outcome)
     run.line.go_on_from(outcome)
-    return _Departure(sense)
+    return Departure(sense)
 
 
 def _after_planes(
-    run: Run[AnyOrbit], outcome: Any, way: _Departure[AnyOrbit], came: bool
-) -> End | Complaint | _Departure[AnyOrbit]:
+    run: Run[AnyOrbit], outcome: Any, way: Departure[AnyOrbit], came: bool
+) -> End | Complaint | Departure[AnyOrbit]:
     """The same of cycles that are cut by planes, which may be others; the Complaint where no plane is to blame."""
     failed = isinstance(outcome, Complaint)
     point = isinstance(outcome, End) and outcome.kind == POINT_KIND
@@ -282,7 +270,7 @@ def _after_planes(
         return replace(_cut_anew(run, fresh, way.sense), insisted=insist)
     if insist:
         return cast(Complaint, outcome)
-    return _Departure(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
+    return Departure(way.sense, run.branch.orbits[-2], watched=False)  # there is no better plane
 
 
 def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
@@ -290,16 +278,18 @@ def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
     found = behind_grazing(run.branch.orbits, run.branch.vary, failure, run.options)
     if found.grazing is None:
         return found.following or End("stuck", str(failure))
-    special = found.grazing
+    special, reached = found.grazing, found.reached(run.branch.orbits)
+    if found.following is not None and turns_round(reached, special.orbit, found.following, run.branch.vary):
+        special = said_to_turn(special)
     if run.within(special.orbit):
         run.add(passed=run.line.rest())
-        run.branch = replace(run.branch, orbits=found.reached(run.branch.orbits))
+        run.branch = replace(run.branch, orbits=reached)
         run.add(passed=run.of_contact(special))
         run.line.go_on_from(run.last)
     return found.following or End(special.kind, f"no cycle follows: {special.meaning}", special.value, special.error)
 
 
-def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: bool) -> Any:
+def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], way: Departure[AnyOrbit]) -> Any:
     """How a walk has ended whose orbits the branch has been given.
 
     By an End; by the orbit behind a grazing that it came to; by the Complaint that it has failed by; by a _Pause where
@@ -320,20 +310,20 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], watched: 
         by_planes = cut_by_planes(before) and cut_by_planes(after)
         if by_planes and before.signature != after.signature and _shrunk(run.branch) is not None:
             return _Pause.NEXT_TO_NOTHING  # stepped over: the same cycles, half a turn later
-        if (found := _at_an_end(run, after)) is not None:
+        if (found := leapt_over(run, after, way) or _at_an_end(run, after)) is not None:
             return found
         if by_planes:
             largest = np.maximum(largest, ranges(after))
-            if watched and np.all(ranges(after) <= SHRUNK_TO * largest):
+            if way.watched and np.all(ranges(after) <= SHRUNK_TO * largest):
                 return _Pause.NEXT_TO_NOTHING
-            if watched and section_outgrown(after):
+            if way.watched and section_outgrown(after):
                 return _Pause.LEFT_BEHIND
             continue
         if run.recut and badly_cut(after) and not badly_cut(before):
             return _Pause.CUT_SHRINKS
         if run.recut and first_shrinks(before, after):
             return _Pause.FIRST_SHRINKS
-        if (gone := _phase_gone(run, before, after)) is not None:
+        if (gone := phase_gone(run, before, after)) is not None:
             return gone
 
 
@@ -349,23 +339,6 @@ def _one_of_many(run: Run[AnyOrbit]) -> End | None:
         if many := one_of_many((t, u, there)):
             return End("one of many", f"the branch ends at {vary} = {value:.6g}: {many}", value)
     return None
-
-
-def _phase_gone(run: Run[AnyOrbit], before: AnyOrbit, after: AnyOrbit) -> AnyOrbit | _Pause | None:
-    """Whether a phase vanishes behind the last two orbits: the branch has the contact then, and goes on without it."""
-    if beside_the_plane(after) < math.inf:
-        return None
-    over = vanishing_soon(before, after, run.branch.vary, run.options, at_kinks=run.line.at_kinks)
-    if over is None or not run.within(over[0]):
-        return None
-    contact, behind = over
-    run.add(passed=run.line.rest())
-    run.add(contact, passed=run.of_contact(special_point(GRAZING, contact, run.branch.vary)))
-    run.line.go_on_from(contact)
-    if not run.within(behind):
-        return behind
-    run.add(behind, passed=run.line.past(behind))
-    return _Pause.PHASE_GONE
 
 
 def _at_an_end(run: Run[AnyOrbit], after: AnyOrbit) -> End | Complaint | None:
@@ -400,12 +373,12 @@ def _shrunk(branch: Branch[AnyOrbit]) -> SpecialPoint[AnyOrbit] | None:
     return None if before is None else hopf_point(before, last, branch.vary)
 
 
-def _cut_anew(run: Run[AnyOrbit], fresh: AnyOrbit, sense: float) -> _Departure[AnyOrbit]:
+def _cut_anew(run: Run[AnyOrbit], fresh: AnyOrbit, sense: float) -> Departure[AnyOrbit]:
     """On with the last orbit as it is cut now: period and parameter go as they did."""
     was, now = run.line.point, curve_point(fresh, run.branch.vary, sense=sense)
     run.replaced(fresh)
     heading = now.row if was is None or float(_rates(was) @ _rates(now)) >= 0 else -now.row
-    return _Departure(float(np.sign(heading[-1])), heading=heading)
+    return Departure(float(np.sign(heading[-1])), heading=heading)
 
 
 def _rates(point: CurvePoint) -> Array:

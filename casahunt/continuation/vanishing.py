@@ -10,14 +10,16 @@ free, it leads to the contact; behind it stands the cycle without the phase.  Be
     where that is too far, the same from the orbits of a walk towards the other one, nearer and nearer
     where no phase vanishes, the cycle with fewer phases that grazes an event, or the last of them found
 
-The other way round, a phase that begins at a contact is held at a small duration there, with the parameter free.
+The other way round, a phase that begins at a contact is held at a small duration there, with the parameter free; where
+one event more begins, and no phase of another mode, the phase before it is held at a little less than it lasted.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import chain, islice, takewhile
 from typing import cast
 
@@ -28,13 +30,14 @@ from ..collocation.newton import newton
 from ..collocation.transcription import Setting, Transcription
 from ..hybrid.problem import Problem
 from ..orbits.adapt import Options, on_breaks
+from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.restart import Start
-from ..orbits.sequences import nearest_touch, without
+from ..orbits.sequences import nearest_touch, with_contact, without
 from ..orbits.simulated_phases import may_vanish, rotated, strongest
 from ..roots import boundary
 from .curve import along, backwards, curve_point, parameter_value, secant_direction, solved_at
-from .grazing_contact import CONTACT_RANGE, grazing_at
+from .grazing_contact import CONTACT_RANGE, Contact, grazing_at
 from .locating import length_to, nearer
 from .poincare_section import beside_the_plane, same_events
 from .walk import step_along
@@ -57,6 +60,8 @@ BEHIND = 1e-4
 """How far behind a grazing contact, along the branch, the next cycle is looked for."""
 BORN_PARTS = (1.0, 0.1, 0.01)
 """Parts of its first duration with which a phase that begins at a contact is sought."""
+MET_SOONER = (0.9999, 0.999, 0.99)
+"""Parts of its duration at a contact that the phase before an event takes where that is met: the sooner, the faster."""
 UNLOCATED = 1e-5
 """Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
 located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
@@ -214,12 +219,18 @@ def vanishing_soon(
     came = last - parameter_value(before, vary)
     if abs(value - last) > AS_FAR * abs(came) or (value - last) * came < 0:
         return None  # far away, or where the branch comes from
-    point = curve_point(contact, vary, sense=float(np.sign(value - last)) or 1.0)
+    sense = float(np.sign(value - last)) or 1.0
+    each = next_to(contact, vary, sense, options)
+    return next(((contact, orbit) for orbit in each if orbit.signature == contact.signature), None)
+
+
+def next_to(contact: AnyOrbit, vary: str, sense: float, options: Options) -> Iterator[AnyOrbit]:
+    """The cycles next to a contact that steps from it lead to, the one in the sense of the parameter first."""
+    point = curve_point(contact, vary, sense=sense)
     for way in (point, backwards(point)):
-        behind = step_along(way, contact, vary, BEHIND, *contact.problem.range_of(vary), options)
-        if not isinstance(behind, str) and behind[0].signature == contact.signature:
-            return contact, behind[0]
-    return None
+        outcome = step_along(way, contact, vary, BEHIND, *contact.problem.range_of(vary), options)
+        if not isinstance(outcome, str):
+            yield outcome[0]
 
 
 def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Options) -> AnyOrbit | None:
@@ -227,11 +238,21 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
 
     It is the cycle at which a phase of the longer sequence has vanished, or the one with fewer phases that grazes an
     event, or the last of those that was found; of what is no user's system, the last one with the phases of `before`.
-    Where only a plane cuts the one elsewhere than the other, no phase of
-    the motion changes.
+    Where only a plane cuts the one elsewhere than the other, no phase of the motion changes.
 
     vary, options: name of the parameter; tolerance and method of the orbits.
     Returns Orbit; None where the events are the same.
+    """
+    found = contact_between(before, after, vary, options)
+    return None if found is None else cast(AnyOrbit, found[0])
+
+
+@lru_cache(maxsize=16)  # the walk asks for it, and again what lies in its steps
+def contact_between(before: Orbit, after: Orbit, vary: str, options: Options) -> tuple[Orbit, Orbit | None] | None:
+    """The same, and a cycle on the side of more phases, up to which there is no fold.
+
+    It is the one from which on a phase shrinks to nothing, or one next to the contact that meets its event slowly.
+    None in its place where none was found.
     """
     if same_events(before, after):
         return None
@@ -240,11 +261,13 @@ def change_of_phases(before: AnyOrbit, after: AnyOrbit, vary: str, options: Opti
     for orbit in chain((more,), alike):
         gone = orbit_at_contact(orbit, vary, options)
         if gone is not None and _on_the_way(before, gone, after, vary):
-            return gone
+            return gone, orbit
     last = last_before(fewer, more, vary, options, lambda orbit: orbit.signature != fewer.signature)
     distance, _, event = nearest_touch(last.problem.asked(), unknowns_of(last))
     contact = grazing_at(last, event, vary, options) if distance <= CONTACT_RANGE else None
-    return replace(last, parameter_error=UNLOCATED) if contact is None else contact[1]
+    if contact is None:
+        return replace(last, parameter_error=UNLOCATED), None
+    return contact[1], with_one_more(contact[1], contact[0], vary, options)
 
 
 def _on_the_way(before: Orbit, contact: Orbit, after: Orbit, vary: str) -> bool:
@@ -281,19 +304,26 @@ def last_before(
         found.append(outcome[0])
         return False
 
-    boundary(passed, 0.0, length, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
+    low = 0.0
+    for far in (length, 2 * length, 4 * length):  # where the branch turns back, it is farther than the other orbit
+        low, high = boundary(passed, low, far, width=CHANGE_WIDTH * length, rounds=CHANGE_ROUNDS)
+        if high < far:
+            break
     return found[-1]
 
 
-def with_phase_born(problem: Problem, start: Start, k: int, vary: str, options: Options) -> Orbit | None:
-    """The cycle in which a phase has just begun, from the contact on: T_k is held, the parameter free.
+def with_duration(
+    problem: Problem, start: Start, k: int, parts: Sequence[float], vary: str, options: Options
+) -> Orbit | None:
+    """The cycle next to a contact in which a phase has been given a duration: T_k is held, the parameter free.
 
-    problem, start, k: the problem at the contact; the cycle there with the phase, as long as it may be; its number.
+    problem, start, k: the problem at the contact; the cycle there with the phase, and its number; parts: of its
+    duration there, the first one taken that leads to a cycle.
     Returns Orbit; None where there is none with these phases next to the contact.
     """
     t, begun, setting = start
     setting = replace(setting, p=problem.vector(), dp=along(problem, vary))
-    for part in BORN_PARTS:
+    for part in parts:
         u = begun.copy()
         t.durations_of(u)[k] *= part
         solution = newton(t, u, setting, border=_row(t, u, k), accuracy=1e-3 * options.tol)
@@ -304,3 +334,14 @@ def with_phase_born(problem: Problem, start: Start, k: int, vary: str, options: 
         if found is not None and found.signature == t.cycle.signature:
             return found
     return None
+
+
+def with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | None:
+    """The cycle next to one that grazes an event which meets it, slowly; None where none was found."""
+    family, k = cast(Cycles, orbit.problem), place.phase
+    start = with_contact(family.asked(), unknowns_of(orbit), k, place.event)
+    if start is None:
+        return None
+    leads_elsewhere = start[0].phases > len(orbit.arcs) + 1  # to another mode, and from there back
+    held, parts = (k + 1, BORN_PARTS) if leads_elsewhere else (k, MET_SOONER)
+    return cast("AnyOrbit | None", with_duration(family, start, held, parts, vary, options))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from casahunt.continuation import beyond_grazing, follow, grazing_contact
+from casahunt.continuation import beyond_grazing, follow, grazing_contact, vanishing
 from casahunt.orbits import Options, find_cycle
 from problems import impact_oscillator
 
@@ -109,7 +109,7 @@ def test_a_touch_that_leads_nowhere_ends_the_branch(monkeypatch, hidden):
     if hidden == "_touching":
         monkeypatch.setattr(grazing_contact, "_grazing", lambda *args: "")
     else:
-        monkeypatch.setattr(beyond_grazing, "with_contact", lambda *args: None)
+        monkeypatch.setattr(vanishing, "with_contact", lambda *args: None)
     branch = follow(find_cycle(impact_oscillator.SYSTEM, parameters={"A": 0.09}, x=0.0, v=0.0), "A", to=0.2)
     (special,) = branch.special
     assert "no cycle with these phases follows" in special.meaning and special.meaning in branch.ended
