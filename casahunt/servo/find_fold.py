@@ -12,6 +12,7 @@ That no gain was found is not shown by looking at some: status None, "there is n
 from __future__ import annotations
 
 import time
+from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -325,7 +326,7 @@ def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrb
 
 def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
     """The confirmed fold at the end of a walk up from an orbit."""
-    before = first
+    before, passed = first, [first]
     steps = walk(first, low=first.gain * 1e-3, high=first.gain * HIGHEST, options=way, max_points=MOST_WALKED)
     while True:
         effort.at(partial("on the way to the fold, at gain {0:.6g}".format, before.gain))
@@ -334,13 +335,23 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
         except StopIteration as end:
             raise NoOrbit(
                 f"the gain at which the {first.model} servo stops hunting was not found: its cycles were followed from "
-                f"gain {first.gain:.6g} to {before.gain:.6g} V/rad only",
+                f"gain {first.gain:.6g} to {before.gain:.6g} V/rad only{_left_by_motions(passed)}",
                 Status.NOT_FOUND if getattr(end.value, "kind", "") == "points" else Status.NOT_CONVERGED,
                 evidence=f"where the half multiplier is {before.half_multiplier:.3g}: {end.value}",
             ) from None
         if (fold := confirmed_between(before, after, options)) is not None:
             return replace(fold, wall_s=time.perf_counter() - began)
         before = after
+        passed.append(after)
+
+
+def _left_by_motions(passed: list[HuntingOrbit]) -> str:
+    """Where the cycles of a walk have lost their stability, if the last one is unstable."""
+    if passed[-1].seen_stable is not False or not passed[0].seen_stable:
+        return ""
+    k = bisect_left(range(len(passed)), True, key=lambda k: passed[k].seen_stable is False)
+    low, high = (f"{orbit.gain:.6g}" for orbit in passed[k - 1 : k + 1])
+    return f"; between {low} and {high} V/rad they have become unstable, and motions hunt on them no more"
 
 
 def confirmed_between(

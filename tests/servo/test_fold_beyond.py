@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from casahunt import Servo, find_fold, simulate
+from casahunt import NoOrbit, Servo, find_fold, simulate
 from casahunt.cli import main
 from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop, load_loop, loop_of
 from casahunt.servo.parts.verbs import fold_in, last_stable, loop_cycle, stable_up_to
@@ -195,3 +196,38 @@ def test_what_is_known_of_where_stability_is_lost(stable, special, told):
     orbits = [SimpleNamespace(seen_stable=each) for each in (*stable, False)]
     points = [SimpleNamespace(kind=kind, behind=orbits[k], value=float(k)) for kind, k in special]
     assert last_stable(SimpleNamespace(orbits=orbits, special=points), 9.0) == told
+
+
+@pytest.mark.slow
+def test_a_fold_that_is_not_found_says_from_where_on_motions_leave_the_cycles():
+    """Static friction 2.3 times Coulomb's: behind a half multiplier of -1 steps shrink, and the fold is no border of
+    anything.  There the slope of the map of half turns, by DOP853, is -1."""
+    static, coulomb, vs, viscous, inertia = 4.25595, 1.82521, 2.597866e-3, 0.950973, 5.824687e-3
+    servo = Servo().replace(**{
+        "friction.static": static, "friction.coulomb": coulomb, "friction.stribeck_velocity": vs,
+        "friction.viscous": viscous, "servo.inertia": inertia, "servo.motor_gain": 3.16925,
+        "controller.integral_time": 0.776434, "controller.lead_time": 0.0255295,
+    })  # fmt: skip
+    with pytest.raises(NoOrbit, match="stops hunting was not found") as refusal:
+        find_fold(servo, "switch")
+    between = re.search(r"between (\S+) and (\S+) V/rad they have become unstable", str(refusal.value))
+    slopes = []
+    for gain in map(float, between.groups()):
+        kp, kd, ki = servo.torque_gains(gain)
+
+        def rate(t, y, kp=kp, kd=kd, ki=ki):
+            friction = coulomb + (static - coulomb) * np.exp(-((y[1] / vs) ** 2)) + viscous * y[1]
+            return [y[1], (-(kp * y[0] + kd * y[1] + ki * y[2]) - friction) / inertia, y[0]]
+
+        def stops(t, y):
+            return y[1] if t > 1e-7 else 1.0
+
+        stops.terminal, stops.direction = True, -1
+
+        def half_turn(a, rate=rate, stops=stops, kp=kp, ki=ki):
+            begins = [-a, 1e-14, (kp * a - static) / ki]
+            return solve_ivp(rate, (0, 1), begins, "DOP853", events=stops, rtol=1e-12, atol=1e-17).y[0, -1]
+
+        a = brentq(lambda a: half_turn(a) - a, 1.60e-4, 1.68e-4, xtol=1e-17)
+        slopes.append((half_turn(a + 1e-9) - half_turn(a - 1e-9)) / 2e-9)
+    assert slopes[0] > -1 > slopes[1] and np.ptp(slopes) < 1e-3
