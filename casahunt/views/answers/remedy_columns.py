@@ -34,6 +34,7 @@ def columns_meant(found: Cures, own: Mapping[str, str], *, of_a_set: bool) -> It
     within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the way"
     since = "" if found.move is None else ", since its start,"
     yield f"  settles in     from then on{since} the error stays within {within}, or the error at rest"
+    yield f"                 and {100 * SETTLED_WITHIN:g} % of that, along which it may creep"
     yield "  order          the cheapest first: error at rest, torque and settling time together"
     if numbers := [f"{name}: {own[name]}" for name in names if name in own]:
         yield f"  sizes          of the controller's own numbers, in place of the present ones: {', '.join(numbers)}"
