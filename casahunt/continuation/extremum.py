@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ..checks import choice_of, number
 from ..errors import InputError, NoOrbit, Status
 from ..orbits.adapt import Options
-from ..orbits.orbit import AnyOrbit
+from ..orbits.orbit import AnyOrbit, Orbit
 from .branching import as_whole_as_needed
 from .curve import parameter_value
 from .fold import Fold, optimal_beside
@@ -159,9 +160,19 @@ def _met(
         at = f"its {word} {vary} = {parameter_value(top, vary):.8g}, about"
         sentence = f"the branch of {title} turns back at {at}, where its phases change: no fold; `follow` locates it"
         raise NoOrbit(sentence, Status.NOT_FOUND)
-    between = f"{here:.6g} and {to:.6g}"
+    where = f"{way} from {here:.6g}" if math.isinf(to) else f"between {here:.6g} and {to:.6g}"
     why = "; ".join([branch.ended, *(missed.meaning for missed in branch.missed)])
-    raise NoOrbit(f"{title} has no {word} {vary} on this branch between {between}: {why}", Status.NOT_FOUND)
+    why += left_by_motions(branch.orbits, vary)
+    raise NoOrbit(f"{title} has no {word} {vary} on this branch {where}: {why}", Status.NOT_FOUND)
+
+
+def left_by_motions(orbits: Sequence[Orbit], vary: str) -> str:
+    """Where the cycles of a branch have lost their stability, if the first one is stable and the last one is not."""
+    if orbits[-1].seen_stable is not False or not orbits[0].seen_stable:
+        return ""
+    k = bisect_left(range(len(orbits)), True, key=lambda k: orbits[k].seen_stable is False)
+    low, high = (f"{parameter_value(orbit, vary):.6g}" for orbit in orbits[k - 1 : k + 1])
+    return f"; between {vary} = {low} and {high} its cycles have become unstable, and motions leave them"
 
 
 def grazing(

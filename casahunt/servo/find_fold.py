@@ -12,7 +12,6 @@ That no gain was found is not shown by looking at some: status None, "there is n
 from __future__ import annotations
 
 import time
-from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -26,6 +25,7 @@ from .. import effort
 from ..axis_units import in_its_units
 from ..checks import choice_of, of_kind, to_error, to_error_beside
 from ..continuation import Fold, fold_between, largest, smallest
+from ..continuation.extremum import left_by_motions
 from ..continuation.walk import walk
 from ..errors import InputError, NoOrbit, Status
 from ..motion import MarchFailure
@@ -313,15 +313,16 @@ def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrb
     Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
     """
     cycle = loop_cycle(loop, vary, options=options, or_below=vary == "gain")
-    why, senses = "", (1, -1) if cycle.problem.value(vary) == loop.value(vary) else (1,)
+    why, status, senses = "", Status.NOT_FOUND, (1, -1) if cycle.problem.value(vary) == loop.value(vary) else (1,)
     for sense in senses:
         try:
             return fold_in(cycle, vary, sense=sense, options=options)
         except NoOrbit as refusal:
             why += f"; {refusal}" if why else str(refusal)
-            if refusal.status is not Status.NOT_FOUND:
-                raise NoOrbit(why, refusal.status) from None
-    raise NoOrbit(why, Status.NOT_FOUND)
+            status = refusal.status or status
+            if status is not Status.NOT_FOUND and vary == "gain":  # of which the largest is asked for
+                break
+    raise NoOrbit(why, status)
 
 
 def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
@@ -335,7 +336,7 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
         except StopIteration as end:
             raise NoOrbit(
                 f"the gain at which the {first.model} servo stops hunting was not found: its cycles were followed from "
-                f"gain {first.gain:.6g} to {before.gain:.6g} V/rad only{_left_by_motions(passed)}",
+                f"gain {first.gain:.6g} to {before.gain:.6g} V/rad only{left_by_motions(passed, 'gain')}",
                 Status.NOT_FOUND if getattr(end.value, "kind", "") == "points" else Status.NOT_CONVERGED,
                 evidence=f"where the half multiplier is {before.half_multiplier:.3g}: {end.value}",
             ) from None
@@ -344,14 +345,6 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
         before = after
         passed.append(after)
 
-
-def _left_by_motions(passed: list[HuntingOrbit]) -> str:
-    """Where the cycles of a walk have lost their stability, if the last one is unstable."""
-    if passed[-1].seen_stable is not False or not passed[0].seen_stable:
-        return ""
-    k = bisect_left(range(len(passed)), True, key=lambda k: passed[k].seen_stable is False)
-    low, high = (f"{orbit.gain:.6g}" for orbit in passed[k - 1 : k + 1])
-    return f"; between {low} and {high} V/rad they have become unstable, and motions hunt on them no more"
 
 
 def confirmed_between(

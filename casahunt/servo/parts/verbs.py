@@ -19,7 +19,7 @@ from itertools import chain
 from typing import Any
 
 from ... import effort
-from ...axis_units import several
+from ...axis_units import quantity, several
 from ...checks import choice_of
 from ...continuation import FOLD, GRAZING, Branch, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
@@ -253,12 +253,16 @@ def _followed_up(lower: SystemOrbit, gain: float, options: Options) -> SystemOrb
 def unstable_cycle(cycle: SystemOrbit, vary: str = "gain", *, options: Options | None = None) -> SystemOrbit:
     """The other cycle at the same parameters: behind the fold of the branch that goes up from here.
 
-    Raises NoOrbit: the branch does not come back; says where it ends.
+    Raises NoOrbit: the branch does not come back, or as a stable cycle; says where it ends.
     """
     here = cycle.problem.value(vary)
     branch = follow(cycle, vary, to=FAR_UP * here, options=options, monitors=())
     if branch.end.kind == "range" and len(branch.orbits) > 1 and branch.values[-1] == here:
-        return branch.orbits[-1]
+        found = branch.orbits[-1]
+        if not found.stable:
+            return found
+        back = f"with a stable cycle of amplitude {quantity(found.amplitude, 'rad')}"
+        raise NoOrbit(f"the branch of the stable cycle comes back to {vary} = {here:.6g} {back}", Status.NOT_FOUND)
     raise NoOrbit(f"the branch of the stable cycle does not come back to {vary} = {here:.6g}: {branch.end}",
                   Status.NOT_FOUND)  # fmt: skip
 

@@ -62,7 +62,8 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
     yield item("because", _because(found))
     if seen.kind == "hunting":
-        yield item("amplitude", angle(seen.amplitude))
+        half = "" if "to either side" in seen.sentence else ", half of its largest swing"
+        yield item("amplitude", angle(seen.amplitude) + half)
         yield item("period", rhythm(seen.period))
     if other is not None:
         yield item("other starts", elsewhere(other, found.duration))

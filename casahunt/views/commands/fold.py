@@ -36,6 +36,10 @@ def add(commands: Any) -> None:
     add_solver(command)
 
 
+FOLLOWED = "the hunting that was followed goes"
+"""Said where other hunting may go on."""
+
+
 def _up_to(fold: Any, way: str, last: float | None) -> str:
     """Up to where motions end in the cycle of a loop that folds."""
     vary = fold.parameter
@@ -56,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     fold: Any = find_fold(*asked, vary=vary, options=how)
     slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
-    possible = "hunting is possible"
+    possible, last = "hunting is possible", None
     if loop is None:
         name, way, stable = f"{model} servo", "up", stability_of(fold, how)
         below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
@@ -67,8 +71,9 @@ def run(options: argparse.Namespace) -> int:
         below = [item("it hunts", _up_to(fold, way, last)), *parts_of(loop)]
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
         more |= {"way": way, "stable": {"value": last}, **record_of(loop.replace(**{vary: fold.value})), "other": None}
+        possible = possible if vary == "gain" else FOLLOWED
         if (other := hunting_beyond(loop, fold)) is not None:
-            at, possible = beyond_fold(fold), "the hunting that was followed goes"
+            at, possible = beyond_fold(fold), FOLLOWED
             more["other"] = {vary: at, "amplitude": other.amplitude}
             low, high = np.broadcast_to(other.amplitude, 2)
             far = angle(float(low)) if low == high else f"{angle(float(low))} to {angle(float(high))}"
@@ -81,8 +86,12 @@ def run(options: argparse.Namespace) -> int:
             to_error(fold.confirmed_value, fold.value_error),
         )
     )  # fmt: skip
+    head = f"{name}: {possible} {way} to {vary} {first}"
+    if last is not None and last != fold.value:
+        ends = f"{short(last)} {unit_of(vary)}".rstrip()
+        head = f"{name}: {FOLLOWED} {way} to {vary} {ends}; its cycles go on, unstable, to their fold at {first}"
     answer = fold_answer(
-        f"{name}: {possible} {way} to {vary} {first}", fold, slopes, below=below, stable=stable, value=value,
+        head, fold, slopes, below=below, stable=stable, value=value,
         again=again, solver=how.solver, tol=how.tol,
     )  # fmt: skip
     give(

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+from ...axis_units import several
 from ...checks import choice_of, error_text
 from ...errors import HuntsIrregularly, NoOrbit
 from ...export import Columns
@@ -20,10 +21,11 @@ from ...orbits import Multipliers, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.linear.open_loop import open_loop
+from ...servo.parts.ahead import LOPSIDED_BY
 from ...servo.parts.exponent import told
 from ...servo.servo import Servo
 from ...servo.units import column
-from ..answers.answer import Answer, angle, called, complex_text, exactly, item, parts_of, record_of, rhythm
+from ..answers.answer import Answer, angle, called, complex_text, exactly, item, parts_of, record_of, rhythm, short
 from .arguments import add_command, add_solver, asked_of, gain_of, how_of, left_out
 from .console import orbit_line
 from .output import give
@@ -104,6 +106,7 @@ def run(options: argparse.Namespace) -> int:
     plain = [
         head,
         item("amplitude", angle(orbit.amplitude, orbit.amplitude_error)),
+        *_lopsided(orbit),
         item("period", rhythm(orbit.period, orbit.period_error)),
         *means,
         *below,
@@ -111,6 +114,17 @@ def run(options: argparse.Namespace) -> int:
     answer = Answer(plain, _details(orbit, second, record["wall_s"]))
     give(options, record, answer, table=table, picture=picture)
     return 0
+
+
+def _lopsided(orbit: Orbit) -> list[str]:
+    """From where to where a cycle reaches that is not its own mirror image."""
+    if orbit.half:
+        return []
+    ends = orbit.extrema("x1")
+    low, high = ends.low.value, ends.high.value
+    if abs(high + low) <= LOPSIDED_BY * (high - low):
+        return []
+    return [item("it reaches", f"from {several((low, high), 'rad', short, ' to ')} beside the set point")]
 
 
 def _row(orbit: Orbit, columns: dict[str, Any], branch: str) -> Columns:

@@ -270,7 +270,7 @@ def test_a_cycle_that_could_not_be_followed_is_not_followed_again(monkeypatch):
 def test_a_loop_that_more_of_it_makes_stable_again_has_no_last_size(monkeypatch, again, known):
     """Unstable from 0.2 on: "from there on" is said where that is so of all larger sizes."""
     loop, remedy = loop_of(Servo(), "switch", 0.04), remedy_of("error filter", "switch")
-    monkeypatch.setattr(border, "linear_stable", lambda loop: not 0.2 <= loop.value("filter_time") < again)
+    monkeypatch.setattr(border, "grows_without_friction", lambda loop: 0.2 <= loop.value("filter_time") < again)
     limit, last = border._of_stable_loops(loop, remedy, 0.01, 1.0)
     if known:
         assert limit == pytest.approx(0.2, rel=1e-4) and last == pytest.approx(0.198, rel=1e-4)
