@@ -167,7 +167,26 @@ def _met(
 
 
 def left_by_motions(orbits: Sequence[Orbit], vary: str) -> str:
-    """Where the cycles of a branch have lost their stability, if the first one is stable and the last one is not."""
+    """Where the cycles of a branch have lost their stability, if the first one is stable and the last one is not.
+
+    Parameters
+    ----------
+    orbits, vary
+        of the branch, in its order, and the name of its parameter.
+
+    Returns
+    -------
+    The end of a sentence; "" where they have not.
+
+    Examples
+    --------
+    >>> from casahunt.continuation import follow, left_by_motions
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> branch = follow(find_cycle(belt, "slip", x=0.0, v=0.0), "belt", to=0.21)
+    >>> left_by_motions(branch.orbits, "belt")
+    ''
+    """
     if orbits[-1].seen_stable is not False or not orbits[0].seen_stable:
         return ""
     k = bisect_left(range(len(orbits)), True, key=lambda k: orbits[k].seen_stable is False)

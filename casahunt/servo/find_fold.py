@@ -24,8 +24,7 @@ import numpy as np
 from .. import effort
 from ..axis_units import in_its_units
 from ..checks import choice_of, of_kind, to_error, to_error_beside
-from ..continuation import Fold, fold_between, largest, smallest
-from ..continuation.extremum import left_by_motions
+from ..continuation import Fold, fold_between, largest, left_by_motions, smallest
 from ..continuation.walk import walk
 from ..errors import InputError, NoOrbit, Status
 from ..motion import MarchFailure

@@ -106,7 +106,7 @@ def test_hunting_ends_downwards_in_the_static_friction(capsys, loop_file):
 def test_the_lines_of_a_fold(capsys, loop_file, tmp_path):
     words = "--vary", "dead_band", "--details", "--csv", tmp_path / "f.csv", "--plot", tmp_path / "f.png"
     code, out, err = run(capsys, "fold", loop_file("dead band", dead_band=0.02), *words)
-    assert code == 0 and out.startswith("loop: hunting is possible up to dead_band 0.04335 rad\n")
+    assert code == 0 and out.startswith("loop: the hunting that was followed goes up to dead_band 0.04335 rad\n")
     assert "  dead_band there  0.04334572" in out and "\n  parts " in out
     assert "  one per cent more of        changes that dead_band by" in out
     assert err.startswith("loop    dead_band = 0.0433457") and is_picture(tmp_path / "f.png")

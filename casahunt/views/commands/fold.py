@@ -36,7 +36,7 @@ def add(commands: Any) -> None:
     add_solver(command)
 
 
-FOLLOWED = "the hunting that was followed goes"
+WAS_FOLLOWED = "the hunting that was followed goes"
 """Said where other hunting may go on."""
 
 
@@ -71,9 +71,9 @@ def run(options: argparse.Namespace) -> int:
         below = [item("it hunts", _up_to(fold, way, last)), *parts_of(loop)]
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
         more |= {"way": way, "stable": {"value": last}, **record_of(loop.replace(**{vary: fold.value})), "other": None}
-        possible = possible if vary == "gain" else FOLLOWED
+        possible = possible if vary == "gain" else WAS_FOLLOWED
         if (other := hunting_beyond(loop, fold)) is not None:
-            at, possible = beyond_fold(fold), FOLLOWED
+            at, possible = beyond_fold(fold), WAS_FOLLOWED
             more["other"] = {vary: at, "amplitude": other.amplitude}
             low, high = np.broadcast_to(other.amplitude, 2)
             far = angle(float(low)) if low == high else f"{angle(float(low))} to {angle(float(high))}"
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     head = f"{name}: {possible} {way} to {vary} {first}"
     if last is not None and last != fold.value:
         ends = f"{short(last)} {unit_of(vary)}".rstrip()
-        head = f"{name}: {FOLLOWED} {way} to {vary} {ends}; its cycles go on, unstable, to their fold at {first}"
+        head = f"{name}: {WAS_FOLLOWED} {way} to {vary} {ends}; its cycles go on, unstable, to their fold at {first}"
     answer = fold_answer(
         head, fold, slopes, below=below, stable=stable, value=value,
         again=again, solver=how.solver, tol=how.tol,
