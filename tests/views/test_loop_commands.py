@@ -172,7 +172,8 @@ def test_a_motion_that_rests_its_lines_table_and_picture(capsys, loop_file, tmp_
     assert "largest torque" in said and "breakaways" in said
     rows = list(csv.DictReader((tmp_path / "s.csv").read_text(encoding="ascii").splitlines()))
     first, last = ({k: v if k == "mode" else float(v) for k, v in row.items()} for row in (rows[0], rows[-1]))
-    begins = [first[name] for name in ("time_s", "position_rad", "velocity_rad_per_s", "load_angle", "load_rate")]
+    states = "time_s", "position_rad", "velocity_rad_per_s", "load_angle_rad", "load_rate_rad_per_s"
+    begins = [first[name] for name in states]
     assert begins == pytest.approx([0, 0.5, 0, -0.5, 0.1], abs=1e-12)
     assert last["time_s"] == 100 and abs(last["position_rad"] - 1) < 0.06 and last["mode"].startswith("stick")
     assert is_picture(tmp_path / "s.png")
