@@ -21,7 +21,7 @@ from typing import Any
 from ... import effort
 from ...axis_units import quantity, several
 from ...checks import choice_of
-from ...continuation import FOLD, GRAZING, Branch, Fold, follow, largest, smallest
+from ...continuation import FOLD, GRAZING, Branch, Fold, SpecialPoint, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
@@ -312,7 +312,7 @@ def stable_up_to(loop: Loop, fold: Fold[SystemOrbit]) -> float | None:
             cycle = loop_cycle(loop, name, options=rough, or_below=name == "gain")
             way = follow(cycle, monitors=(FOLD,), **ends)
             # what rings beside a stick may lose its stability and win it back many times before
-            k = next((k for k in range(_last_before(way), -1, -1) if way.orbits[k].seen_stable), None)
+            k = next((k for k in range(_up_to_its_fold(way)[1], -1, -1) if way.orbits[k].seen_stable), None)
             if k is None:
                 return None
             branch = follow(way.orbits[k], previous=way.orbits[k - 1] if k else None, **ends)
@@ -321,18 +321,17 @@ def stable_up_to(loop: Loop, fold: Fold[SystemOrbit]) -> float | None:
     return last_stable(branch, fold.value)
 
 
-def _last_before(branch: Branch[SystemOrbit]) -> int:
-    """Number of the last orbit in front of the fold of a branch; -1 where it has none."""
-    numbers = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
-    return next((numbers.get(id(each.behind), -1) for each in branch.special if each.kind == FOLD.kind), -1)
+def _up_to_its_fold(branch: Branch[SystemOrbit]) -> tuple[list[tuple[int, SpecialPoint[SystemOrbit]]], int]:
+    """The special points of a branch, each with the number of the orbit in front of it; that of its fold, or -1."""
+    number = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
+    special = [(number.get(id(each.behind), -1), each) for each in branch.special]
+    return special, next((k for k, each in special if each.kind == FOLD.kind), -1)
 
 
 def last_stable(branch: Branch[SystemOrbit], fold: float) -> float | None:
     """The value at which the cycles of a branch lose their stability for good on the way to its fold; `fold` where they
     keep it; None where neither was located."""
-    number = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
-    special = [(number.get(id(each.behind), -1), each) for each in branch.special]
-    ends = _last_before(branch)
+    special, ends = _up_to_its_fold(branch)
     stable = [k for k, orbit in enumerate(branch.orbits[: ends + 1]) if orbit.seen_stable]
     if not stable:
         return None

@@ -104,6 +104,13 @@ def test_hunting_beyond_the_instability_of_one_direction_is_looked_for(tmp_path)
     assert row.kind == "none" and row.followed_to > 0.019
 
 
+def test_what_branches_off_where_stability_is_lost_is_within_the_error_of_the_size(tmp_path):
+    """An own simulator hunts on, with as many stops as it is followed for, at 0.122941 mm, and not at 0.122978 mm."""
+    (row,) = remedies(loop_from(AXIS, tmp_path), only=["shifted dead band"]).remedies
+    assert row.kind == "instability" and row.size_error < 2e-3 * row.size
+    assert row.size - row.size_error < 0.122978e-3 and row.size + row.size_error > 0.122941e-3
+
+
 def test_motions_that_decay_beside_the_set_point_have_places_there(tmp_path):
     """Beside a constant load turns tend to a place: asked for all places of the next decade, memory was gone."""
     (row,) = remedies(loop_from(LOADED, tmp_path), only=["leak"]).remedies
