@@ -6,7 +6,7 @@ At a contact the branch has a corner, and its parameter may turn round there as 
 the contact on, in the direction in which the phases that begin lead (vanishing.py).  A step over a contact is one
 where both pieces of it are: each with tangents that agree at its ends and along it, its parameter going one way.
 
-    the first piece is none    the walk takes shorter steps from `before` on
+    the first piece is none    the walk takes shorter steps from `before` on; so it does where it came from the contact
     the second one is none     the branch goes on from the contact, with the orbit next to it
     nothing was found beside   the step is kept, and what it may have left out is missed, and said so
 """
@@ -76,7 +76,8 @@ def leapt_over(
         run.add(passed=Passed((), (Missed(GRAZING.kind, meaning),)))
         return None
     length = float(np.linalg.norm(secant_direction(before, after, vary)))
-    if length > BEHIND and not _one_piece(contact, near, before, after, vary):
+    whole = length <= BEHIND or _one_piece(contact, near, before, after, vary)
+    if not whole or length > run.how["smallest_step"] and _came_from(run, contact):
         previous = (way.previous, *run.branch.orbits)[-2]
         return replace(way, previous=previous, heading=None, first_step=SHORTER * length)
     turns = turns_round((near,), contact, far, vary)
@@ -84,6 +85,15 @@ def leapt_over(
         return None
     special = _given(run, contact, turns)
     return End(special.kind, special.meaning, special.value, special.error) if run.natural and turns else far
+
+
+def _came_from(run: Run[AnyOrbit], contact: Orbit) -> bool:
+    """Whether a branch has its last phases from this contact on: a step that leads over it leads back."""
+    began = next((orbit for orbit in reversed(run.branch.orbits) if not same_events(orbit, run.last)), None)
+    if began is None or began.signature != contact.signature:
+        return False
+    lam = contact.problem.distance(run.branch.vary, run.value(began))
+    return abs(lam) <= run.options.tol + contact.parameter_error + began.parameter_error
 
 
 def _given(run: Run[AnyOrbit], contact: AnyOrbit, turns: bool) -> SpecialPoint[AnyOrbit]:

@@ -339,9 +339,10 @@ def with_duration(
 def with_one_more(orbit: AnyOrbit, place: Contact, vary: str, options: Options) -> AnyOrbit | None:
     """The cycle next to one that grazes an event which meets it, slowly; None where none was found."""
     family, k = cast(Cycles, orbit.problem), place.phase
-    start = with_contact(family.asked(), unknowns_of(orbit), k, place.event)
-    if start is None:
-        return None
-    leads_elsewhere = start[0].phases > len(orbit.arcs) + 1  # to another mode, and from there back
-    held, parts = (k + 1, BORN_PARTS) if leads_elsewhere else (k, MET_SOONER)
-    return cast("AnyOrbit | None", with_duration(family, start, held, parts, vary, options))
+    for start in with_contact(family.asked(), unknowns_of(orbit), k, place.event):
+        leads_elsewhere = start[0].phases > len(orbit.arcs) + 1  # to another mode, and from there back
+        held, parts = (k + 1, BORN_PARTS) if leads_elsewhere else (k, MET_SOONER)
+        found = with_duration(family, start, held, parts, vary, options)
+        if found is not None:
+            return cast(AnyOrbit, found)
+    return None

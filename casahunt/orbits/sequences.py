@@ -290,35 +290,36 @@ def in_parts(posed: Posed, start: Start) -> Start:
     return start if fresh == t.cycle.signature else relabelled(posed.cycle(fresh), *start)
 
 
-def with_contact(posed: Posed, start: Start, phase: int, event: str) -> Start | None:
+def with_contact(posed: Posed, start: Start, phase: int, event: str) -> Iterator[Start]:
     """A boundary where a phase turns back right in front of an exit, as if that were met with no speed.
 
     posed, start: the problem, and a cycle that grazes the event; phase, event: number of the phase; name of the event,
     at which the mode must go on, at once or behind a phase that leads back to it.
-    Returns starting point; None where the phase does not turn back there, or goes on elsewhere for longer.
+    Yields starting points: none where the phase does not turn back there, or goes on elsewhere for longer; several
+    where what decides on the successor is zero there too, such as a balance of torques at a stop with no speed.
     """
     t, u, setting = start
     segments = segments_of(*start)
     mode = segments[phase].mode
     if not t.counts[phase]:
-        return None
+        return
     times, states = _looked_at(t, u, setting, phase)
     way_out = posed.exit_of(mode, event)
     h = way_out.direction * np.asarray(way_out.event.function(states, 0.0, setting.p), float)
     top = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
     if not top.size:
-        return None
+        return
     i = int(top[np.argmax(h[top])])
     a, b, _ = np.polyfit(times[i - 1 : i + 2] - times[i], h[i - 1 : i + 2], 2)
     at = float(times[i] - b / (2 * a))
     first = part_of(posed, start, phase, segments[phase], mode, event, 0.0, at)
     first = first if way_out.reset is None else replace(first, jumped=first.end)
-    name = way_out.successor(first.behind, setting.p)
-    between = [] if name == mode else _born(posed, start, first.behind, name, (mode,))
-    if between is None:
-        return None
     second = part_of(posed, start, phase, segments[phase], mode, segments[phase].event, at, 1.0)
-    return start_of(posed, [*segments[:phase], first, *between, second, *segments[phase + 1 :]], start)
+    beside = around(first.behind, LEFT_AT_ONCE * setting.scale)
+    for name in dict.fromkeys(way_out.successor(x, setting.p) for x in beside):
+        between = [] if name == mode else _born(posed, start, first.behind, name, (mode,))
+        if between is not None:
+            yield start_of(posed, [*segments[:phase], first, *between, second, *segments[phase + 1 :]], start)
 
 
 def with_successor(posed: Posed, start: Start, phase: int, name: str) -> Start | None:

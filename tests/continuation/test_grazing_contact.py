@@ -109,7 +109,7 @@ def test_a_touch_that_leads_nowhere_ends_the_branch(monkeypatch, hidden):
     if hidden == "_touching":
         monkeypatch.setattr(grazing_contact, "_grazing", lambda *args: "")
     else:
-        monkeypatch.setattr(vanishing, "with_contact", lambda *args: None)
+        monkeypatch.setattr(vanishing, "with_contact", lambda *args: ())
     branch = follow(find_cycle(impact_oscillator.SYSTEM, parameters={"A": 0.09}, x=0.0, v=0.0), "A", to=0.2)
     (special,) = branch.special
     assert "no cycle with these phases follows" in special.meaning and special.meaning in branch.ended

@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 
 from casahunt import NoOrbit, Servo, find_fold, simulate
 from casahunt.cli import main
-from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop, load_loop, loop_of
+from casahunt.continuation.terminations import End
+from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop, load_loop, loop_of, verbs
 from casahunt.servo.parts.verbs import fold_in, last_stable, loop_cycle, stable_up_to
 
 AXIS = """
@@ -327,7 +328,24 @@ def test_a_lopsided_cycle_says_from_where_to_where(capsys, tmp_path):
     assert code == 0 and [float(end) for end in ends] == pytest.approx([-0.0896, 1.215], rel=2e-3)
 
 
-def test_a_branch_that_comes_back_stable_is_not_the_unstable_one(capsys, tmp_path):
-    """It was called the border of hunting; an own simulator settles on 1.537 mm, from 1 um on."""
+@pytest.mark.slow
+def test_a_slip_that_pauses_at_a_contact_leads_to_the_unstable_cycle(capsys, tmp_path):
+    """The branch turns back where a slip comes to a stop with no speed: what follows is decided by zero there.
+
+    An own simulator hunts at 5.7859332584e-5 m at gain 17, on the branch behind it. Its half-turn map at gain 1 takes
+    9.686e-7 m to 9.68043946e-7 m, and 9.687e-7 to 9.69429842e-7: the cycle is at 9.68643e-7.
+    """
+    code, said = told(capsys, tmp_path, FILTERED, "orbit", "--branch", "unstable")
+    assert code == 0 and float(re.search(r"amplitude (\S+) nm", said)[1]) == pytest.approx(968.643, rel=1e-4)
+
+
+def test_a_branch_that_comes_back_stable_is_not_the_unstable_one(capsys, monkeypatch, tmp_path):
+    """It would be called the border of hunting."""
+    back = SimpleNamespace(end=End("range", "", 1.0), values=np.array([2.0, 1.0]))
+
+    def follow(cycle, vary, **how):
+        return SimpleNamespace(**vars(back), orbits=(cycle, cycle))
+
+    monkeypatch.setattr(verbs, "follow", follow)
     code, said = told(capsys, tmp_path, FILTERED, "orbit", "--branch", "unstable")
     assert code == 1 and "comes back to gain = 1 with a stable cycle of amplitude 1.537 mm" in said
