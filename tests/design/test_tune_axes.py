@@ -15,12 +15,12 @@ from casahunt.design.tune.loop_set import Table, allowed, loop_box, shortfall
 from casahunt.design.tune.parts_set import parts_box
 from casahunt.servo.linear.sampled_loop import Lag
 from casahunt.servo.parts import (
+    DEAD_BAND,
     DERIVATIVE_FILTER,
     INERTIA,
     INTEGRATOR,
     P_PI,
     SWITCH,
-    TORQUE_LIMIT,
     TWO_MASSES_LOAD_SEEN,
     Loop,
     load_loop,
@@ -116,7 +116,7 @@ def test_free_numbers_of_a_cascade(belt):
 
 
 @pytest.mark.parametrize(("parts", "asked", "sentence"), [
-    ((TORQUE_LIMIT,), {}, "is not linear: .*limit"),
+    ((DEAD_BAND,), {}, "is not linear: dead band"),
     ((), {"free": ["position_gains"]}, "did you mean 'position_gain'"),
     ((), {"free": ["position_gain", "velocity_gain", "reset_time"]}, "must be 2 at most"),
     ((), {"free": ["static"]}, "unknown free 'static'"),
@@ -124,7 +124,7 @@ def test_free_numbers_of_a_cascade(belt):
     ((), {"demands": Demands(max_torque=0.5)}, "the largest torque of 0.5 N m"),
 ])  # fmt: skip
 def test_what_cannot_be_tuned_says_why(quickly, parts, asked, sentence):
-    loop = Loop((INERTIA, SWITCH, P_PI, INTEGRATOR, *parts), {"gain": 0.04} | ({"torque_limit": 0.9} if parts else {}))
+    loop = Loop((INERTIA, SWITCH, P_PI, INTEGRATOR, *parts), {"gain": 0.04} | ({"dead_band": 0.01} if parts else {}))
     with pytest.raises((InputError, NoOrbit), match=sentence):
         tune(loop, **asked)
 

@@ -176,7 +176,7 @@ def _of_both(found: Sequence[Margins]) -> Margins:
 
 def margins_of_parts(loop: Loop) -> Margins | None:
     """The margins of a loop of parts; None where it is not linear."""
-    return None if linear_stable(loop) is None else margins(loop)
+    return None if linear_stable(loop.within_limits) is None else margins(loop)
 
 
 def margins_of(loop: OpenLoop, delay: float = 0.0) -> Margins:

@@ -6,7 +6,8 @@
                       n_k = sum over i <= k of d_i h_(k-i),   h_k = c A^k b: what is zero comes out as zero
 
 Viscous friction stays, of the motor and of a load: where it differs by direction there is an L for each.  Only a loop
-of which every part has one law and no event is linear: in a dead band, or with a reset, there is no L.  Stability is
+of which every part has one law and no event is linear: in a dead band, or with a reset, there is no L.  Under a torque
+limit L is that within it, which says nothing of large motions: `linear_stable` does not know.  Stability is
 that of denominator + numerator, by Routh's array, not by rounded poles.
 """
 
@@ -87,7 +88,7 @@ def open_loop(servo: Servo | Loop, gain: float | None = None) -> OpenLoop:
     Raises InputError: a gain out of range, or a loop that is not linear.
     """
     if isinstance(servo, Loop):
-        found = open_loop_of_parts(loop_asked(servo, None, gain, usual="switch"))
+        found = open_loop_of_parts(loop_asked(servo, None, gain, usual="switch").within_limits)
         if found is None:
             raise not_linear(servo)
         return found

@@ -105,6 +105,7 @@ class PulseTransfer:
 
 def pulse_transfer(loop: Loop, drive: Drive) -> PulseTransfer:
     """L(z) of a loop of parts with its drive.  Raises InputError: it is not linear."""
+    loop = loop.within_limits
     if smooth(loop)[1]:
         raise not_linear(loop)
     run = as_run(loop, drive)

@@ -83,6 +83,14 @@ class Loop:
         """The parts that are there: of size zero, none is."""
         return tuple(part for part in self.parts if not part.size or self.value(part.size) != part.absent)
 
+    @property
+    def within_limits(self) -> Loop:
+        """The loop as it is where none of its parts is saturated: without those that saturate."""
+        parts = tuple(part for part in self.parts if not part.saturates)
+        own = {name for part in parts for name in part.parameters}
+        values = {name: value for name, value in self.values.items() if name in own}
+        return dataclasses.replace(self, parts=parts, values=values) if len(parts) < len(self.parts) else self
+
     @cached_property
     def parameters(self) -> dict[str, float]:
         """Those of the parts that are there."""

@@ -131,6 +131,7 @@ class Part:
     made_by : (function, its arguments) of a part that is no global of a module, so that it can be made elsewhere.
     sampled : the part that a drive runs in its place, which decides at its samples alone; None for itself.
     size : the parameter that measures the part, at whose value `absent` the loop is the one without it; "" for none.
+    saturates : whether it acts on large signals alone: margins are those of the loop without it.
 
     Examples
     --------
@@ -156,6 +157,7 @@ class Part:
     sampled: Part | None = None
     size: str = ""
     absent: float = 0.0
+    saturates: bool = False
 
     def __repr__(self) -> str:
         return f"<Part: {self.name}>"

@@ -39,7 +39,7 @@ def _limited(
 
     return Part(
         name, (), {"torque_limit": math.inf, **more}, ranges={"torque_limit": (SMALLEST, math.inf)},
-        size="torque_limit", absent=math.inf, sampled=sampled,
+        size="torque_limit", absent=math.inf, saturates=True, sampled=sampled,
         modes=(
             PartMode("", Law(gives={"torque": lambda x, s, p: s.command, **free}), (upper, lower),
                      where=lambda x, s, p: not again(x, s, p), again=again),

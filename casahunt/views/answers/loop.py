@@ -22,12 +22,12 @@ NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry 
 
 def loop_answer(
     loops: Sequence[LinearLoop], limits: tuple[float, float] | None = None, drive: Drive | None = None,
-    built: Sequence[Margins] = (),
+    built: Sequence[Margins] = (), within: Sequence[str] = (),
 ) -> Answer:  # fmt: skip
     """What is said of linear loops.
 
     limits: of one inertia, the lowest stable gain with viscous friction, and without any [V/rad]; drive, built: the
-    drive where the file describes one, and the margins as built.
+    drive where the file describes one, and the margins as built; within: names of the parts that saturate.
     """
     kind = " as a continuous loop" if built else ""
     plain = [f"linear loop{', continuous' if built else ''}, dry friction left out"]
@@ -41,6 +41,8 @@ def loop_answer(
         plain.append(item("gain margin", _gain_margin(loop)))
     for loop, margins in zip(loops, built, strict=bool(built)):
         plain.append(f"gain {_stated(loop.gain)} as built{_way(loop)}: {_as_built(margins)}")
+    if within:
+        plain.append(item("within", f"its {' and '.join(within)}; larger motions are others: casahunt simulate"))
     if drive is not None:
         said = "; ".join(drive_said(drive.exact().quiet()))
         left = "what is not linear in it is left out; a picture (--plot) shows both"

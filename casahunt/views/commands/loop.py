@@ -40,6 +40,7 @@ def run(options: argparse.Namespace) -> int:
         record |= dict(zip(("lowest_stable_gain", "lowest_stable_gain_without_viscous_friction"), limits, strict=True))
     if drive is not None:
         record |= {"as_built": {"drive": drive, "margins": built}}
+    within = [] if parts is None else [part.name for part in parts.present if part.saturates]
     picture = "loop.bode", servo, loops, drive
-    give(options, record, loop_answer(loops, limits, drive, built), table=tables_of(loops), picture=picture)
+    give(options, record, loop_answer(loops, limits, drive, built, within), table=tables_of(loops), picture=picture)
     return 0

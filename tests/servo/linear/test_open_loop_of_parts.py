@@ -4,10 +4,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from casahunt import InputError, Servo, margins
+from casahunt import InputError, Servo, linear_loop, margins
 from casahunt.servo.linear.margins import gain_crossovers, phase_crossovers
-from casahunt.servo.linear.open_loop import open_loop_of_parts
+from casahunt.servo.linear.open_loop import linear_stable, open_loop_of_parts
 from casahunt.servo.parts import (
+    BACK_CALCULATION,
+    CLAMPING,
     DEAD_BAND,
     DERIVATIVE_FILTER,
     ERROR_FILTER,
@@ -20,6 +22,7 @@ from casahunt.servo.parts import (
     RESET_AT_STOP,
     RESET_AT_ZERO,
     SWITCH,
+    TORQUE_LIMIT,
     TWO_MASSES,
     TWO_MASSES_LOAD_SEEN,
     Loop,
@@ -104,6 +107,14 @@ def test_a_loop_that_is_not_linear_has_none(part, size):
     assert open_loop_of_parts(loop) is None
     with pytest.raises(InputError, match=f"is not linear: {part.name} switch"):
         margins(loop)
+
+
+@pytest.mark.parametrize("part", [TORQUE_LIMIT, CLAMPING, BACK_CALCULATION])
+def test_within_a_torque_limit_the_loop_is_that_without(part):
+    """Of large motions its margins say nothing: whether these grow for ever is not known by them."""
+    K, loop = 0.04 * 16, plain().with_parts(part, torque_limit=0.9)
+    same(margins(loop), K * np.array([KD, KP, KI]), [J, VISCOUS, 0, 0])
+    assert linear_loop(loop).stable and linear_stable(loop) is None
 
 
 NOTCH = {"notch_frequency": 60.0, "notch_damping": 0.4, "notch_depth": 0.2}

@@ -14,6 +14,7 @@ from casahunt.servo.linear.pulse_transfer import gain_in, pulse_transfer
 from casahunt.servo.parts import (
     CLAMPING,
     DEAD_BAND,
+    FREEZE,
     INERTIA,
     INTEGRATOR,
     LOAD_SWITCH,
@@ -159,7 +160,12 @@ def test_what_a_drive_adds_that_is_not_linear_is_left_out():
     assert margins(loop, drive=more) == bare == margins(Servo(), 0.04, drive=drive)
 
 
-@pytest.mark.parametrize("part", [DEAD_BAND, CLAMPING])
+def test_within_a_torque_limit_the_loop_as_built_is_that_without():
+    loop, drive = loop_of(Servo(), "switch", 0.04), Drive(sample_time=1e-3)
+    assert margins(loop.with_parts(CLAMPING, torque_limit=0.9), drive=drive) == margins(loop, drive=drive)
+
+
+@pytest.mark.parametrize("part", [DEAD_BAND, FREEZE])
 def test_a_loop_that_is_not_linear_has_no_margins_as_built(part: Part):
     loop = loop_of(Servo(), "switch", 0.04).with_parts(part, **{part.size: 0.1})
     with pytest.raises(InputError, match=f"is not linear: {part.name} switch"):
