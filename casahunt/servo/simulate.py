@@ -151,7 +151,8 @@ def start_of(
             raise InputError(f"{name} = {value!r}: must be 0, as the {loop.name} has no {name}")
         if NAMED[name] in x:
             x[NAMED[name]] = float(value)
-    return x | {choice_of("state", name, x): moderate(name, value) for name, value in (others or {}).items()}
+    own = {choice_of("state", name, x): moderate(name, value) for name, value in (others or {}).items()}
+    return loop.settled(x | own, own)
 
 
 def followed(

@@ -7,6 +7,7 @@ from .remedy import Remedy, at_the_set_point
 
 ERROR_FILTER = Part(
     "error filter", ("filtered",), {"filter_time": 0.0}, size="filter_time",
+    stands={"filtered": "followed"},
     gives={"seen": lambda x, s, p: x.filtered, "seen_rate": lambda x, s, p: (s.followed - x.filtered) / p.filter_time},
     modes=(PartMode("", Law({"filtered": lambda x, s, p: (s.followed - x.filtered) / p.filter_time})),),
 )  # fmt: skip

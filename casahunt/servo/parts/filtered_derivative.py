@@ -17,6 +17,7 @@ def _filter(name: str, size: str, absent: float, lowest: float, time: Function) 
     slope: Function = lambda x, s, p: (s.error - x.lagging) / time(x, s, p)  # noqa: E731
     return Part(
         name, ("lagging",), {size: absent}, ranges={size: (lowest, math.inf)}, size=size, absent=absent,
+        stands={"lagging": "error"},
         gives={"derivative": slope}, modes=(PartMode("", Law({"lagging": slope})),),
     )  # fmt: skip
 

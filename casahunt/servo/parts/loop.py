@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
@@ -167,7 +167,8 @@ class Loop:
 
     def unit_of(self, state: str) -> str:
         """The unit of a state in SI, of a rotary axis; "" where it is not known."""
-        return "rad" if state in self.angles else _UNITS.get(state, "")
+        stands = any(state in part.stands for part in self.present)  # at an error, which is an angle
+        return "rad" if stands or state in self.angles else _UNITS.get(state, "")
 
     def state(self, **start: float) -> dict[str, float]:
         """Every state: those given, the others zero.
@@ -191,10 +192,20 @@ class Loop:
 
         Returns
         -------
-        State by name: angles are `angle`, velocities zero, all others those in which the controller, in balance at the
-        set point, holds the load there; zero without a load, or where the controller does not integrate.
+        State by name: angles are `angle`, velocities zero, filters of the error have settled, all others are those in
+        which the controller, in balance at the set point, holds the load there; zero without a load, or where the
+        controller does not integrate.
         """
-        return {**self._under_load, **dict.fromkeys(self.angles, angle)}
+        return self.settled({**self._under_load, **dict.fromkeys(self.angles, angle)})
+
+    def settled(self, state: Mapping[str, float], given: Collection[str] = ()) -> dict[str, float]:
+        """A state with that of the filters for which the servo has stood still: `given` are left as they are."""
+        found, filters = dict(state), [each for part in self.present for each in part.stands.items()]
+        for name, signal in filters * len(filters):  # one may be that of what another has filtered
+            if name not in given:
+                at = np.array(list(found.values()))[:, None]
+                found[name] = float(self.signal(signal, self.mode_at(**found), at)[0])
+        return found
 
     @cached_property
     def _under_load(self) -> dict[str, float]:

@@ -126,6 +126,7 @@ class Part:
     modes : its modes.
     even : states that keep their sign in the mirror image of a motion: a clock, the envelope of something.
     angles : states that are angles from the set point: all of them jump where it does.
+    stands : state: the signal that it is equal to where the servo has stood still, of a filter that forgets.
     upon : event of any part: the states that jump there; of another part's, x3 of the integrator alone.
     follows : event of any part: the mode in which this part is behind it.
     made_by : (function, its arguments) of a part that is no global of a module, so that it can be made elsewhere.
@@ -151,6 +152,7 @@ class Part:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     even: tuple[str, ...] = ()
     angles: tuple[str, ...] = ()
+    stands: Mapping[str, str] = field(default_factory=dict)
     upon: Mapping[str, Mapping[str, Function]] = field(default_factory=dict)
     follows: Mapping[str, str] = field(default_factory=dict)
     made_by: tuple[Callable[..., Part], tuple[Any, ...]] | None = None

@@ -76,8 +76,11 @@ ONCE_MORE, MAP_CONDITION = 1e-12, 1e10
 being dependent."""
 
 
-def _error(x: Any, s: Any, p: Any) -> Any:
-    return s.error
+def _signal(name: str) -> Function:
+    return lambda x, s, p: getattr(s, name)
+
+
+_error = _signal("error")
 
 
 def _integrand(x: Any, s: Any, p: Any) -> Any:
@@ -213,9 +216,9 @@ class Controller:
         self.modes = tuple(part.modes[0] for part in self.parts)
         for _ in (*self.parts, None):
             for part in self.parts:
-                at = self.a if "seen" in part.gives else self._asked(_error) if "derivative" in part.gives else None
-                for state in part.states if at is not None else ():
-                    self.Y[self.names.index(state)] = at if state not in given else self.Y[self.names.index(state)]
+                for state, signal in part.stands.items():
+                    if state not in given:
+                        self.Y[self.names.index(state)] = self._asked(_signal(signal))
             self.Y[-2:] = self._asked(_error), self._asked(_integrand)
             before, chosen = self.modes, list(self.modes)
             for i, part in enumerate(self.parts):
