@@ -40,8 +40,9 @@ LINE_HALVED = 60
 ONE_PART, STEP_PLACE, ENDS_ROUNDING, NO_JUMP = 1e-9, 1e-12, 1e-13, 1e-30
 """Parts that meet to this part of their sizes are one; the place of a step, as part of its line; rounding, as part of
 the sizes at the ends of the line; nothing at all."""
-OFF_ZERO, LARGEST_LINE = np.array([1e-13, 1e-12, 1e-11]), 1e4
-"""How far beside a zero limits are looked at, as parts of a line, and how long lines may be for that."""
+OFF_ZERO, LARGEST_LINE = np.geomspace(1e-13, 1e-11, 16), 1e4
+"""How far beside a zero limits are looked at, as parts of a line, and how long lines may be for that: at so many places
+that what is zero but for rounding is not seen to have two limits."""
 ONE_LIMIT = 1e-2
 """Values beside a zero have a limit where they differ by less than this part of the jump."""
 TRIED_NEXT_TO = 0.1

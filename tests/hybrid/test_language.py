@@ -198,6 +198,16 @@ def test_parts_that_meet_may_stay_in_one_mode(name):
     assert v_is(MEETS[name])().states == ("x", "v")
 
 
+def test_what_is_zero_but_for_rounding_does_not_jump():
+    """(c (q v)/(c x)) x - q v: at some numbers it was refused, among a remedy's sizes, in a process that read it."""
+    def slides(x, p):
+        return {"x": x.v, "v": (p.c * (p.q * x.v) / (p.c * x.x)) * x.x - p.q * x.v}
+
+    for q in 10 ** np.random.default_rng(1).uniform(-3, 1, 60):
+        made = System("slides", modes=(Mode("slides", slides),), states=("x", "v"), parameters={"c": 7.3, "q": float(q)})
+        assert made.states == ("x", "v")
+
+
 def test_what_is_asked_at_an_event_alone_may_jump():
     """Resets, conditions and features: a jump in them is passed by no motion of the mode."""
     hits = Event("hits", height, -1, to="free", reset=lambda x, p: {"v": -0.8 * x.v - ca.sign(x.v)})

@@ -43,6 +43,26 @@ QUICK = {
 }  # fmt: skip
 
 
+SCREW_AXIS = """
+[units]
+motion = "linear"
+length = "mm"
+[loop]
+parts = ["one inertia", "Switch friction", "cascade P-PI", "integrator"]
+[values]
+mass = 2.16
+static = 133.0
+coulomb = 113.0
+stribeck_velocity = 0.00406
+viscous = 347.0
+motor_gain = 1.0
+gain = 1.0
+position_gain = 36.4
+velocity_gain = 264.0
+reset_time = 0.0246
+"""
+
+
 def said(text: str) -> str:
     """The answer, without the explanations of words, in one line."""
     return " ".join(text.split("what the words mean")[0].split())
@@ -182,6 +202,14 @@ def test_states_of_a_load_are_in_the_units_of_the_axis(capsys, tmp_path):
         assert float(last["load_angle_mm"]) == pytest.approx(float(last["position_mm"]) - 1, abs=0.05)  # the belt gives
     _, out, _ = run(capsys, "simulate", tmp_path / "swings.toml", "--time", "0.2", "--quiet")
     assert re.search(r"load_rate -?[.\de-]+ [um]m/s", " ".join(out.split()))
+
+
+def test_a_fold_in_a_velocity_is_said_in_that_of_the_axis(capsys, tmp_path):
+    """It was called 0.0157 rad/s. An own simulator hunts with 0.309 mm at 0.97 of it, and rests at 1.03."""
+    (tmp_path / "axis.toml").write_text(SCREW_AXIS)
+    _, out, _ = run(capsys, "fold", tmp_path / "axis.toml", "--vary", "stribeck_velocity", "--quiet")
+    said = re.search(r"goes up to stribeck_velocity (\S+) mm/s", " ".join(out.split()))
+    assert float(said[1]) == pytest.approx(15.7, rel=2e-3)
 
 
 def test_where_no_step_is_stated_it_is_one_unit_of_length():

@@ -216,8 +216,10 @@ def _first_sizes(remedy: Remedy, unit: float) -> list[float]:
 def _of_stable_loops(loop: Loop, remedy: Remedy, size: float, last: float) -> tuple[float, float]:
     """(size from which on the loop is unstable, last size that is looked at); NaN where it is not, or is not linear.
 
-    Where it is unstable without dry friction, which is bounded, large motions grow: such a size ends no hunting.
+    Where it is unstable without dry friction, which is bounded, large motions grow, up to a torque limit if there is
+    one: such a size ends no hunting.
     """
+    loop = loop.within_limits
     if linear_stable(with_remedy(loop, remedy, size)) is not True:
         return math.nan, last
     sizes = [size]

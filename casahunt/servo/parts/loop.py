@@ -199,7 +199,17 @@ class Loop:
         return self.settled({**self._under_load, **dict.fromkeys(self.angles, angle)})
 
     def settled(self, state: Mapping[str, float], given: Collection[str] = ()) -> dict[str, float]:
-        """A state with that of the filters for which the servo has stood still: `given` are left as they are."""
+        """A state with that of the filters for which the servo has stood still.
+
+        Parameters
+        ----------
+        state, given
+            by name; the names of the states that are left as they are.
+
+        Returns
+        -------
+        State by name.
+        """
         found, filters = dict(state), [each for part in self.present for each in part.stands.items()]
         for name, signal in filters * len(filters):  # one may be that of what another has filtered
             if name not in given:

@@ -76,15 +76,11 @@ ONCE_MORE, MAP_CONDITION = 1e-12, 1e10
 being dependent."""
 
 
-def _signal(name: str) -> Function:
-    return lambda x, s, p: getattr(s, name)
+def _signal(*factors: str) -> Function:
+    return lambda x, s, p: math.prod(getattr(s, name) for name in factors)
 
 
-_error = _signal("error")
-
-
-def _integrand(x: Any, s: Any, p: Any) -> Any:
-    return s.integrates * s.integrand
+_error, _integrand = _signal("error"), _signal("integrates", "integrand")
 
 
 class Sample(NamedTuple):

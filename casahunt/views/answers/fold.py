@@ -56,7 +56,7 @@ def fold_answer(
         item("period there", rhythm(orbit.period, orbit.period_error)),
         *([item("it hunts", _hunts(stable))] if stable is not None else []),
         *below,
-        f"  one per cent more of        changes that {vary} by",
+        f"  one per cent more of        changes that {word(vary)} by",
         *_sensitivities(slopes, PLAIN_DECIMALS, NAMED_FROM),
     ]
     return Answer([line for line in plain if line], _details(fold, slopes, stable, value, again, solver, tol))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ...axis_units import quantity, word
 from ...checks import to_error
 from ...design.sensitivity import fold_sensitivities
 from ...results import tables_of
@@ -40,14 +41,19 @@ WAS_FOLLOWED = "the hunting that was followed goes"
 """Said where other hunting may go on."""
 
 
+def _at(vary: str, value: float, text: Any = short, *error: float) -> str:
+    """A value of a parameter, in the units of the axis."""
+    return quantity(value, unit_of(vary), text, *error, of=value).rstrip()
+
+
 def _up_to(fold: Any, way: str, last: float | None) -> str:
     """Up to where motions end in the cycle of a loop that folds."""
-    vary = fold.parameter
+    vary = word(fold.parameter)
     if last is None:
         return f"{way} to which {vary} motions end in a cycle is not known: casahunt simulate looks at one"
     if last == fold.value:
         return f"{way} to that {vary} motions end in a cycle"
-    at = f"{way} to {short(last)} {unit_of(vary)}".rstrip()
+    at = f"{way} to {_at(fold.parameter, last)}"
     leave = f"{at} motions end in that cycle, from there on they leave it"
     at_last = ": casahunt remedies --only gain says where hunting ends" if vary == "gain" else ""
     return f"{leave}, and may rest or end in another one{at_last}"
@@ -60,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     fold: Any = find_fold(*asked, vary=vary, options=how)
     slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
-    possible, last = "hunting is possible", None
+    possible, last, named = "hunting is possible", None, word(vary)
     if loop is None:
         name, way, stable = f"{model} servo", "up", stability_of(fold, how)
         below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
@@ -77,19 +83,15 @@ def run(options: argparse.Namespace) -> int:
             more["other"] = {vary: at, "amplitude": other.amplitude}
             low, high = np.broadcast_to(other.amplitude, 2)
             far = angle(float(low)) if low == high else f"{angle(float(low))} to {angle(float(high))}"
-            said = f"at {vary} {short(at)} {unit_of(vary)}".rstrip() + f" other hunting, of {far}: casahunt orbit"
+            said = f"at {named} {_at(vary, at)} other hunting, of {far}: casahunt orbit"
             below = [item("beyond it", f"{said}; where that ends is not known"), *below]
     tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))
-    first, value, again = (
-        f"{text} {unit_of(vary)}".rstrip() for text in (
-            short(fold.value, fold.value_error), to_error(fold.value, fold.value_error),
-            to_error(fold.confirmed_value, fold.value_error),
-        )
-    )  # fmt: skip
-    head = f"{name}: {possible} {way} to {vary} {first}"
+    first = _at(vary, fold.value, short, fold.value_error)
+    value, again = (_at(vary, each, to_error, fold.value_error) for each in (fold.value, fold.confirmed_value))
+    head = f"{name}: {possible} {way} to {named} {first}"
     if last is not None and last != fold.value:
-        ends = f"{short(last)} {unit_of(vary)}".rstrip()
-        head = f"{name}: {WAS_FOLLOWED} {way} to {vary} {ends}; its cycles go on, unstable, to their fold at {first}"
+        ends = _at(vary, last)
+        head = f"{name}: {WAS_FOLLOWED} {way} to {named} {ends}; its cycles go on, unstable, to their fold at {first}"
     answer = fold_answer(
         head, fold, slopes, below=below, stable=stable, value=value,
         again=again, solver=how.solver, tol=how.tol,

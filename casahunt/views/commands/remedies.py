@@ -355,7 +355,10 @@ def advice_of(
     within = _within(limits)
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
-        unknown = _not_known(found)
+        unknown, what = _not_known(found), "move" if found.move else "step"
+        free = ", ".join(row.name for row in found.remedies if row.ends_hunting and math.isnan(row.peak_torque))
+        if free:
+            return f"none is recommended{within}: of {free} the size is known, not what a {what} then needs"
         none = f"no remedy that ends it{within} was found" if unknown else f"none of these remedies ends it{within}"
         return none + today(found, limits.get("max_torque"))
     on = f"on a {'move' if found.move else 'step'}"
