@@ -204,7 +204,8 @@ def test_what_is_zero_but_for_rounding_does_not_jump():
         return {"x": x.v, "v": (p.c * (p.q * x.v) / (p.c * x.x)) * x.x - p.q * x.v}
 
     for q in 10 ** np.random.default_rng(1).uniform(-3, 1, 60):
-        made = System("slides", modes=(Mode("slides", slides),), states=("x", "v"), parameters={"c": 7.3, "q": float(q)})
+        numbers = {"c": 7.3, "q": float(q)}
+        made = System("slides", modes=(Mode("slides", slides),), states=("x", "v"), parameters=numbers)
         assert made.states == ("x", "v")
 
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from ...axis_units import label, quantity
 from ...checks import error_text, to_absolute_error, to_error
 from ...orbits import Orbit
+from ...servo.linear.open_loop import linear_stable
 from ...servo.parts.loop import Loop
 from ...servo.parts.table import unit_of
 from ...servo.servo import Servo
@@ -24,6 +25,10 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 """Where a long line must not be broken; printed as a space."""
 MULTIPLIER_DIGITS = 8
 """Digits of a multiplier, at most."""
+RUNS_AWAY = (
+    "the loop without dry friction is unstable (casahunt loop): from far enough the servo leaves the set point for "
+    "good; casahunt simulate shows it"
+)
 LEFT_BY_ROUNDING = 1e-12
 """Relative error of a multiplier that is left by rounding alone."""
 
@@ -55,6 +60,11 @@ def parts_of(servo: Servo | Loop) -> list[str]:
     if any(len(part.angles) > 1 for part in servo.present):
         lines.append(item("positions are", "those of the motor, and so are amplitudes; its load swings otherwise"))
     return lines
+
+
+def runs_away(loop: Loop) -> list[str]:
+    """The line of a loop that leaves the set point from far enough, where friction holds a cycle in."""
+    return [item("farther away", RUNS_AWAY)] if linear_stable(loop) is False else []
 
 
 def record_of(servo: Servo | Loop) -> dict[str, Any]:

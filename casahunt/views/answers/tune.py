@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from ...axis_units import quantity
+from ...axis_units import quantity, word
 from ...checks import to_error
 from ...design.tune.demands import NUMBERS
 from ...servo.outcome import SETTLES
@@ -178,7 +178,8 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
 
 
 def _values(corner: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} = {value:.6g}" for name, value in corner.items())
+    each = ((word(name), quantity(value, unit_of(name), ".6g")) for name, value in corner.items())
+    return ", ".join(f"{name} = {value}".rstrip() for name, value in each)
 
 
 def _factors(loop: Mapping[str, Any]) -> str:

@@ -20,7 +20,7 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.parts.table import unit_of
 from ...servo.parts.verbs import beyond_fold, hunting_beyond, stable_up_to
-from ..answers.answer import angle, called, item, parts_of, record_of, short
+from ..answers.answer import angle, called, item, parts_of, record_of, runs_away, short
 from ..answers.fold import fold_answer, stability_of
 from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
 from .console import orbit_line
@@ -74,9 +74,10 @@ def run(options: argparse.Namespace) -> int:
     else:
         name, way, stable = called(loop), "up" if fold.sense > 0 else "down", None
         last = stable_up_to(loop, fold)
-        below = [item("it hunts", _up_to(fold, way, last)), *parts_of(loop)]
+        at_fold = loop.replace(**{vary: fold.value})
+        below = [item("it hunts", _up_to(fold, way, last)), *runs_away(at_fold), *parts_of(loop)]
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
-        more |= {"way": way, "stable": {"value": last}, **record_of(loop.replace(**{vary: fold.value})), "other": None}
+        more |= {"way": way, "stable": {"value": last}, **record_of(at_fold), "other": None}
         possible = possible if vary == "gain" else WAS_FOLLOWED
         if (other := hunting_beyond(loop, fold)) is not None:
             at, possible = beyond_fold(fold), WAS_FOLLOWED

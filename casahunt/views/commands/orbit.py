@@ -20,12 +20,24 @@ from ...export import Columns
 from ...orbits import Multipliers, Orbit
 from ...orbits.archive import save_orbit
 from ...servo.find_orbit import BRANCHES, find_orbit
-from ...servo.linear.open_loop import open_loop
 from ...servo.parts.ahead import LOPSIDED_BY
 from ...servo.parts.exponent import told
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo
 from ...servo.units import column
-from ..answers.answer import Answer, angle, called, complex_text, exactly, item, parts_of, record_of, rhythm, short
+from ..answers.answer import (
+    Answer,
+    angle,
+    called,
+    complex_text,
+    exactly,
+    item,
+    parts_of,
+    record_of,
+    rhythm,
+    runs_away,
+    short,
+)
 from .arguments import add_command, add_solver, asked_of, gain_of, how_of, left_out
 from .console import orbit_line
 from .output import give
@@ -67,14 +79,13 @@ def run(options: argparse.Namespace) -> int:
         raise hunts_on(options, NoOrbit(told(irregular), irregular.status), gain) from None
     except NoOrbit as refusal:
         raise hunts_on(options, refusal, gain) from None
-    below = parts_of(servo)
+    below = [*parts_of(servo), *runs_away(loop_asked(servo, model, gain if model else None))]
     if branch == "lopsided":
         below.append(item("", "one of a pair: the other one is its mirror image"))
     if bool(orbit.half and orbit.multipliers.leading.real < -1):
         below.append(item("beside it", SYMMETRY_BROKEN + ("; --branch lopsided" if model else "")))
     record = {**orbit.to_dict(table=False), **record_of(servo), "branch": branch}
     if isinstance(servo, Servo):
-        below += [] if open_loop(servo, gain).stable else [item("farther away", RUNS_AWAY)]
         seen, built = seen_by_encoder(options, orbit.amplitude)
         below, record = below + seen, record | built
     second = orbit.integrator_multipliers if route == "integrator" else None
@@ -172,11 +183,6 @@ MEANS = {
 """By the same: what it means, where that is known."""
 UNSTABLE = "motions near it leave it, so that no servo stays on it; as a rule it is the border of hunting:"
 BOUNDS = "nearer to the set point it comes to rest, farther away it hunts; casahunt basin tries both"
-RUNS_AWAY = (
-    "the loop without dry friction is unstable at this gain (casahunt loop): from far enough the servo leaves the set "
-    "point for good; casahunt simulate shows it"
-)
-"""Said where friction holds a cycle in that the linear loop would leave."""
 SYMMETRY_BROKEN = "a cycle that reaches farther to one side may hunt in its place"
 
 
