@@ -59,9 +59,10 @@ def _starts_on_its_event(
 ) -> str:
     """What is said of a mode that starts on an event of its own and goes on through it; "" where it does not.
 
-    No zero of the event is crossed then, and the mode would never end.  An event at which the mode goes on is none, nor
-    is the one that has just been `met`, before or at the end of the phase before, and is left behind at speed, as by a
-    pendulum that is pushed on; or one whose own jump leads there, as a walker begins its step where its foot stands.
+    No zero of the event is crossed then, and the mode would never end.  An event at which the mode goes on is none,
+    with a jump if that changes nothing there and the event counts either way; nor is the one that has just been `met`,
+    before or at the end of the phase before, and is left behind at speed, as by a pendulum that is pushed on; or one
+    whose own jump leads there, as a walker begins its step where its foot stands.
     """
     x = segment.start
     for way_out in system.exits[segment.mode]:
@@ -71,7 +72,10 @@ def _starts_on_its_event(
         times, values = _next_to_the_start(system, segment, way_out, p)
         if not np.all(values > NEAR_EVENT * NEAR_EVENT + 10 * abs(begins)):
             continue
-        if way_out.reset is None and (way_out.mark or way_out.successor(x, p) == segment.mode):
+        either_way = sum(other.event == way_out.event for other in system.exits[segment.mode]) > 1
+        jumped = behind(way_out, x, p)
+        goes_on = jumped is None or either_way and np.array_equal(jumped, x)
+        if goes_on and (way_out.mark or way_out.successor(x, p) == segment.mode):
             continue
         if len(times) > 1:
             left = bool(values[0] > (times[0] / times[-1]) ** AT_SPEED * values[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -9,11 +10,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from casahunt import remedies
+from casahunt import Move, remedies
 from casahunt.cli import main
 from casahunt.design.remedies.border import BORDERS
+from casahunt.design.remedies.price import Task, task
 from casahunt.servo.linear.open_loop import grows_without_friction, linear_stable
 from casahunt.servo.parts import ERROR_FILTER, load_loop
+from casahunt.servo.parts.fate import Swing
+from casahunt.servo.parts.table import remedy_of, with_remedy
 from problems.ball_screw import TOML
 
 BELT = Path(TOML).parent / "belt_axis.toml"
@@ -167,10 +171,24 @@ def test_under_a_torque_limit_too_no_size_of_an_unstable_loop_is_looked_at(limit
     assert grows(1.001 * said) and not grows(0.999 * said)
 
 
+MOVE = "--step", "0.1", "--speed", "0.5", "--acceleration", "5"
+
+
+def test_a_move_begins_where_an_integrator_is_reset(limited):
+    """There its content is zero: the motion could not be followed, and `reset` had no price of a move at all."""
+    loop = load_loop(limited)
+    mended = with_remedy(loop, remedy_of("reset", "switch"), 0.5137)
+    before = Swing({}, 1.3e-4, 1.34)
+    for move in (Move(speed=0.5, acceleration=5.0), Move(speed=0.5, acceleration=1.0, jerk=20.0)):
+        found = task(mended, before, 0.0, 0.1, move)
+        assert found.kind == "at rest" and found.peak_torque <= 154.0 * (1 + 1e-9)
+        assert move.time(0.1) < found.settling < 20
+
+
 @pytest.mark.slow
-def test_a_row_without_a_price_ends_hunting_all_the_same(limited, capsys):
+def test_a_row_without_a_price_ends_hunting_all_the_same(limited, capsys, monkeypatch):
     """It said above it that none does; an own simulator rests with 0.5137 and 0.541, and hunts with 0.575."""
-    words = "--only", "reset", "--step", "0.1", "--speed", "0.5", "--acceleration", "5", "--quiet", "--jobs", "1"
-    assert main(["remedies", str(limited), *words]) == 0
+    monkeypatch.setattr("casahunt.design.remedies.remedies.task", lambda *_: Task(math.nan, math.nan, "undecided"))
+    assert main(["remedies", str(limited), "--only", "reset", *MOVE, "--quiet", "--jobs", "1"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "of reset the size is known, not what a move then needs" in said and "none of these" not in said
