@@ -112,7 +112,7 @@ def test_what_was_not_found_is_not_said_to_be_none(capsys):
     """A remedy whose cycles could not be followed: nobody knows whether it ends hunting."""
     rows = (Cure("leak", "1/s", "not found", why="stopped after 599 points"), Cure("reset", "", "none", why="goes on"))
     for remedies, none in ((rows, False), (rows[1:], True)):
-        found = SimpleNamespace(best="", remedies=remedies)
+        found = SimpleNamespace(best="", remedies=remedies, move=None)
         said = (none_within(found, {}), advice_of(found, {}, {}, of_a_set=False))
         assert all(("was found" in sentence) is not none for sentence in said)
         assert ("leak" in said[0]) is not none
