@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 from casahunt import Friction, Pid, Servo
 from casahunt.servo.servo import flatten
 
@@ -23,3 +25,13 @@ def dump(servo: Servo) -> str:
             section = head
         lines.append(f"{name} = {value!r}")
     return "\n".join(lines) + "\n"
+
+
+def linear_axis(*parts: str, **values: float | str) -> str:
+    """The file of an axis shown in mm: a P-PI cascade, and these parts; values in SI, or texts with their units."""
+    named = [part if part.startswith("{") else f'"{part}"' for part in ("cascade P-PI", "integrator", *parts)]
+    controller, plant = named[:2], named[2:] if "two masses" in parts else ['"one inertia"', *named[2:]]
+    numbers = {"motor_gain": 1, "gain": 1} | values
+    lines = "".join(f"{name} = {json.dumps(value)}\n" for name, value in numbers.items())
+    every = ", ".join([*plant[:2], *controller, *plant[2:]])
+    return f'[units]\nmotion = "linear"\nlength = "mm"\n[loop]\nparts = [{every}]\n[values]\n{lines}'

@@ -345,7 +345,6 @@ def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -
         passed.append(after)
 
 
-
 def confirmed_between(
     before: HuntingOrbit, after: HuntingOrbit, options: Options, *, sense: float = 1.0
 ) -> HuntingFold | None:

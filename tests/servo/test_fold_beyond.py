@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from servo_files import linear_axis
 
 from casahunt import NoOrbit, Servo, find_fold, simulate
 from casahunt.cli import main
@@ -234,66 +235,22 @@ def test_a_fold_that_is_not_found_says_from_where_on_motions_leave_the_cycles():
     assert slopes[0] > -1 > slopes[1] and np.ptp(slopes) < 1e-3
 
 
-LINEAR = """
-[units]
-motion = "linear"
-length = "mm"
-"""
-LIMITED = LINEAR + """
-[loop]
-parts = ["one inertia", "Switch friction", "cascade P-PI", "integrator", "torque limit"]
-[values]
-mass = 4.84
-static = 58.1
-coulomb = 29.9
-stribeck_velocity = 0.00185
-viscous = 739.0
-motor_gain = 1.0
-gain = 1.0
-position_gain = 27.3
-velocity_gain = 379.0
-reset_time = 0.0293
-force_limit = 90.5
-"""
-ONE_SIDED = LINEAR + """
-[loop]
-parts = ["one inertia", "Switch friction by direction", "cascade P-PI", "integrator"]
-[values]
-mass = 2.71
-static = 21.1
-coulomb = 10.2
-stribeck_velocity = 0.00232
-viscous = 63.0
-motor_gain = 1.0
-gain = 1.0
-position_gain = 13.7
-velocity_gain = 135.0
-reset_time = 0.0232
-static_back = 15.3
-viscous_back = 80.9
-coulomb_back = 9.05
-"""
-FILTERED = LINEAR + """
-[loop]
-parts = ["two masses", "Switch friction", "cascade P-PI", "integrator",
-         {part = "series", filters = ["second-order low-pass"]}]
-[values]
-mass = 3.01
-static = 73.4
-coulomb = 32.7
-stribeck_velocity = 0.00176
-viscous = 219.0
-motor_gain = 1.0
-gain = 1.0
-position_gain = 28.0
-velocity_gain = 190.0
-reset_time = 0.0137
-filter_frequency = "95.811275741321 Hz"
-filter_damping = 0.828
-load_mass = 3.94
-shaft_stiffness = 828000.0
-shaft_damping = 326.0
-"""
+LIMITED = linear_axis(
+    "Switch friction", "torque limit",
+    mass=4.84, static=58.1, coulomb=29.9, stribeck_velocity=0.00185, viscous=739.0, position_gain=27.3,
+    velocity_gain=379.0, reset_time=0.0293, force_limit=90.5,
+)  # fmt: skip
+ONE_SIDED = linear_axis(
+    "Switch friction by direction",
+    mass=2.71, static=21.1, coulomb=10.2, stribeck_velocity=0.00232, viscous=63.0, position_gain=13.7,
+    velocity_gain=135.0, reset_time=0.0232, static_back=15.3, viscous_back=80.9, coulomb_back=9.05,
+)  # fmt: skip
+FILTERED = linear_axis(
+    "two masses", "Switch friction", '{part = "series", filters = ["second-order low-pass"]}',
+    mass=3.01, static=73.4, coulomb=32.7, stribeck_velocity=0.00176, viscous=219.0, position_gain=28.0,
+    velocity_gain=190.0, reset_time=0.0137, filter_frequency="95.811275741321 Hz", filter_damping=0.828,
+    load_mass=3.94, shaft_stiffness=828000.0, shaft_damping=326.0,
+)  # fmt: skip
 
 
 def told(capsys, tmp_path, text, command, *words):

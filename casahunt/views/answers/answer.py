@@ -29,6 +29,7 @@ RUNS_AWAY = (
     "the loop without dry friction is unstable (casahunt loop): from far enough the servo leaves the set point for "
     "good; casahunt simulate shows it"
 )
+"""Said where friction holds a cycle in that the linear loop would leave."""
 LEFT_BY_ROUNDING = 1e-12
 """Relative error of a multiplier that is left by rounding alone."""
 

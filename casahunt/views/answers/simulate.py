@@ -38,6 +38,8 @@ EVENT_WORDS = {
 """How many of an event are told."""
 NOT_LOOKED_AT = "not looked at: it may hunt from nearer to the set point; casahunt orbit and remedies look there"
 """Said of a loop with other parts than those of a servo that comes to rest."""
+OF_A_SWING = ", half of its largest swing"
+"""What the amplitude of a motion is: of an orbit it is the largest distance from the set point."""
 AT = 1e-6
 """Part of its largest distance from the set point within which a servo is at it."""
 
@@ -62,8 +64,7 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
     yield item("because", _because(found))
     if seen.kind == "hunting":
-        half = "" if "to either side" in seen.sentence else ", half of its largest swing"
-        yield item("amplitude", angle(seen.amplitude) + half)
+        yield item("amplitude", angle(seen.amplitude) + OF_A_SWING)
         yield item("period", rhythm(seen.period))
     if other is not None:
         yield item("other starts", elsewhere(other, found.duration))
@@ -181,7 +182,7 @@ def _plain_as_built(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     if verdict.kind == "hunting":
         low, high = found.readings
         counts = f", {verdict.amplitude / q:.3g} counts; the reading moves over {high - low}" if q else ""
-        yield item("amplitude", f"{angle(verdict.amplitude)}, half of its largest swing{counts}")
+        yield item("amplitude", f"{angle(verdict.amplitude)}{OF_A_SWING}{counts}")
         of = "mean of two swings" if not verdict.pattern else f"of {verdict.pattern} swings"
         if verdict.pattern > 2:
             of += f", to and fro in {short(verdict.mean_period)} s"

@@ -111,7 +111,7 @@ def _hunting(record: Mapping[str, Any]) -> str:
     where, fold, margin = record["worst"]["corner"], record["fold"], record["verification"]["margin"]
     said = f"possible up to gain {short(record['fold_gain'], known_to(record, 0.0))} V/rad"
     if where:
-        said += f" with the worst values that are allowed ({_values(where)})"
+        said += f" with the worst values that are allowed ({worst_values(where)})"
         said += "" if fold["nominal"] is None else f", up to {short(fold['nominal'])} V/rad with those given"
     return said if margin is None else f"{said}; the gain is {short(100 * margin)} % above that"
 
@@ -164,7 +164,7 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
     for name, loop in check["loops"].items():
         if name == "nominal" or loop != check["loops"]["nominal"]:
             corners = check["loop_corners"]
-            at = _values(corners.get(name, {}))
+            at = worst_values(corners.get(name, {}))
             what = loop_name(name, corners)
             where = f"{what} ({at})" if at else what
             yield item("linear loop", f"{where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
@@ -177,7 +177,8 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
     yield f"  {record['wall_s']:.2f} s"
 
 
-def _values(corner: Mapping[str, float]) -> str:
+def worst_values(corner: Mapping[str, float]) -> str:
+    """The values of a corner, in the units of the axis."""
     each = ((word(name), quantity(value, unit_of(name), ".6g")) for name, value in corner.items())
     return ", ".join(f"{name} = {value}".rstrip() for name, value in each)
 

@@ -214,11 +214,19 @@ def _not_known(found: Cures) -> str:
     return ", ".join(row.name for row in found.remedies if row.kind == "not found")
 
 
+def _unpriced(found: Cures) -> str:
+    """What is said of remedies that end hunting at a price that nobody knows; "" without them."""
+    names = ", ".join(row.name for row in found.remedies if row.ends_hunting and math.isnan(row.peak_torque))
+    return f"of {names} the size is known, not what a {'move' if found.move else 'step'} then needs" if names else ""
+
+
 def none_within(found: Cures, limits: dict[str, float]) -> str:
     """What is said where no remedy is within the limits."""
     now = today(found, limits.get("max_torque"))
     if unknown := _not_known(found):
         return f"no remedy that ends hunting{_within(limits)} was found; of {unknown} the table says why{now}"
+    if unpriced := _unpriced(found):
+        return f"no remedy is recommended{_within(limits)}: {unpriced}{now}"
     return f"no remedy ends hunting{_within(limits)}; allow more, or look at the table{now}"
 
 
@@ -355,10 +363,9 @@ def advice_of(
     within = _within(limits)
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
-        unknown, what = _not_known(found), "move" if found.move else "step"
-        free = ", ".join(row.name for row in found.remedies if row.ends_hunting and math.isnan(row.peak_torque))
-        if free:
-            return f"none is recommended{within}: of {free} the size is known, not what a {what} then needs"
+        unknown, unpriced = _not_known(found), _unpriced(found)
+        if unpriced:
+            return f"none is recommended{within}: {unpriced}{today(found, limits.get('max_torque'))}"
         none = f"no remedy that ends it{within} was found" if unknown else f"none of these remedies ends it{within}"
         return none + today(found, limits.get("max_torque"))
     on = f"on a {'move' if found.move else 'step'}"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from servo_files import linear_axis
 
 from casahunt import Move, remedies
 from casahunt.cli import main
@@ -21,50 +22,17 @@ from casahunt.servo.parts.table import remedy_of, with_remedy
 from problems.ball_screw import TOML
 
 BELT = Path(TOML).parent / "belt_axis.toml"
-AXIS = """
-[loop]
-parts = ["one inertia", "Switch friction by direction", "cascade P-PI", "integrator"]
-[values]
-mass = 4.96
-static = 117.0
-coulomb = 89.0
-stribeck_velocity = 0.00555
-viscous = 267.0
-motor_gain = 1.0
-gain = 1.0
-position_gain = 37.2
-velocity_gain = 558.0
-reset_time = 0.011
-static_back = 121.0
-viscous_back = 356.0
-coulomb_back = 94.6
-[units]
-motion = "linear"
-length = "mm"
-"""
-LOADED = """
-[units]
-motion = "linear"
-length = "mm"
-[loop]
-parts = ["one inertia", "Switch friction by direction", "cascade P-PI", "integrator", "loads", "torque limit"]
-[values]
-mass = 8.15
-static = 114.0
-coulomb = 63.9
-stribeck_velocity = 0.00142
-viscous = 106.0
-motor_gain = 1.0
-gain = 1.0
-position_gain = 37.9
-velocity_gain = 1210.0
-reset_time = 0.0117
-static_back = 147.0
-viscous_back = 148.0
-coulomb_back = 90.8
-force_limit = 207.0
-load_force = -16.3
-"""
+AXIS = linear_axis(
+    "Switch friction by direction",
+    mass=4.96, static=117.0, coulomb=89.0, stribeck_velocity=0.00555, viscous=267.0, position_gain=37.2,
+    velocity_gain=558.0, reset_time=0.011, static_back=121.0, viscous_back=356.0, coulomb_back=94.6,
+)  # fmt: skip
+LOADED = linear_axis(
+    "Switch friction by direction", "loads", "torque limit",
+    mass=8.15, static=114.0, coulomb=63.9, stribeck_velocity=0.00142, viscous=106.0, position_gain=37.9,
+    velocity_gain=1210.0, reset_time=0.0117, static_back=147.0, viscous_back=148.0, coulomb_back=90.8,
+    force_limit=207.0, load_force=-16.3,
+)  # fmt: skip
 
 
 def loop_from(text, tmp_path):
@@ -129,36 +97,15 @@ def test_a_step_has_settled_where_it_stays_but_for_what_creeps():
     assert row.settling == pytest.approx(0.0406, abs=2e-3)
 
 
-LIMITED = """
-[units]
-motion = "linear"
-length = "mm"
-[loop]
-parts = ["one inertia", "Switch friction", "cascade P-PI", "integrator", "torque limit with clamping"]
-[values]
-mass = 112.0
-static = 88.9
-coulomb = 45.2
-stribeck_velocity = 0.0012
-viscous = 70.2
-motor_gain = 1.0
-gain = 1.0
-position_gain = 15.2
-velocity_gain = 5840.0
-reset_time = 0.0517
-force_limit = 154.0
-"""
-
-
-@pytest.fixture(scope="module")
-def limited(tmp_path_factory):
-    file = tmp_path_factory.mktemp("axes") / "limited.toml"
-    file.write_text(LIMITED)
-    return file
+LIMITED = linear_axis(
+    "Switch friction", "torque limit with clamping",
+    mass=112.0, static=88.9, coulomb=45.2, stribeck_velocity=0.0012, viscous=70.2, position_gain=15.2,
+    velocity_gain=5840.0, reset_time=0.0517, force_limit=154.0,
+)  # fmt: skip
 
 
 @pytest.mark.slow
-def test_under_a_torque_limit_too_no_size_of_an_unstable_loop_is_looked_at(limited):
+def test_under_a_torque_limit_too_no_size_of_an_unstable_loop_is_looked_at(tmp_path):
     """Sizes up to 1.34 s were; an own simulator leaves the cycle of 0.13 mm there for swings of 0.78 m."""
     Kv, Tn, Kp, mass, viscous = 5840.0, 0.0517, 15.2, 112.0, 70.2
 
@@ -166,7 +113,7 @@ def test_under_a_torque_limit_too_no_size_of_an_unstable_loop_is_looked_at(limit
         closed = np.polyadd(np.polymul([mass, viscous, 0, 0], [T, 1]), Kv * np.array([1, Kp + 1 / Tn, Kp / Tn]))
         return np.roots(closed).real.max() > 0
 
-    (row,) = remedies(load_loop(limited), only=["error filter"]).remedies
+    (row,) = remedies(loop_from(LIMITED, tmp_path), only=["error filter"]).remedies
     said = float(re.search(r"from (\S+) s on the loop itself is unstable", row.why)[1])
     assert grows(1.001 * said) and not grows(0.999 * said)
 
@@ -174,9 +121,9 @@ def test_under_a_torque_limit_too_no_size_of_an_unstable_loop_is_looked_at(limit
 MOVE = "--step", "0.1", "--speed", "0.5", "--acceleration", "5"
 
 
-def test_a_move_begins_where_an_integrator_is_reset(limited):
+def test_a_move_begins_where_an_integrator_is_reset(tmp_path):
     """There its content is zero: the motion could not be followed, and `reset` had no price of a move at all."""
-    loop = load_loop(limited)
+    loop = loop_from(LIMITED, tmp_path)
     mended = with_remedy(loop, remedy_of("reset", "switch"), 0.5137)
     before = Swing({}, 1.3e-4, 1.34)
     for move in (Move(speed=0.5, acceleration=5.0), Move(speed=0.5, acceleration=1.0, jerk=20.0)):
@@ -186,9 +133,10 @@ def test_a_move_begins_where_an_integrator_is_reset(limited):
 
 
 @pytest.mark.slow
-def test_a_row_without_a_price_ends_hunting_all_the_same(limited, capsys, monkeypatch):
+def test_a_row_without_a_price_ends_hunting_all_the_same(tmp_path, capsys, monkeypatch):
     """It said above it that none does; an own simulator rests with 0.5137 and 0.541, and hunts with 0.575."""
     monkeypatch.setattr("casahunt.design.remedies.remedies.task", lambda *_: Task(math.nan, math.nan, "undecided"))
-    assert main(["remedies", str(limited), "--only", "reset", *MOVE, "--quiet", "--jobs", "1"]) == 0
+    loop_from(LIMITED, tmp_path)
+    assert main(["remedies", str(tmp_path / "axis.toml"), "--only", "reset", *MOVE, "--quiet", "--jobs", "1"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "of reset the size is known, not what a move then needs" in said and "none of these" not in said
