@@ -133,14 +133,15 @@ def simulate(
         lasts = move.time(theta_d - position)
         if not time > lasts:
             raise InputError(f"time = {time:g}: must be longer than the move, which takes {lasts:.4g} s")
-    x = start_of(loop, theta_d, position, given, start)
+    x = start_of(loop, theta_d, position, given, start, move)
     return followed(loop, theta_d, x, time, tol, move)
 
 
 def start_of(
-    loop: Loop, set_point: float, position: float, given: Mapping[str, float], others: Mapping[str, float] | None
+    loop: Loop, set_point: float, position: float, given: Mapping[str, float], others: Mapping[str, float] | None,
+    move: Move | None = None,
 ) -> dict[str, float]:
-    """Every state of a loop at a start, by name.
+    """Every state of a loop at a start, by name; filters have settled, before a move at the error zero.
 
     given: velocity, integral, bristle; others: states by name. Raises InputError: one is out of range, or not there.
     """
@@ -152,7 +153,8 @@ def start_of(
         if NAMED[name] in x:
             x[NAMED[name]] = float(value)
     own = {choice_of("state", name, x): moderate(name, value) for name, value in (others or {}).items()}
-    return loop.settled(x | own, own)
+    x |= own
+    return moving(loop, move, -x["x1"]).settled(x, own)
 
 
 def followed(

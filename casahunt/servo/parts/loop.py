@@ -210,7 +210,7 @@ class Loop:
         -------
         State by name.
         """
-        found, filters = dict(state), [each for part in self.present for each in part.stands.items()]
+        found, filters = self.state(**state), [each for part in self.present for each in part.stands.items()]
         for name, signal in filters * len(filters):  # one may be that of what another has filtered
             if name not in given:
                 at = np.array(list(found.values()))[:, None]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from casahunt import Drive, simulate, simulate_sampled
+from casahunt import Drive, Move, simulate, simulate_sampled
 from casahunt.design.tune.demands import at_the_start
 from casahunt.servo.parts import (
     DEAD_BAND,
@@ -80,3 +80,12 @@ def test_every_filter_stands(first, last):
 def test_a_filter_that_is_given_is_left_where_it_is():
     kicked = simulate(AXIS, time=0.01, start={"lagging": 0.0})
     assert kicked.peak_torque == pytest.approx(KP + KD / TF, rel=1e-6)
+
+
+def test_before_a_move_the_error_is_zero():
+    """The set point begins where the servo stands: a filter that had the whole way in it would drive it off."""
+    loop = Loop((*AXIS.parts, ERROR_FILTER), NUMBERS | {"filter_time": 1e-3})
+    motion = simulate(loop, time=3.0, move=Move(speed=1.0, acceleration=4.0))
+    first = dict(zip(motion.motion.system.states, motion.motion.phases[0].start, strict=True))
+    assert (first["x1"], first["filtered"], first["lagging"]) == (-1.0, 0.0, 0.0)
+    assert motion.peak_torque < KP / 2
