@@ -115,33 +115,36 @@ def test_no_estimate_is_ten_times_too_small_on_many_meshes(known):
     assert np.median(estimated / true) < 3
 
 
-@pytest.mark.parametrize("K", [0.04, 0.1])
-def test_stiff_estimates_are_not_too_small_at_all(K):
-    """LuGre, with three intervals joined to one wherever that is: its halves hide what its quarters show.
-
-    Estimates by halves alone were up to 53 times too small here; without half of what the quarters change, 1.3 times.
-    """
+def joined(K, several):
+    """True and estimated errors of a LuGre cycle, with `several` intervals joined to one wherever that is."""
     row = next(row for row in table1.REFERENCE["lugre"]["stable"] if row["K"] == K)
     fine, coarse = (find_orbit(table1.servo(), "lugre", K, options=Options(tol=tol)) for tol in (1e-10, 1e-6))
     t, _, setting = unknowns_of(coarse)
     good = mesh.phase_breaks(t, setting.fractions)
     known, start, setting = unknowns_of(fine)
-    found = []
-    for phase, first in [(k, i) for k, breaks in enumerate(good) for i in range(breaks.size - 3)]:
-        breaks = [np.delete(b, [first + 1, first + 2]) if k == phase else b for k, b in enumerate(good)]
+    for phase, first in [(k, i) for k, breaks in enumerate(good) for i in range(breaks.size - several)]:
+        gone = np.arange(first + 1, first + several)
+        breaks = [np.delete(b, gone) if k == phase else b for k, b in enumerate(good)]
         t, u, fractions = mesh.transfer(known, start, setting.fractions, breaks)
         here = replace(setting, fractions=fractions)
         solution = newton(t, u, here)
         if solution.status.ok and check_admissible(t, solution.u, here).admissible:
             estimate = error_estimate.estimate(t, solution.u, here)
-            found += [
-                (2 * t.durations_of(solution.u).sum() / row["period"] - 1, estimate.period),
-                (estimate.measured / row["amplitude"] - 1, estimate.amplitude),
-            ]
-    true, estimated = np.abs(found).T
+            yield abs(2 * t.durations_of(solution.u).sum() / row["period"] - 1), estimate.period
+            yield abs(estimate.measured / row["amplitude"] - 1), estimate.amplitude
+
+
+def test_stiff_estimates_are_hardly_ever_too_small():
+    """LuGre, with two to four intervals joined to one: its halves hide what its quarters show.
+
+    Estimates by halves alone were up to 53 times too small here.  One mesh in 200 is so coarse that a third of its
+    error is of second order: there they are 1.25 times too small, and 1.5 without half of what the quarters change.
+    """
+    true, estimated = np.array([pair for K in (0.04, 0.1) for n in (2, 3, 4) for pair in joined(K, n)]).T
     first_order = true < 1e-4
-    assert first_order.sum() > 30 and true[first_order].max() > 1e-6
-    assert np.max((true / estimated)[first_order]) < 1
+    assert first_order.sum() > 200 and true[first_order].max() > 1e-6
+    too_small = (true / estimated)[first_order]
+    assert np.mean(too_small > 1) < 0.01 and too_small.max() < 1.3
     assert np.median(estimated / true) < 1.3, "and as a rule they are close"
 
 
