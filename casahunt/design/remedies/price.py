@@ -76,14 +76,15 @@ def task(loop: Loop, before: Swing, rest_error: float, step: float, move: Move |
     within = float(np.fmax((1 + SETTLED_WITHIN) * rest_error, within))
     outside = np.flatnonzero(error > within)
     last = int(outside[-1]) if outside.size else 0
-    settled = float(np.concatenate(times)[last]) if last < error.size - 1 and ended.kind != "hunting" else math.nan
+    arrives = within < step and last < error.size - 1 and ended.kind != "hunting"  # it might not have moved at all
+    settled = float(np.concatenate(times)[last]) if arrives else math.nan
     return Task(peak, settled, ended.kind)
 
 
 def _moved(loop: Loop, move: Move, before: Swing, step: float) -> tuple[Loop, Motion]:
     """The loop with a move, and its motion until that is over.  Raises MarchFailure."""
-    loop = moving(loop, move, step)
-    start, system = loop.at_rest(-step), loop.system
+    at_rest, loop = loop.at_rest(-step), moving(loop, move, step)
+    start, system = loop.settled(at_rest), loop.system  # what carries a load knows no move, filters see the error zero
     scale = np.array([before.sizes.get(name) or abs(x) or 1.0 for name, x in start.items()])
     kind: Points = "radau" if any(mode.stiff for mode in system.modes) else "gauss"
     p, x = system.values(None), np.array(list(start.values()))

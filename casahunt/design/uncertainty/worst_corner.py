@@ -199,7 +199,7 @@ class _CornerSearch:
             (there,) = yield [np.where(rise > 0, np.where(g > 0, self.high, self.low), here.q)]
             if not there.gain > here.gain:
                 there = yield from self._along(here, int(np.argmax(rise)))
-            if not there.gain > here.gain:
+            if not there.gain > here.gain * (1 + self.options.tol):
                 return
             here = there
 
@@ -230,13 +230,13 @@ class _CornerSearch:
             (place,) = yield [q]
             slope = np.nan if place.gradient is None else float(sense * place.gradient[i])
             best = place if place.gain > best.gain else best
-            level = abs(slope) * abs(end - start) <= self.options.tol * place.gain
-            if self.given_up or level or (x == end and slope > 0 and best is place):
+            if self.given_up or (x == end and slope > 0 and best is place):
                 break
             rises = slope > 0 and place.gain >= here.gain
             bracket = bracket.told(x, slope if rises or slope < 0 else -np.inf)
             x = bracket.illinois
-            if not bracket.holds(x):
+            # where K jumps, no slope vanishes: what it may still gain is what counts
+            if not bracket.holds(x) or abs(slope) * bracket.width <= self.options.tol * place.gain:
                 break
         return best
 

@@ -176,6 +176,8 @@ Array = np.ndarray
 
 OTHERWISE = 0.1
 """Relative."""
+SEEN_FOR = 25
+"""Periods of the hunting after which a motion that rests or hunts need not be looked at to its end."""
 READINGS_BEYOND = 3
 """Readings beyond a dead band that must end hunting too."""
 WIDEST = 8.0
@@ -266,11 +268,17 @@ def told_apart(seen: Outcome, without: Outcome, of: Kind = "quantisation") -> tu
 
 def smallest_dead_band(motion: SampledMotion) -> float:
     """The smallest dead band of the integrator that ends the hunting of a motion [rad]; nan where none was found."""
-    sizes = _sizes(motion)
+    sizes, enough = _sizes(motion), SEEN_FOR * motion.verdict.mean_period
 
     def ends(i: int) -> bool:
         drive = with_remedy(motion.drive, "dead_band", float(sizes[i]))
-        return all(again(motion, drive, from_end=late).verdict.kind == "at rest" for late in (True, False))
+        for late in (True, False):
+            kind = again(motion, drive, from_end=late, time=min(enough, motion.duration)).verdict.kind
+            if kind not in ("at rest", "hunting") and enough < motion.duration:
+                kind = again(motion, drive, from_end=late).verdict.kind
+            if kind != "at rest":
+                return False
+        return True
 
     low = -1  # sizes up to here do not end it
     while low < sizes.size - 1:

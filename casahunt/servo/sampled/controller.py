@@ -244,16 +244,26 @@ class Controller:
         way = math.copysign(1.0, a - self.a) if moved else 0.0
         if self._waited and moved != self.moved:
             self._behind("stop" if self.moved else "breakaway+" if way > 0 else "breakaway-")
+        seen = set[Modes]()
         for _ in range(MOST_CHANGES):
             self._from[:], self._read[:], self._p[:] = self.Y, (a, self.a, moved, way), self.p
             self._run()
+            seen.add(before := self.modes)
+            out = self._out  # of these modes
             if not (self._compiled.edges or self._waited) or not self._changes():
                 break
-        self.Y[:] = self._out[0]
+            if self.modes in seen and self._rank(before) > self._rank(self.modes):
+                break
+        self.Y[:] = out[0]
         self.a, self.moved = a, moved
-        u = float(self._out[1][0])
+        u = float(out[1][0])
         _check_finite(u)
         return self._to_step(u) if self.step else u
+
+    def _rank(self, modes: Modes) -> tuple[int, ...]:
+        """Where two modes lead to each other at one sample the later one of the part holds: the limit, not what leads
+        beyond it; the integrator is off there, and would be on again inside."""
+        return tuple(part.modes.index(mode) for part, mode in zip(self.parts, modes, strict=True))
 
     def _changes(self) -> bool:
         """Whether a mode ends at this sample, or a state jumps: then it is to be computed again."""

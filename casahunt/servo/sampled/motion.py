@@ -415,6 +415,9 @@ def _stands_from(found: Sampled) -> int:
     return since if found.held[0] < least and most < found.held[1] else -1
 
 
-def again(motion: SampledMotion, drive: Drive, *, from_end: bool = False) -> SampledMotion:
-    """The motion with another drive, from its own start or from its end."""
-    return followed(motion.loop, drive, motion.set_point, motion.duration, motion.state(-1 if from_end else 0))
+def again(
+    motion: SampledMotion, drive: Drive, *, from_end: bool = False, time: float | None = None
+) -> SampledMotion:
+    """The motion with another drive, from its own start or from its end; time: how long, as it was [s]."""
+    start = motion.state(-1 if from_end else 0)
+    return followed(motion.loop, drive, motion.set_point, motion.duration if time is None else time, start)

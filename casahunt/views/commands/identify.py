@@ -66,7 +66,10 @@ AS_CONTINUOUS = (
     "the loop is taken as a continuous one: of [drive] sampling and delay are taken into account where friction alone "
     "is sought, from positions alone"
 )
-OF_PARTS = "the loop is taken as a continuous one: of a loop of parts [drive] is not taken into account"
+OF_PARTS = (
+    "the loop is taken as a continuous one: of a loop of parts [drive] is not taken into account, so friction may lie "
+    "outside what is said of it"
+)
 NOT_OF_THE_DRIVE = (
     "Or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
     "continuous loop"
@@ -280,7 +283,8 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     counts = [each.amplitude / each.quantum for each in data if each.drive is None and each.quantum]
     if counts and min(counts) < COUNTS_READ:
         yield f"  its positions come in counts, {min(counts):.3g} of amplitude: if the controller reads them"
-        yield "  too, state its sample time and encoder in [drive]; without them friction may lie outside"
+        stated = "state its sample time and encoder in [drive]; without them " if found.model else ""
+        yield f"  too, {stated}friction may lie outside"
     for powers in found.untold if found.status.ok else ():
         yield f"  not told by the record: {_combination(powers)}"
     if found.further is not None:

@@ -132,6 +132,32 @@ def test_a_move_begins_where_an_integrator_is_reset(tmp_path):
         assert move.time(0.1) < found.settling < 20
 
 
+SPRUNG = linear_axis(
+    "Switch friction by direction", "loads",
+    mass=19.5, static=47.8, coulomb=30.8, stribeck_velocity=0.00249, viscous=360.0, static_back=49.8,
+    viscous_back=431.0, coulomb_back=34.5, position_gain=21.7, velocity_gain=740.0, reset_time=0.0426, spring=2510.0,
+    load_force=10.0,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("load", [10.0, 1e-6, 0.0])
+def test_a_move_begins_with_what_holds_the_load(load, tmp_path):
+    """57.418 N by an own simulator with the load; 61.8 N was the move's own way wound up, with any load but none."""
+    loop = loop_from(SPRUNG, tmp_path).replace(load_torque=load)
+    mended = with_remedy(loop, remedy_of("dead band", "switch"), 0.2414e-3)
+    found = task(mended, Swing({}, 3.144e-4, 1.826), math.nan, 1e-3, Move(speed=0.02, acceleration=0.5))
+    assert found.kind == "at rest"
+    assert found.peak_torque == pytest.approx(57.418, abs=2e-3) if load == 10 else found.peak_torque < 55
+    assert found.settling < 0.2
+
+
+def test_what_does_not_arrive_has_not_settled(tmp_path):
+    """A band wider than the way: the axis stays where it is, which was "settles in 0 s" and the cheapest remedy."""
+    mended = with_remedy(loop_from(SPRUNG, tmp_path), remedy_of("dead band", "switch"), 2.5e-3)
+    found = task(mended, Swing({}, 3.144e-4, 1.826), math.nan, 1e-3)
+    assert found.kind == "at rest" and math.isnan(found.settling)
+
+
 @pytest.mark.slow
 def test_a_row_without_a_price_ends_hunting_all_the_same(tmp_path, capsys, monkeypatch):
     """It said above it that none does; an own simulator rests with 0.5137 and 0.541, and hunts with 0.575."""

@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from casahunt import Drive, InputError, as_built, load, simulate_sampled
 from casahunt.servo.parts import (
     CLAMPING,
+    INERTIA,
     INTEGRATOR,
     PID_BY_GAINS,
     SWITCH,
@@ -159,3 +160,19 @@ def test_a_check_as_built_takes_it():
 def test_what_no_motor_moves_is_refused():
     with pytest.raises(InputError, match="no part of it is moved by the motor"):
         plant_of(Loop((PID_BY_GAINS, INTEGRATOR)))
+
+
+@pytest.mark.parametrize("rule", ["rectangle", "trapezoid"])
+@pytest.mark.parametrize("sample_time", [2e-3, 3.37e-3, 1e-2])
+def test_nothing_goes_out_beyond_the_limit(sample_time, rule):
+    """Where the sum leads beyond it when it is on, and back when it is off: 0.146 N m went out of 0.137."""
+    values = {
+        "inertia": 0.00251, "static": 0.122, "coulomb": 0.0649, "stribeck_velocity": 0.0821, "viscous": 0.0259,
+        "motor_gain": 1.0, "gain": 1.0, "kp": 0.81, "ki": 6.21, "kd": 0.0795, "torque_limit": 0.137,
+    }  # fmt: skip
+    axis = Loop((INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR, CLAMPING), values)
+    motion = simulate_sampled(axis, None, Drive(sample_time=sample_time, integration=rule), time=3.0)
+    assert np.abs(motion.torque).max() == 0.137
+    x3, limited = motion.states[motion.names.index("x3")], np.abs(motion.torque) == 0.137
+    half = 0.5 * sample_time * np.abs(motion.states[0]).max() if rule == "trapezoid" else 0.0  # of the sample before
+    assert np.abs(np.diff(x3)[limited]).max() <= half
