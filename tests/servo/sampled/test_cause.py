@@ -212,7 +212,7 @@ def test_a_dead_band_that_ends_it_by_chance_is_passed_over(seen, monkeypatch):
     motion = seen[4.458][0]
     q = DRIVE.count
 
-    def again(motion, drive, *, from_end=False):
+    def again(motion, drive, *, from_end=False, time=None):
         counts = drive.dead_band / q
         ends = 0.4 < counts < 0.6 or counts > 2.4
         return SimpleNamespace(verdict=SimpleNamespace(kind="at rest" if ends else "hunting"))
