@@ -34,9 +34,9 @@ from .plotting import (
     at_least_one,
     fix_labels,
     fixed_grid,
-    in_units_of_the_axis,
     legend,
     panels,
+    picture,
     power,
     stacked,
 )
@@ -53,7 +53,7 @@ DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
 
-@in_units_of_the_axis
+@picture("axes, one for every state")
 def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
 
@@ -63,12 +63,6 @@ def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     ----------
     orbits
         one or two, for instance both models at the same gain.
-    ax
-        as many axes as there are states, to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes, one for every state.
 
     Raises
     ------
@@ -111,7 +105,7 @@ def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     return all_of_them
 
 
-@in_units_of_the_axis
+@picture("three axes: space, in three dimensions, and the planes (x1, x2) and (x1, x3)")
 def phase_portrait(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
 
@@ -121,12 +115,6 @@ def phase_portrait(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     ----------
     orbits
         one or more.
-    ax
-        three axes to draw into, the first one in three dimensions; default: those of a new figure.
-
-    Returns
-    -------
-    The three axes: space, and the planes (x1, x2) and (x1, x3).
 
     Raises
     ------

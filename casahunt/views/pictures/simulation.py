@@ -27,9 +27,9 @@ from .plotting import (
     Line2D,
     align,
     in_one_unit,
-    in_units_of_the_axis,
     legend,
     panels,
+    picture,
 )
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ SHADE = "0.9"
 LEVEL_COLOUR = "#b03020"
 
 
-@in_units_of_the_axis
+@picture("three axes")
 def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     """Position, velocity and motor torque of a simulated motion against time [s].
 
@@ -63,16 +63,6 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     ----------
     trajectory
         the motion.
-    ax
-        three axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The three axes.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
@@ -99,7 +89,7 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     return three
 
 
-@in_units_of_the_axis
+@picture("three axes")
 def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     """As `motion`, of the loop as built; the torque is what each sample asks for.
 
@@ -107,16 +97,6 @@ def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     ----------
     found
         the motion.
-    ax
-        as of `motion`.
-
-    Returns
-    -------
-    The three axes.
-
-    Raises
-    ------
-    InputError : as `motion`.
 
     Examples
     --------
@@ -199,7 +179,7 @@ def _size(amplitude: float, frequency: float) -> str:
     return f"amplitude {quantity(amplitude, 'rad')}, frequency {frequency:.4g} Hz"
 
 
-@in_units_of_the_axis
+@picture("two axes")
 def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
@@ -209,16 +189,6 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
         of a record with whole periods.
     orbit
         the prediction, or None.
-    ax
-        two axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The two axes.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
