@@ -215,7 +215,7 @@ def servo_of(options: argparse.Namespace) -> Servo:
         return with_overrides(Servo(), of_servo)
     tables, what = tables_in(options), f"servo file {options.servo!r}"
     if loop := loop_of(options):
-        return servo_of_parts(options.command, what, loop)
+        return servo_of_parts(what, loop)
     servo = with_overrides(servo_of_tables(tables, what), of_servo)
     if not hasattr(options, "told"):
         options.told = True

@@ -55,8 +55,6 @@ ENDS: dict[Kind, str] = {
     "growing": "it swung ever farther away",
 }  # fmt: skip
 """What a motion did, by its outcome."""
-UNSEEN = "the drive cannot tell whether it is within it"
-"""Said of a border within one count."""
 POSITIONS_SHOWN = 6
 """Positions of a motion that are shown, at most."""
 
@@ -80,7 +78,7 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
     plain += [item("farther away", _outer(found)), item("tried", _tried(found))]
     if unseen:
         counts = f"that distance is {short(found.border / count)} counts of the encoder"
-        plain.append(item("as built", f"{counts}: {UNSEEN}"))
+        plain.append(item("as built", f"{counts}: the drive cannot tell whether it is within it"))
     return Answer(plain, _details(found, tol))
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -60,7 +59,6 @@ FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"ca
 MOST_WORK_BESIDE = 2e5
 """Work (effort.py) after which it is left to the commands made for it: it is not what is asked for here, and takes a
 quarter of that, or less, where it is found soon."""
-AS_FOUND = "of the values as found: of a loop of parts sizes for the worst ones are not known"
 FOLD_SHOWN = 1e-4
 """Relative error to which fold gains are shown: friction from a record is known far less."""
 
@@ -79,7 +77,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
-    began, (fit, read) = time.perf_counter(), identification.fit_of(options)
+    fit, read = identification.fit_of(options)
     how, stream = how_of(options), progress(options)
     asked, limits, jobs = demands_of(options)
     if options.out is not None:
@@ -110,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
         "advice": advice_of(cures, limits, built, of_a_set=not in_parts), "gain": gain, "limits": limits,
         "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
         "remedies": cures.to_dict(),
-        "as_built": built, "wall_s": time.perf_counter() - began,
+        "as_built": built, "wall_s": options.outputs.seconds,
     }  # fmt: skip
     if options.out is not None:
         with folder(options.out, FILES) as out:
@@ -148,7 +146,8 @@ def _judged(
 def _doubt(found: Identification) -> str:
     """What speaks against the servo for which remedies are sought; "" where nothing does."""
     if found.judgement.explained:
-        return "" if found.model else AS_FOUND
+        as_found = "of the values as found: of a loop of parts sizes for the worst ones are not known"
+        return "" if found.model else as_found
     return "of a servo that is in doubt, since the model does not explain all of the records: see below"
 
 

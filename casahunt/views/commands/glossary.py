@@ -20,10 +20,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print; returns the exit code.
-
-    Raises InputError: there is no such word.
-    """
+    """Print; returns the exit code."""
     asked = " ".join(options.word)
     names = {word.lower(): word for word in GLOSSARY}
     words = [names[choice_of("word", asked.lower(), names)]] if asked else list(GLOSSARY)

@@ -11,9 +11,7 @@ wall_s.
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -31,7 +29,7 @@ from ...errors import InputError, NoOrbit
 from ...results import tables_of
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
-from ...servo.servo import LOOP_TABLE, flatten
+from ...servo.servo import LOOP_TABLE, flatten, toml_value
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
@@ -142,11 +140,8 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read, fit and print; returns the exit code.
-
-    Raises InputError: the command line or a record is wrong; NoOrbit: no fit.
-    """
-    began, (fit, read) = time.perf_counter(), fit_of(options)
+    """Read, fit and print; returns the exit code."""
+    fit, read = fit_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
@@ -156,7 +151,7 @@ def run(options: argparse.Namespace) -> int:
     suspect = suspected(options, found)
     give(
         options,
-        {**found.to_dict(table=False), "suspect": suspect or None, "wall_s": time.perf_counter() - began},
+        {**found.to_dict(table=False), "suspect": suspect or None, "wall_s": options.outputs.seconds},
         Answer(identified_lines(found, suspect, read), identified_details(found)),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
@@ -197,9 +192,9 @@ def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = 
     sections: dict[str, list[str]] = {}
     units = found.servo.units
     if not units.plain:
-        sections[UNITS_TABLE] = [f"{key} = {json.dumps(unit)}" for key, unit in units.table().items()]
+        sections[UNITS_TABLE] = [f"{key} = {toml_value(unit)}" for key, unit in units.table().items()]
     if found.model is None:
-        sections["loop"] = [f"parts = {_toml(parts)}"]
+        sections["loop"] = [f"parts = {toml_value(parts)}"]
     own = flatten(found.servo) if found.model else {f"values.{k}": v for k, v in found.servo.parameters.items()}
     for key, value in own.items():
         section, name = units.word(key).split(".") if found.model else key.split(".")
@@ -208,7 +203,7 @@ def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = 
         given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
         if units.linear and drive.encoder:
             given["encoder"] = f"{drive.count!r} m"
-        sections[DRIVE_TABLE] = [f"{key} = {json.dumps(value)}" for key, value in given.items()]
+        sections[DRIVE_TABLE] = [f"{key} = {toml_value(value)}" for key, value in given.items()]
     servo = "\n\n".join("\n".join([f"[{section}]", *lines]) for section, lines in sections.items())
     texts = (
         f"{SIGN}: 95 % intervals, {whose(found)}, for --uncertainty with the servo in servo.toml{widened}\n"
@@ -216,15 +211,6 @@ def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = 
         f"{SIGN}: the servo with the values found, {whose(found)}\n\n{servo}\n",
     )
     return dict(zip(FILES, texts, strict=True))
-
-
-def _toml(value: Any) -> str:
-    """A text, a number, or a list or a table of such, as TOML has it."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)
 
 
 def parts_in(options: argparse.Namespace) -> Sequence[Any]:

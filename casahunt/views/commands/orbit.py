@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -44,9 +43,6 @@ from .output import give
 from .progress import progress, tell
 from .sampled import hunts_on, seen_by_encoder
 
-ROUTES = ("collocation", "integrator")
-"""Ways to the multipliers; the second comes on top of the first."""
-
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
@@ -67,12 +63,11 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     branch: Any = choice_of("branch", options.branch, BRANCHES)
-    route = choice_of("multipliers", options.multipliers, ROUTES)
+    route = choice_of("multipliers", options.multipliers, ("collocation", "integrator"))
     asked, gain = asked_of(options, gain=True), gain_of(options)
     servo, model, how = asked[0], asked[1], replace(how_of(options), half=not options.full)
     if model is None:
         left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")
-    began = time.perf_counter()
     try:
         orbit = find_orbit(*asked, branch=branch, options=how)
     except HuntsIrregularly as irregular:
@@ -83,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
     if branch == "lopsided":
         below.append(item("", "one of a pair: the other one is its mirror image"))
     if bool(orbit.half and orbit.multipliers.leading.real < -1):
-        below.append(item("beside it", SYMMETRY_BROKEN + ("; --branch lopsided" if model else "")))
+        how_to = "; --branch lopsided" if model else ""
+        below.append(item("beside it", f"a cycle that reaches farther to one side may hunt in its place{how_to}"))
     record = {**orbit.to_dict(table=False), **record_of(servo), "branch": branch}
     if isinstance(servo, Servo):
         seen, built = seen_by_encoder(options, orbit.amplitude)
@@ -98,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
             "trivial_multiplier_error": second.trivial_error,
             "difference": difference(orbit.multipliers, second) if trusted else None,
         }
-    record["wall_s"] = time.perf_counter() - began
+    record["wall_s"] = options.outputs.seconds
     stream = progress(options)
     tell(stream, orbit_line(stream, orbit))
     if options.save:
@@ -106,11 +102,12 @@ def run(options: argparse.Namespace) -> int:
     columns = {"model": model, column("gain"): gain} if model else record["parameters"]
     table, picture = _row(orbit, columns, branch), ("orbits.time_traces", [orbit])
     title = f"{called(servo, model)} at gain {gain:.10g} V/rad"
-    # What is said of a cycle. title: whose it is, and at which gain; below: lines of its own; second: its multipliers
-    # by integrators
     stable = orbit.stable
     if branch == "unstable":
-        head, means = f"{title}: the unstable hunting cycle", [item("what it is", UNSTABLE), item("", BOUNDS)]
+        head = f"{title}: the unstable hunting cycle"
+        what = "motions near it leave it, so that no servo stays on it; as a rule it is the border of hunting:"
+        bounds = "nearer to the set point it comes to rest, farther away it hunts; casahunt basin tries both"
+        means = [item("what it is", what), item("", bounds)]
     else:
         said = MEANS.get((branch, stable), "") if stable is not None else ""
         head, means = f"{title}: {HEADS[branch, stable]}", [item("what it means", said)] if said else []
@@ -181,9 +178,6 @@ MEANS = {
     ("lopsided", False): "a motion near it swings farther from it each time",
 }
 """By the same: what it means, where that is known."""
-UNSTABLE = "motions near it leave it, so that no servo stays on it; as a rule it is the border of hunting:"
-BOUNDS = "nearer to the set point it comes to rest, farther away it hunts; casahunt basin tries both"
-SYMMETRY_BROKEN = "a cycle that reaches farther to one side may hunt in its place"
 
 
 def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterator[str]:

@@ -31,12 +31,12 @@ from ...servo.parts.plain_loop import loop_of as parts_of
 from ...servo.parts.table import remedy_of
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.sampled.plant import DRIVE_PARTS
-from ...servo.servo import Servo, flatten
+from ...servo.servo import flatten
 from ..answers.answer import PLAIN_DIGITS, Answer, at_gain
 from ..answers.remedy_columns import columns_meant, today
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
-from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
+from .arguments import add_command, add_out, asked_of, drive_of, how_of, left_out, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
@@ -83,41 +83,29 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; the exit code: 1 where no remedy is within the limits, or does in the loop as built."""
-    model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options)
-    loop = loop_of(options)
-    if loop is not None:
+    (servo, model, gain), how, stream = asked_of(options, gain=True), how_of(options), progress(options)
+    if model is None:
         left_out(options, "of a loop of parts it is not known", "uncertainty")
     asked, limits, jobs = demands_of(options)
-    margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
-    uncertainty = uncertainty_of(options, servo)
-
-    def computed() -> Cures:
+    margin, uncertainty = positive("margin", options.margin), uncertainty_of(options, servo)
+    of_a_set = uncertainty is not None
+    with folder(options.out, FILES) as out:
         with processes(jobs) as pool:
-            return remedies(
-                loop or servo, None if loop else model, None if loop else gain, options=how,
-                uncertainty=uncertainty, margin=margin,
+            found = remedies(
+                servo, model, gain, options=how, uncertainty=uncertainty, margin=margin,
                 progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **asked, **limits,
             )  # fmt: skip
-
-    def checked() -> tuple[Cures, dict[str, AsBuilt | str]]:
-        found = computed()
-        built = remedies_as_built(options, found, parts_of(servo, "switch", gain) if loop is None else found.loop)
-        return that_holds(found, built, limits, of_a_set=uncertainty is not None), built
-
-    if options.out is None:
-        found, built = checked()
-    else:
-        with folder(options.out, FILES) as out:
-            found, built = checked()
+        built = remedies_as_built(options, found, found.loop if model is None else parts_of(servo, "switch", gain))
+        found = that_holds(found, built, limits, of_a_set=of_a_set)
+        if out is not None:
             tell(stream, "drawing")
-            given = flatten(servo) if loop is None else loop.parameters
-            record = _record(found, options, limits, given, built, uncertain=uncertainty is not None)
+            given = servo.parameters if model is None else flatten(servo)
+            record = _record(found, options, limits, given, built, uncertain=of_a_set)
             from ..pictures import remedies as pictures_remedies
 
             page = remedies_page(record, pictures_remedies.page_images(found))
             texts = dict(zip(FILES, (page, json.dumps(record, indent=1) + "\n"), strict=True))
             options.outputs.write(write_results, out, FILES, texts)
-    of_a_set = uncertainty is not None
     lines = [*remedy_lines(found, limits, of_a_set=of_a_set, built=built), *built_lines(built, of_a_set=of_a_set)]
     result = found.to_dict() | {"as_built": built} if built else found
     answer = Answer(lines, [*remedy_details(found, of_a_set=of_a_set), *built_lines(built, in_full=True)])

@@ -27,11 +27,6 @@ WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "ma
 """Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
 CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing here; casahunt simulate takes it in"
 """Said where a drive is described and not computed."""
-NO_ANSWER = {
-    "map": "the event map has one coordinate, where one inertia with rigid friction sticks under a PID controller, and "
-    "a motion from there must depend on nothing else; casahunt orbit, basin and simulate take such a loop",
-}
-"""Commands that take no other servo than one inertia, and why."""
 
 
 def taken_from_table_1(
@@ -60,13 +55,17 @@ def of_the_continuous_loop(command: str, tables: Mapping[str, Any]) -> Iterator[
         yield f"the answer is {CONTINUOUS}"
 
 
-def servo_of_parts(command: str, what: str, loop: Loop) -> Servo:
-    """The servo that a loop is.  Raises InputError: it has a part for which the command has no answer."""
+def servo_of_parts(what: str, loop: Loop) -> Servo:
+    """The servo with rigid friction that a loop is, for `map`.  Raises InputError: it has another part."""
     from ...servo.parts.plain_loop import FRICTIONS, not_of_a_servo, servo_of_loop
 
-    asked, why = servo_of_loop(loop), NO_ANSWER[command]
-    if asked is not None and not (command == "map" and asked[1] == "lugre"):
+    asked = servo_of_loop(loop)
+    if asked is not None and asked[1] != "lugre":
         return asked[0]
     lacking = [FRICTIONS["lugre"]] if asked is not None else loop.present
     parts = " and ".join(repr(name) for name in not_of_a_servo(loop) or [part.name for part in lacking])
-    raise InputError(f"{what}: casahunt {command} has no answer for {parts}: {why}")
+    raise InputError(
+        f"{what}: casahunt map has no answer for {parts}: the event map has one coordinate, where one inertia with "
+        "rigid friction sticks under a PID controller, and a motion from there must depend on nothing else; casahunt "
+        "orbit, basin and simulate take such a loop"
+    )
