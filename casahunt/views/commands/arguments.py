@@ -197,15 +197,15 @@ def how_of(options: argparse.Namespace) -> Options:
     return Options(tol=finite("tol", options.tol), solver=solver)
 
 
-def models_of(options: argparse.Namespace) -> list[Model]:
-    """The friction models of a command that may have several: each once, all where none is named.
+def models_of(options: argparse.Namespace) -> list[Any]:
+    """The friction models of a command that may have several: each once, all where none is named; [None] of a loop.
 
     Raises InputError: an unknown model, or one that is named twice.
     """
-    models: list[Any] = [choice_of("model", model, MODELS) for model in options.model or MODELS]
+    models = [choice_of("model", model, MODELS) for model in options.model or MODELS]
     if len(set(models)) != len(models):
         raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
-    return models
+    return models if loop_of(options) is None else [None]
 
 
 def servo_of(options: argparse.Namespace) -> Servo:

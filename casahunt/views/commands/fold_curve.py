@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
     loop = loop_of(options)
     if loop is None:
         left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    models = models_of(options) if loop is None else [None]
+    models = models_of(options)
     how = how_of(options)
     servo = loop or servo_of(options)
     asked: dict[str, Any] = {"vary": options.vary, "fold_in": options.fold_in or "gain"}

@@ -65,11 +65,8 @@ def curve(**columns: Any) -> dict[str, list[float | None]]:
     """The points of a curve, thinned where there are too many; gaps (nan) stay."""
     arrays = {name: np.asarray(column, float) for name, column in columns.items()}
     step = max(1, math.ceil(max(a.size for a in arrays.values()) / MOST_CURVE_POINTS))
-    return {name: [_short(x) for x in a[::step].tolist()] for name, a in arrays.items()}
-
-
-def _short(x: float) -> float | None:
-    return float(f"{x:.{CURVE_DIGITS}g}") if math.isfinite(x) else None
+    points = {name: a[::step].tolist() for name, a in arrays.items()}
+    return {n: [float(f"{x:.{CURVE_DIGITS}g}") if math.isfinite(x) else None for x in a] for n, a in points.items()}
 
 
 def hunts(amplitude: float, period: float, stable: bool | None, *, partly: bool = False) -> str:

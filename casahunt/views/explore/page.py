@@ -75,10 +75,10 @@ def state_message(state: State) -> dict[str, Any]:
 
 def _filled(style: str, scripts: str, frozen: str) -> str:
     figures = "".join(
-        f'<figure id="{f.name}-figure" data-stage="{f.name}"><figcaption>{escape(f.caption)}</figcaption>'
-        f'<div class="plot" id="{f.name}-plot" role="img" aria-label="{escape(f.caption)}"></div>'
+        f'<figure id="{name}-figure" data-stage="{name}"><figcaption>{escape(caption)}</figcaption>'
+        f'<div class="plot" id="{name}-plot" role="img" aria-label="{escape(caption)}"></div>'
         '<div class="missing"></div></figure>'
-        for f in PANELS
+        for name, caption in PANELS.items()
     )
     options = "".join(f'<option value="{escape(name)}">{escape(name)}</option>' for name in presets())
     # The figures as JSON: {name: item for Bokeh.embed.embed_item}; the same for every page
@@ -259,20 +259,13 @@ BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#666666"
 """Told apart by those who see few colours; the unstable branch is dashed besides."""
 
 
-class Figure(NamedTuple):
-    """A figure: its name, its caption, the words for who does not see it."""
-
-    name: str
-    caption: str
-
-
-PANELS = (
-    Figure("angle", "One period: angle from the set point"), Figure("velocity", "One period: velocity"),
-    Figure("torque", "One period: torque of the motor"), Figure("phase", "Phase portrait: velocity against angle"),
-    Figure("diagram", "Swing against gain: tap or drag to choose a gain"),
-    Figure("position", "Step of the set point: angle"), Figure("effort", "Step of the set point: torque of the motor"),
-    Figure("friction", "Friction torque against velocity"),
-)  # fmt: skip
+PANELS = {
+    "angle": "One period: angle from the set point", "velocity": "One period: velocity",
+    "torque": "One period: torque of the motor", "phase": "Phase portrait: velocity against angle",
+    "diagram": "Swing against gain: tap or drag to choose a gain", "position": "Step of the set point: angle",
+    "effort": "Step of the set point: torque of the motor", "friction": "Friction torque against velocity",
+}  # fmt: skip
+"""The figures, and what they show, in words for who does not see it."""
 _LINES = {
     "angle": ("cycle", "time", "angle", "time [s]", "angle [rad]"),
     "velocity": ("cycle", "time", "velocity", "time [s]", "velocity [rad/s]"),
@@ -288,7 +281,7 @@ _LINES = {
 @cache
 def _items() -> str:
     embed = extra("bokeh.embed", "explore", "explore")
-    items = {figure.name: embed.json_item(_drawn(figure.name), figure.name) for figure in PANELS}
+    items = {name: embed.json_item(_drawn(name), name) for name in PANELS}
     return json.dumps(items).replace("</", "<\\/")
 
 

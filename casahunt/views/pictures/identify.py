@@ -8,7 +8,7 @@ import numpy as np
 
 from ...design.identify.fit import seen_by
 from ...design.identify.identify import Identification
-from .plotting import LOOKS, NAMES, Array, Line2D, align, legend, panels, picture
+from .plotting import LOOKS, NAMES, Array, Line2D, legend, panels, picture
 from .simulation import MOST_DOTS
 
 DOTS = ("0.55", "#7a1f3d", "#5fae8c", "#b0509b", "#555555")
@@ -63,5 +63,6 @@ def fitted_records(found: Identification, *, ax: Any = None) -> Array:
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.margins(x=0.01)
     legend(figure, below, handles, frameon=False)
-    align(figure, both)
+    if figure is not None:
+        figure.align_ylabels(both)
     return both

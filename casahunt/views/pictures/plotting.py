@@ -317,15 +317,6 @@ def logarithmic(axes: Axes, *names: str, linear: float = 0.0) -> None:
             axis.set_minor_formatter(_Powers(labelOnlyBase=False))
 
 
-def align(figure: Figure | None, axes: Sequence[Axes] | Array) -> None:
-    """Bring the labels of panels one below the other into line, where the figure is a new one.
-
-    figure, axes: the new figure or None, and its panels.
-    """
-    if figure is not None:
-        figure.align_ylabels(axes)
-
-
 def legend(figure: Figure | None, axes: Axes, handles: Sequence[Any] | None = None, **how: Any) -> None:
     """The legend of a picture: outside of the panels of a new figure, inside of axes that were given.
 

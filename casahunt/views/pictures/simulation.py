@@ -25,7 +25,6 @@ from .plotting import (
     SMALL,
     Array,
     Line2D,
-    align,
     in_one_unit,
     legend,
     panels,
@@ -166,7 +165,8 @@ def _three(
     if end < t[-1]:
         three[2].set_xlim(t[0], end)
     three[2].set_xlabel("time [s]" + (f"; nothing more happens until {t[-1]:.4g} s" if end < t[-1] else ""))
-    align(figure, three)
+    if figure is not None:
+        figure.align_ylabels(three)
     handles = [Line2D([], [], label="set point; static friction ±F$_s$" if len(levels) else "set point", **dashed)]
     three[0].set_title(title, fontsize="medium")
     if sticks:
@@ -236,5 +236,6 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
     below.grid(True, color="0.9", linewidth=0.6)
     below.margins(x=0.01, y=0.1)
     legend(figure, below, handles, frameon=False)
-    align(figure, both)
+    if figure is not None:
+        figure.align_ylabels(both)
     return both
