@@ -30,10 +30,7 @@ def run(options: argparse.Namespace) -> int:
     if asked:
         lines = [sentence(word) for word in words]
     else:
-        lines = [line for heading, part in CHAPTERS.items() for line in (heading, *map(_below, part))]
+        chapters = CHAPTERS.items()
+        lines = [line for heading, part in chapters for line in (heading, *(f"  {sentence(word)}" for word in part))]
     show(lines, said=GLOSSARY)
     return 0
-
-
-def _below(word: str) -> str:
-    return f"  {sentence(word)}"

@@ -57,23 +57,6 @@ FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
 servo with the values found."""
 FITTED_DIGITS = 6
 """Of a value in the details."""
-OF_TABLE_1 = "without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?"
-"""Said of records without a servo file."""
-WITH_LAGS = "sampling and delay of [drive] are taken into account, to first order"
-AS_CONTINUOUS = (
-    "the loop is taken as a continuous one: of [drive] sampling and delay are taken into account where friction alone "
-    "is sought, from positions alone"
-)
-OF_PARTS = "the loop is taken as a continuous one: of a loop of parts [drive] is not taken into account"
-NOT_OF_THE_DRIVE = (
-    "Or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
-    "continuous loop"
-)
-SHAKES = (
-    "each count of the encoder makes the derivative's torque jump by {:.2g} of static friction, as given: that shakes "
-    "a servo loose, and what is found may be the friction of the shaken one"
-)
-"""Said of records of a drive."""
 SHAKEN = 0.02
 """Torque that a count makes by the derivative, as a part of static friction, above which it is told."""
 COUNTS_READ = 300.0
@@ -126,17 +109,31 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
         except InputError as refusal:
             if drive is None or built is not None:
                 raise
-            raise InputError(f"{refusal} {NOT_OF_THE_DRIVE}") from None
+            raise InputError(
+                f"{refusal} Or it is what [drive] describes: its delay, filter and counts are not in the model that is "
+                "fitted, which is a continuous loop"
+            ) from None
 
-    taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
-    taken += [f"  {OF_PARTS}"] if described is not None and drive is None else []
-    taken += [f"  {record.reading.sentence}" for record in records if record.reading is not None]
+    taken, as_continuous = [], "the loop is taken as a continuous one: of"
+    if options.servo is None:
+        taken.append("without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?")
+    if described is not None and drive is None:
+        taken.append(f"{as_continuous} a loop of parts [drive] is not taken into account")
+    taken += [record.reading.sentence for record in records if record.reading is not None]
     if drive is not None:
-        taken.append(f"  {AS_CONTINUOUS if built is None else WITH_LAGS}")
+        where = "where friction alone is sought, from positions alone"
+        taken.append(
+            "sampling and delay of [drive] are taken into account, to first order" if built is not None
+            else f"{as_continuous} [drive] sampling and delay are taken into account {where}"
+        )  # fmt: skip
         time = drive.sample_time + drive.filter_of(servo.controller)
         shaken = servo.torque_gains(max(gains))[1] * drive.count / time / servo.friction.static
-        taken += [f"  {SHAKES.format(shaken)}"] if shaken > SHAKEN else []
-    return fit, taken
+        if shaken > SHAKEN:
+            taken.append(
+                f"each count of the encoder makes the derivative's torque jump by {shaken:.2g} of static friction, as "
+                "given: that shakes a servo loose, and what is found may be the friction of the shaken one"
+            )
+    return fit, [f"  {sentence}" for sentence in taken]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -221,7 +218,7 @@ def parts_in(options: argparse.Namespace) -> Sequence[Any]:
 def not_explained(found: Identification) -> str:
     """What is said of a model that leaves more than noise."""
     judgement = found.judgement
-    many = "s" * (len(found.records) > 1)
+    many, first = "s" * (len(found.records) > 1), more_at_first(found.residuals)  # which may be a transient
     left, likely = (
         f"what is left is {judgement.systematic:.2g} of the amplitude and no noise",
         "try another --model, more --free parameters, or the filter and sampling of the record",
@@ -238,7 +235,7 @@ def not_explained(found: Identification) -> str:
     return (
         f"the {whose(found)} does not explain the record{many}: {left}; the values are its nearest, and less "
         f"certain than they look; draw it with --plot, and {likely}"
-        + _transient(found)
+        + f"; {first:.2g} times as much is left of its first half: leave more out by --from" * (first > MORE_AT_FIRST)
         + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
 
@@ -274,13 +271,6 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     transient = not judgement.explained and more_at_first(found.residuals) > MORE_AT_FIRST
     if suspect and not transient:  # what is left of it would be taken for a cause
         yield f"  {suspect}"
-
-
-def _transient(found: Identification) -> str:
-    """That the beginning of a record may be a transient, where more is left of it."""
-    if not more_at_first(found.residuals) > MORE_AT_FIRST:
-        return ""
-    return f"; {more_at_first(found.residuals):.2g} times as much is left of its first half: leave more out by --from"
 
 
 def _rows(found: Identification, most: int) -> Iterator[str]:

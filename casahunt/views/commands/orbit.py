@@ -159,8 +159,6 @@ def _row(orbit: Orbit, columns: dict[str, Any], branch: str) -> Columns:
 
 # What `casahunt orbit` says of a hunting cycle
 
-CHECK = "their accuracy   the multiplier of a shift in time is 1 exactly, and was computed with an error of"
-"""Said of the multipliers by either way."""
 HEADS = {
     ("stable", True): "hunts",
     ("stable", False): "has a hunting cycle that it leaves again",
@@ -181,17 +179,14 @@ MEANS = {
 
 
 def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterator[str]:
-    m = orbit.multipliers
     yield from exactly(orbit)
-    if m.trusted:
-        if orbit.half:
-            yield item("half multiplier", complex_text(m.leading, m.error, m.leading_floor))
-        yield item("multipliers", _full_text(m))
-        yield f"  {CHECK} {m.trivial_error:.1e}"
-    else:
-        yield item("multipliers", f"not to be trusted: {_doubt(m)}")
+    yield from _multipliers(orbit.multipliers, half=orbit.half)
     if second is not None:
-        yield from _second_lines(orbit, second)
+        yield "  by integrators   (CasADi's forward sensitivities, from event to event)"
+        yield from (f"  {line}" for line in _multipliers(second, half=orbit.half))
+        if second.trusted and orbit.multipliers.trusted:
+            off = f"{difference(orbit.multipliers, second):.1e}"
+            yield f"    difference       {off} (of the largest one, relative where it is above 1)"
     yield item(
         "status",
         f"{orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, {orbit.iterations} iterations, "
@@ -199,9 +194,17 @@ def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterato
     )  # fmt: skip
 
 
-def _full_text(m: Multipliers) -> str:
-    """The multipliers of the whole period in a row."""
-    return ", ".join(complex_text(value, m.error, floor) for value, floor in zip(m.full, m.full_floor, strict=True))
+def _multipliers(m: Multipliers, *, half: bool) -> Iterator[str]:
+    """Multipliers of the whole period, and of half of one where that is what was computed."""
+    if not m.trusted:
+        yield item("multipliers", f"not to be trusted: {_doubt(m)}")
+        return
+    if half:
+        yield item("half multiplier", complex_text(m.leading, m.error, m.leading_floor))
+    each = (complex_text(value, m.error, floor) for value, floor in zip(m.full, m.full_floor, strict=True))
+    yield item("multipliers", ", ".join(each))
+    exact = "the multiplier of a shift in time is 1 exactly, and was computed with an error of"
+    yield item("their accuracy", f"{exact} {m.trivial_error:.1e}")
 
 
 def _doubt(m: Multipliers) -> str:
@@ -215,16 +218,3 @@ def difference(one: Multipliers, other: Multipliers) -> float:
     """|mu_1 - mu_2| / max(1, |mu_1|) of the leading multipliers: next to a superstable cycle mu itself is 0."""
     return float(abs(one.leading - other.leading) / max(1.0, abs(one.leading)))
 
-
-def _second_lines(orbit: Orbit, m: Multipliers) -> Iterator[str]:
-    yield "  by integrators   (CasADi's forward sensitivities, from event to event)"
-    if not m.trusted:
-        yield f"    multipliers      not to be trusted: {_doubt(m)}"
-        return
-    if orbit.half:
-        yield f"    half multiplier  {complex_text(m.leading, m.error, m.leading_floor)}"
-    yield f"    multipliers      {_full_text(m)}"
-    yield f"    {CHECK} {m.trivial_error:.1e}"
-    if orbit.multipliers.trusted:
-        off = difference(orbit.multipliers, m)
-        yield f"    difference       {off:.1e} (of the largest one, relative where it is above 1)"

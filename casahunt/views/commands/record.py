@@ -28,7 +28,6 @@ from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measured
 from ...design.record.waveform import swings_of
 from ...errors import InputError, NoOrbit
-from ...export import columns_from
 from ...orbits import Orbit
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
@@ -88,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     except NoOrbit as error:
         failure = str(error)
     suspect = _suspect(record, found, orbit, stream) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
-    rows = [tuple(row.values()) for row in _rows(found, orbit)]
+    rows = _rows(found, orbit)
     give(
         options,
         _record(options.file, record, found, orbit, failure, set_point)
@@ -97,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
             [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
             _details(found, orbit),
         ),
-        table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
+        table={name: [row[name] for row in rows] for name in CSV_COLUMNS} if found.periods.size else None,
         picture=("simulation.folded_record", found, orbit) if found.periods.size else (),
     )
     if not found.hunting:

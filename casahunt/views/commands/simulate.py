@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     gain = gain_of(options)
     length = positive("time", options.time, "s")
     numbers: dict[str, Any] = {
-        key: _size(key.replace("_", "-"), text, unit)
+        key: moderate(name := key.replace("_", "-"), finite(name, text, unit))
         for key, unit in START_UNITS.items()
         if (text := getattr(options, key)) is not None
     }
@@ -118,17 +118,16 @@ def run(options: argparse.Namespace) -> int:
     advice = None if sure else _advice(found)
     record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
     answer, picture = simulation_answer(found, other, wall_s), ("simulation.motion", found)
-    give(options, record, answer, table=found.table(_times(found, step)) if options.csv else None, picture=picture)
+    times = None  # dense where the motion is fast
+    if step is not None:
+        times = np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
+    give(options, record, answer, table=found.table(times) if options.csv else None, picture=picture)
     if advice:
         complain("casahunt simulate", advice)
     cut = bool(found.ended) and kind != "growing"
     if cut:
         complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
     return 0 if sure and not cut else 1
-
-
-def _size(key: str, text: Any, unit: str) -> float:
-    return moderate(key, finite(key, text, unit))
 
 
 def _advice(found: Trajectory) -> str:
@@ -147,13 +146,6 @@ def _other_record(other: OtherEnd | None) -> dict[str, Any]:
         return {"other_end": None, "other_end_reason": (other and other.reason) or None}
     record = {**other.orbit.to_dict(table=False), "start": other.start or None}
     return {"other_end": record, "other_end_reason": other.reason or None}
-
-
-def _times(found: Trajectory, step: float | None) -> np.ndarray | None:
-    """The times of the table: every `step` seconds; None: dense where the motion is fast."""
-    if step is None:
-        return None
-    return np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
 
 
 def remedies_given(options: argparse.Namespace) -> dict[str, float]:

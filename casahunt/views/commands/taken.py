@@ -20,9 +20,6 @@ STRIBECK = "friction.stribeck_velocity"
 """Data sheets seldom have it, and much hangs on it."""
 NEEDED = ("servo.inertia", "servo.motor_gain", "friction.static", "friction.coulomb", "friction.viscous")
 """Of a servo of one's own."""
-CONTROLLER = "controller"
-"""A table of which one number says nothing."""
-
 WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
 """Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
 CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing here; casahunt simulate takes it in"
@@ -39,7 +36,7 @@ def taken_from_table_1(
     own = {servo.units.own_name(f"{table}.{key}") for table, keys in tables.items() for key in keys}
     own |= {servo.units.own_name(text.partition("=")[0].strip()) for text in given}
     missing = [key for key in NEEDED if key not in own and not (sought and key.startswith("friction"))]
-    missing += [] if any(key.startswith(f"{CONTROLLER}.") for key in own) else [CONTROLLER]
+    missing += [] if any(key.startswith("controller.") for key in own) else ["controller"]  # one number says nothing
     if missing:
         yield f"not in the servo file, and taken from Table 1 of the report: {', '.join(missing)}"
     elif STRIBECK not in own and not sought:

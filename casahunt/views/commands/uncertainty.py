@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ... import effort
-from ...design.nearby import AnyFold, check_asked, upper
+from ...design.nearby import check_asked, upper
 from ...design.uncertainty.samples import Samples, draw, sample
-from ...design.uncertainty.summary import Summary, summary
-from ...design.uncertainty.worst_corner import WorstCase, worst_corner
+from ...design.uncertainty.summary import summary
+from ...design.uncertainty.worst_corner import worst_corner
 from ...errors import NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
@@ -80,10 +80,19 @@ def run(options: argparse.Namespace) -> int:
     seen = summary(fold, uncertainty, samples, worst)
     wall_s = options.outputs.seconds
     answer = uncertainty_answer(called(servo, model), fold, samples, worst, seen, how.tol, wall_s)
-    give(
-        options, record_of(servo) | _record(fold, samples, worst, seen, wall_s), answer, table=tables_of([samples]),
-        picture=("uncertainty.histogram", fold, samples, worst, seen),
-    )  # fmt: skip
+    complete = not samples.failures and not worst.failures
+    record = {
+        **record_of(servo),
+        **seen.to_dict(table=False),
+        "model": model,
+        "gain": fold.value,
+        "worst": worst,
+        "samples": {**samples.to_dict(table=False), "failures": len(samples.failures)},
+        "status": (Status.CONVERGED if complete else Status.NOT_CONVERGED).name.lower(),
+        "wall_s": wall_s,
+    }
+    picture = "uncertainty.histogram", fold, samples, worst, seen
+    give(options, record, answer, table=tables_of([samples]), picture=picture)
     for i, sentence in samples.failures:
         say(out, f"sample {i + 1} was not computed: {sentence}")
     for sentence in worst.failures:
@@ -99,18 +108,3 @@ def _worst_inside(samples: Samples, box: tuple[np.ndarray, np.ndarray]) -> list[
         return []
     q, (low, high) = samples.parameters[samples.worst], box
     return [q] if ((low <= q) & (q <= high)).all() else []
-
-
-def _record(fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, wall_s: float) -> dict[str, Any]:
-    """The JSON object."""
-    complete = not samples.failures and not worst.failures
-    status = Status.CONVERGED if complete else Status.NOT_CONVERGED
-    return {
-        **seen.to_dict(table=False),
-        "model": getattr(fold.orbit, "model", None),
-        "gain": fold.value,
-        "worst": worst,
-        "samples": {**samples.to_dict(table=False), "failures": len(samples.failures)},
-        "status": status.name.lower(),
-        "wall_s": wall_s,
-    }

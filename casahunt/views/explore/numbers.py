@@ -121,15 +121,12 @@ def compared(border: float, present: float, error: float, one: str, digits: int)
     return f"{away} {one}" if ratio > 1 else f"{one} is {away} that"
 
 
-SAID_ABOVE = {"rests": ": it does not hunt", "unknown": ": no hunting was found"}
-"""What is said of a gain above the one at which hunting ends, by the verdict there."""
-
-
 def ratio_shown(border: float, present: float, relative_error: float, verdict: str) -> dict[str, Any]:
     """The number by which the gain at which hunting ends is above the present one, or that by which it is below."""
     said = compared(border, present, relative_error, "the present gain", PLAIN_DIGITS)
-    above = SAID_ABOVE.get(verdict, "") if present > border * (1 + relative_error) else ""
-    return shown_number(border / present, relative_error) | {"said": said + above}
+    if present > border * (1 + relative_error):
+        said += {"rests": ": it does not hunt", "unknown": ": no hunting was found"}.get(verdict, "")
+    return shown_number(border / present, relative_error) | {"said": said}
 
 
 def margins_shown(found: Margins) -> dict[str, Any]:

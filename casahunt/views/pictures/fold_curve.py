@@ -257,7 +257,8 @@ def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *,
         values = np.array([slope.elasticities.get(name, 0.0) for name in names])
         bars = axes.barh(
             place + (len(folds) - 1 - 2 * k) * height / 2, values, height, color=look_of(fold.orbit).colour,
-            label=_label(fold),
+            label=f"{fold.orbit.model}, K = {fold.gain:.6g}" if isinstance(fold, HuntingFold)
+            else f"loop, {fold.parameter.replace('_', ' ')} = {fold.value:.6g}",
         )  # fmt: skip
         axes.bar_label(bars, [f"{value:+.3g}".replace("-", MINUS) for value in values], padding=3, fontsize=9)
     axes.set_yticks(place, [word(name).replace("_", " ").replace(".", ": ") for name in names])
@@ -268,9 +269,3 @@ def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *,
     axes.set_title(f"What moves the {what} at which hunting ends")
     axes.legend(loc="lower right")
     return axes
-
-
-def _label(fold: Fold[Any]) -> str:
-    if isinstance(fold, HuntingFold):
-        return f"{fold.orbit.model}, K = {fold.gain:.6g}"
-    return f"loop, {fold.parameter.replace('_', ' ')} = {fold.value:.6g}"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import cycle, groupby
 from typing import Any
 
 import numpy as np
@@ -185,17 +185,9 @@ def _space_and_planes(given: Any, legend_rows: int) -> tuple[Figure | None, Arra
 def _looks(orbits: Sequence[Orbit]) -> list[LineStyle]:
     """The look of its model for the first orbit of a model, others for the rest."""
     if len(orbits) == 1:
-        return [LOOKS[_model(orbits[0])]._replace(width=ALONE)]
-    seen: set[str] = set()
-    result, spare = [], 0
-    for orbit in orbits:
-        if _model(orbit) in seen:
-            result.append(MORE_LOOKS[spare % len(MORE_LOOKS)])
-            spare += 1
-        else:
-            result.append(LOOKS[_model(orbit)])
-        seen.add(_model(orbit))
-    return result
+        return [look_of(orbits[0])._replace(width=ALONE)]
+    models, others = [_model(orbit) for orbit in orbits], cycle(MORE_LOOKS)
+    return [next(others) if model in models[:i] else LOOKS[model] for i, model in enumerate(models)]
 
 
 def look_of(orbit: Orbit) -> LineStyle:
