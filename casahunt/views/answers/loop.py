@@ -93,12 +93,9 @@ def _details(loops: Sequence[LinearLoop], limits: tuple[float, float] | None) ->
         yield f"  Routh-Hurwitz    K > {_stated(limits[0])} with viscous friction, K > {limits[1]:.10g} without any"
     for loop in loops:
         yield f"  gain {_stated(loop.gain)}{_way(loop)}"
-        yield f"    poles          {', '.join(_pole(pole) for pole in loop.poles)} 1/s"
+        poles = (f"{p.real:.8g}{p.imag:+.8g}j" if p.imag else f"{p.real:.8g}" for p in loop.poles)
+        yield f"    poles          {', '.join(poles)} 1/s"
         for c in loop.gain_crossovers:
             yield f"    phase margin   {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1"
         factors = (f"{factor:.8g}" for factor in (loop.lowest_factor, loop.highest_factor) if 0 < factor < math.inf)
         yield f"    gain margin    {', '.join(factors) or 'none'}"
-
-
-def _pole(pole: complex) -> str:
-    return f"{pole.real:.8g}{pole.imag:+.8g}j" if pole.imag else f"{pole.real:.8g}"

@@ -30,7 +30,7 @@ from ..answers.answer import Answer
 from ..evidence.cure_page import TITLE, cure_page
 from ..evidence.record import made
 from . import identify as identification
-from .arguments import add_command, add_out, drive_of, how_of
+from .arguments import add_command, add_out, how_of
 from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
@@ -94,9 +94,8 @@ def run(options: argparse.Namespace) -> int:
 
             whole = plain(record) | {"made": made(options.servo, options.set)}
             page = cure_page(whole, {"fit": png(fitted_records(found))})
-            files = identification.texts_of(found, drive_of(options), identification.parts_in(options))
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
-            options.outputs.write(write_results, out, FILES, files | own)
+            options.outputs.write(write_results, out, FILES, identification.texts_of(found, options) | own)
     lines = [advice_of(table), *([f"  {doubt}"] if doubt else []),
              *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
              *table_lines(table)]  # fmt: skip

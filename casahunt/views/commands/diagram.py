@@ -44,7 +44,7 @@ from .arguments import (
     vary_of,
 )
 from .console import complain, folder, orbit_line
-from .output import drawing, give
+from .output import draw, give
 from .output_paths import keep_others
 from .progress import Progress, progress, say, tell
 
@@ -277,9 +277,7 @@ def _shortfall(branch: Branch[Any], to: float | None, *, natural: bool) -> str:
 
 
 def _pictures(branches: list[Any], out: Path) -> None:
-    from ..pictures.plotting import save
-
     keep_others(out, dict.fromkeys(PICTURES, PICTURE_SIGN))
     firsts = [branch.orbits[0] for branch in branches]
     for name, picture in PICTURES.items():
-        save(drawing(picture)(branches if picture.startswith("branches") else firsts), out / name)
+        draw(out / name, picture, branches if picture.startswith("branches") else firsts)

@@ -39,7 +39,6 @@ from .arguments import (
     asked_of,
     drive_of,
     how_of,
-    loop_of,
     positive,
     servo_of,
     stated_gain,
@@ -144,7 +143,7 @@ def run(options: argparse.Namespace) -> int:
     found = fit()
     if options.out is not None and found.status.ok and found.judgement.explained:
         with folder(options.out, FILES) as out:
-            options.outputs.write(write_results, out, FILES, texts_of(found, drive_of(options), parts_in(options)))
+            options.outputs.write(write_results, out, FILES, texts_of(found, options))
     suspect = suspected(options, found)
     give(
         options,
@@ -177,12 +176,9 @@ def whose(found: Identification) -> str:
     return f"{found.model} model" if found.model else "loop of parts"
 
 
-def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = ()) -> dict[str, str]:
+def texts_of(found: Identification, options: argparse.Namespace) -> dict[str, str]:
     """The intervals as an uncertainty file, and the servo with the values found and the drive that it had, by the names
-    of `FILES`.
-
-    parts: of a loop, as its file has them.
-    """
+    of `FILES`."""
     uncertainty = found.uncertainty.intervals
     widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
     intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
@@ -191,12 +187,12 @@ def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = 
     if not units.plain:
         sections[UNITS_TABLE] = [f"{key} = {toml_value(unit)}" for key, unit in units.table().items()]
     if found.model is None:
-        sections["loop"] = [f"parts = {toml_value(parts)}"]
+        sections[LOOP_TABLE] = [f"parts = {toml_value(tables_in(options)[LOOP_TABLE]['parts'])}"]
     own = flatten(found.servo) if found.model else {f"values.{k}": v for k, v in found.servo.parameters.items()}
     for key, value in own.items():
         section, name = units.word(key).split(".") if found.model else key.split(".")
         sections.setdefault(section, []).append(f"{name} = {value!r}")
-    if drive is not None:
+    if (drive := drive_of(options)) is not None:
         given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
         if units.linear and drive.encoder:
             given["encoder"] = f"{drive.count!r} m"
@@ -208,11 +204,6 @@ def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = 
         f"{SIGN}: the servo with the values found, {whose(found)}\n\n{servo}\n",
     )
     return dict(zip(FILES, texts, strict=True))
-
-
-def parts_in(options: argparse.Namespace) -> Sequence[Any]:
-    """The parts of the loop of the command line as its file has them; none of a servo."""
-    return () if loop_of(options) is None else tables_in(options)[LOOP_TABLE]["parts"]
 
 
 def not_explained(found: Identification) -> str:

@@ -17,7 +17,6 @@ from ...axis_units import quantity
 from ...errors import NoOrbit
 from ...servo.drive import Drive, below_border, by_counts
 from ...servo.parts.loop import Loop
-from ...servo.servo import Servo
 from ..answers.answer import Answer, item
 from ..answers.simulate import details_as_built, plain_as_built
 from .arguments import drive_of, left_out
@@ -89,16 +88,6 @@ def hunts_on(options: argparse.Namespace, refusal: NoOrbit, gain: float) -> NoOr
     more = f"; {sentence} (casahunt simulate --gain {gain:g})" if sentence else ""
     shown = f"{refusal.plain}; this is {CONTINUOUS}{more}"
     return NoOrbit(shown, refusal.status, evidence=refusal.evidence)
-
-
-def checked(options: argparse.Namespace, servo: Servo, gain: float) -> AsBuilt | None:
-    """An answer in the loop as built; None where the servo file describes none."""
-    drive = drive_of(options)
-    if drive is None:
-        return None
-    from ...servo.sampled.check import as_built
-
-    return as_built(servo, gain, drive)
 
 
 def checked_lines(

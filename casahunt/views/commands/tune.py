@@ -26,7 +26,7 @@ from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tuning import Tuning, tune
 from ...errors import InputError
 from ...export import columns_from
-from ...servo.sampled.check import AsBuilt
+from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.tune import known_to, loop_name, numbers_in, tuning_answer
 from ..evidence.page import TITLE, evidence_page
@@ -36,7 +36,7 @@ from .console import complain, folder
 from .output import give
 from .output_paths import write_results
 from .progress import progress, tell, teller
-from .sampled import checked, checked_lines
+from .sampled import checked_lines
 from .uncertain import uncertainty_of
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
@@ -80,7 +80,8 @@ def run(options: argparse.Namespace) -> int:
             servo, model, demands=demands, uncertainty=uncertainty, free=options.free, bounds=bounds, cost=cost,
             options=how, report=teller(stream),
         )  # fmt: skip
-        built = checked(options, tuning.servo, tuning.gain)
+        drive = drive_of(options)
+        built = None if drive is None else as_built(tuning.servo, tuning.gain, drive)
         record = evidence_record(tuning, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
         record |= {} if built is None else {"as_built": built.to_dict()}
         if out is not None:

@@ -6,11 +6,9 @@ import argparse
 import time
 from typing import Any
 
-import numpy as np
-
 from ... import effort
 from ...design.nearby import check_asked, upper
-from ...design.uncertainty.samples import Samples, draw, sample
+from ...design.uncertainty.samples import draw, sample
 from ...design.uncertainty.summary import summary
 from ...design.uncertainty.worst_corner import worst_corner
 from ...errors import NoOrbit, Status
@@ -68,15 +66,13 @@ def run(options: argparse.Namespace) -> int:
             report=lambda i: told(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
         )  # fmt: skip
     tell(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
+    low, high = uncertainty.box(servo)
+    sampled = [] if samples.worst is None else [samples.parameters[samples.worst]]
     worst = worst_corner(
-        servo,
-        model,
-        uncertainty,
-        options=how,
-        fold=fold,
-        starts=_worst_inside(samples, uncertainty.box(servo)),
+        servo, model, uncertainty, options=how, fold=fold,
+        starts=[q for q in sampled if ((low <= q) & (q <= high)).all()],  # normal ones may lie outside of the box
         report=lambda i: told(f"searching the worst corner: fold {i}"),
-    )
+    )  # fmt: skip
     seen = summary(fold, uncertainty, samples, worst)
     wall_s = options.outputs.seconds
     answer = uncertainty_answer(called(servo, model), fold, samples, worst, seen, how.tol, wall_s)
@@ -100,11 +96,3 @@ def run(options: argparse.Namespace) -> int:
     if not samples.computed.any():
         raise NoOrbit(f"none of the {n} samples was computed: {samples.failures[0][1]}", Status.NOT_CONVERGED)
     return 0
-
-
-def _worst_inside(samples: Samples, box: tuple[np.ndarray, np.ndarray]) -> list[np.ndarray]:
-    """The parameters (k,) of the worst sample, where it lies in the box: normal ones may not."""
-    if samples.worst is None:
-        return []
-    q, (low, high) = samples.parameters[samples.worst], box
-    return [q] if ((low <= q) & (q <= high)).all() else []
