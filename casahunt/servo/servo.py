@@ -266,7 +266,7 @@ def toml_value(value: Any) -> str:
         return "{" + ", ".join(f"{key} = {toml_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml_value, value)) + "]"
-    return json.dumps(value) if isinstance(value, str | bool) else repr(value)
+    return json.dumps(value) if isinstance(value, str | bool) else str(value)
 
 
 def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:
