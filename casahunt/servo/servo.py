@@ -13,6 +13,7 @@ of `PID_PARAMETERS` by its gains.  The length tells which; what is neither contr
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -257,6 +258,15 @@ def toml_tables(text: bytes, what: str) -> dict[str, Any]:
         raise InputError(f"{what}: cannot be read: its brackets are nested too deeply") from None
     except ValueError:  # Python's limit for the digits of an integer
         raise InputError(f"{what}: cannot be read: it holds a number of too many digits") from None
+
+
+def toml_value(value: Any) -> str:
+    """A text, a number, or a list or a table of such, as TOML has it in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {toml_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return json.dumps(value) if isinstance(value, str | bool) else str(value)
 
 
 def servo_of_tables(tree: Mapping[str, Any], what: str) -> Servo:

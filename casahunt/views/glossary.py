@@ -112,15 +112,7 @@ FAMILIAR = ("amplitude", "cycle", "hunting", "LuGre", "Newton", "stable cycle", 
 """Words that a control engineer knows, or that stand in every output: the glossary alone explains them."""
 
 
-def _forms() -> dict[str, str]:
-    forms = {}
-    for word in GLOSSARY:
-        for form in (word, f"{word}s", *OTHER_FORMS.get(word, ())):
-            forms[form.lower()] = word
-    return forms
-
-
-_FORMS = _forms()
+_FORMS = {form.lower(): word for word in GLOSSARY for form in (word, f"{word}s", *OTHER_FORMS.get(word, ()))}
 _FOUND = re.compile(
     r"(?<![\w./-])(?<!casahunt )("  # names of files, options and commands are no words
     + "|".join(re.escape(form) for form in sorted(_FORMS, key=len, reverse=True))

@@ -71,7 +71,7 @@ def test_what_no_remedy_meets(capsys, record):
 def test_what_hunts_as_built_is_no_cure(capsys, record, monkeypatch):
     """The remedy is held against the loop as built, where that is described."""
     seen = AsBuilt("hunting", "one of 6 motions hunts", "one of 6 motions hunts", math.nan, None)
-    monkeypatch.setattr(command, "remedies_as_built", lambda *a: {"dead band": seen})
+    monkeypatch.setattr("casahunt.views.commands.remedies.remedies_as_built", lambda *a: {"dead band": seen})
     code, out, err = run(capsys, "cure", record, "--gain", GAIN, *SOUGHT, "--only", "dead band", "--quiet")
     assert code == 1 and "in the loop as built" in out
     assert "dead band does not do in the loop as built: one of 6 motions hunts" in err
@@ -154,7 +154,7 @@ def test_what_speaks_against_the_answer(capsys, explained, best):
     data, left = SimpleNamespace(quantum=0.0, name="mine.csv"), np.repeat([3.0, 1.0 if best else 3.0], 50)
     found = SimpleNamespace(judgement=judgement, model="switch", records=(data,), residuals=(left,))
     cures = SimpleNamespace(best=best, remedies=())
-    assert command._judged(found, cures, {}, {}) == int(not (explained and best))
+    assert command._judged(found, command.Table(cures)) == int(not (explained and best))
     err = capsys.readouterr().err
     assert ("does not explain the record" in err) is not explained and ("no remedy ends hunting" in err) == (not best)
     assert ("of its first half: leave more out by --from" in err) is (not explained and bool(best))

@@ -14,7 +14,15 @@ from matplotlib import image
 
 from casahunt.design.remedies.cures import Cure
 from casahunt.views.commands.output import LINE_WIDTH, MEANINGS
-from casahunt.views.commands.remedies import NOT_FOR_THE_WORST, _row, _why_not, advice_of, none_within, remedy_details
+from casahunt.views.commands.remedies import (
+    NOT_FOR_THE_WORST,
+    Table,
+    _row,
+    _why_not,
+    advice_of,
+    none_within,
+    table_details,
+)
 
 GAIN = ("remedies", "--gain", 0.04)
 BAND, LEAK = 0.0433457242337, 0.246844841
@@ -113,7 +121,7 @@ def test_what_was_not_found_is_not_said_to_be_none(capsys):
     rows = (Cure("leak", "1/s", "not found", why="stopped after 599 points"), Cure("reset", "", "none", why="goes on"))
     for remedies, none in ((rows, False), (rows[1:], True)):
         found = SimpleNamespace(best="", remedies=remedies, move=None)
-        said = (none_within(found, {}), advice_of(found, {}, {}, of_a_set=False))
+        said = (none_within(Table(found)), advice_of(Table(found)))
         assert all(("was found" in sentence) is not none for sentence in said)
         assert ("leak" in said[0]) is not none
 
@@ -164,6 +172,6 @@ def test_a_servo_that_does_not_hunt(capsys, tmp_path):
 def test_why_cycles_could_not_be_followed_stands_in_the_details():
     """A mesh and Newton's method mean nothing to who asks for a remedy."""
     row = Cure("leak", "1/s", "not found", why="could be followed to 0.5 1/s", evidence="no step converged")
-    (said,) = remedy_details(SimpleNamespace(remedies=(row,)), of_a_set=False)
+    (said,) = table_details(Table(SimpleNamespace(remedies=(row,))))
     assert "could be followed to 0.5 1/s (no step converged)" in said
     assert _why_not(row) == "not found: could be followed to 0.5 1/s"

@@ -16,7 +16,7 @@ from casahunt.design.remedies.cures import Cure
 from casahunt.servo.sampled.check import AsBuilt
 from casahunt.views.commands import remedies as remedies_command
 from casahunt.views.commands.identify import fit_of
-from casahunt.views.commands.remedies import remedy_lines
+from casahunt.views.commands.remedies import Table, table_lines
 from casahunt.views.commands.taken import taken_from_table_1
 
 SERVO = """
@@ -436,13 +436,13 @@ def test_a_cycle_that_motions_leave_is_not_said_to_be_hunting():
         name="servo", gain=7.4, amplitude=7e-4, period=6.0, remedies=(), best="", stable=False, irregular=False,
         move=None,
     )
-    first = next(remedy_lines(table, {}, of_a_set=False))
+    first = next(table_lines(Table(table)))
     assert "has a hunting cycle, which motions leave again, of 0.0007 rad" in first
     table.stable = True
-    assert "hunts with 0.0007 rad" in next(remedy_lines(table, {}, of_a_set=False))
+    assert "hunts with 0.0007 rad" in next(table_lines(Table(table)))
     table.irregular, kinds = True, ("decaying", "decaying", "hunting", "hunting")
     table.remedies = (Cure("gain", "V/rad", "motions", 7.25, 0.375, 8.0, stays=kinds),)
-    lines = list(remedy_lines(table, {}, of_a_set=False))
+    lines = list(table_lines(Table(table)))
     assert "hunts irregularly, with up to 0.0007 rad and 6 s" in lines[0]
     assert any("as simulated motions show it, seen and not proved, to about 5 %" in line for line in lines)
 

@@ -25,11 +25,6 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 """Where a long line must not be broken; printed as a space."""
 MULTIPLIER_DIGITS = 8
 """Digits of a multiplier, at most."""
-RUNS_AWAY = (
-    "the loop without dry friction is unstable (casahunt loop): from far enough the servo leaves the set point for "
-    "good; casahunt simulate shows it"
-)
-"""Said where friction holds a cycle in that the linear loop would leave."""
 LEFT_BY_ROUNDING = 1e-12
 """Relative error of a multiplier that is left by rounding alone."""
 
@@ -65,7 +60,9 @@ def parts_of(servo: Servo | Loop) -> list[str]:
 
 def runs_away(loop: Loop) -> list[str]:
     """The line of a loop that leaves the set point from far enough, where friction holds a cycle in."""
-    return [item("farther away", RUNS_AWAY)] if linear_stable(loop) is False else []
+    away = "from far enough the servo leaves the set point for good; casahunt simulate shows it"
+    said = item("farther away", f"the loop without dry friction is unstable (casahunt loop): {away}")
+    return [said] if linear_stable(loop) is False else []
 
 
 def record_of(servo: Servo | Loop) -> dict[str, Any]:

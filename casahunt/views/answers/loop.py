@@ -16,9 +16,6 @@ from .simulate import drive_said
 if TYPE_CHECKING:
     from ...servo.drive import Drive
 
-STABLE_BELOW, STABLE_ABOVE = "at any lower gain", "at any higher one"
-NOT_SAID = "A stable linear loop does not say that the servo does not hunt: dry friction is not in it."
-
 
 def loop_answer(
     loops: Sequence[LinearLoop], limits: tuple[float, float] | None = None, drive: Drive | None = None,
@@ -47,7 +44,8 @@ def loop_answer(
         said = "; ".join(drive_said(drive.exact().quiet()))
         left = "what is not linear in it is left out; a picture (--plot) shows both"
         plain.append(item("as built", f"the sampled loop, {said}; {left}"))
-    return Answer([*plain, NOT_SAID], _details(loops, limits))
+    plain.append("A stable linear loop does not say that the servo does not hunt: dry friction is not in it.")
+    return Answer(plain, _details(loops, limits))
 
 
 def _stated(gain: float) -> str:
@@ -78,8 +76,8 @@ def _gain_margin(loop: LinearLoop) -> str:
 
 def stable_between(low: float, high: float, written: Callable[[float], str] = short) -> str:
     """Between which factors of the gain a loop is stable; 0 and infinity where nothing limits it."""
-    falls = f"down to {written(low)} times the gain" if low else STABLE_BELOW
-    rises = f"up to {written(high)} times" if math.isfinite(high) else STABLE_ABOVE
+    falls = f"down to {written(low)} times the gain" if low else "at any lower gain"
+    rises = f"up to {written(high)} times" if math.isfinite(high) else "at any higher one"
     return f"{falls} and {rises}"
 
 
@@ -95,12 +93,9 @@ def _details(loops: Sequence[LinearLoop], limits: tuple[float, float] | None) ->
         yield f"  Routh-Hurwitz    K > {_stated(limits[0])} with viscous friction, K > {limits[1]:.10g} without any"
     for loop in loops:
         yield f"  gain {_stated(loop.gain)}{_way(loop)}"
-        yield f"    poles          {', '.join(_pole(pole) for pole in loop.poles)} 1/s"
+        poles = (f"{p.real:.8g}{p.imag:+.8g}j" if p.imag else f"{p.real:.8g}" for p in loop.poles)
+        yield f"    poles          {', '.join(poles)} 1/s"
         for c in loop.gain_crossovers:
             yield f"    phase margin   {c.margin:.8g} degrees at {c.frequency:.8g} rad/s, where |L| = 1"
         factors = (f"{factor:.8g}" for factor in (loop.lowest_factor, loop.highest_factor) if 0 < factor < math.inf)
         yield f"    gain margin    {', '.join(factors) or 'none'}"
-
-
-def _pole(pole: complex) -> str:
-    return f"{pole.real:.8g}{pole.imag:+.8g}j" if pole.imag else f"{pole.real:.8g}"

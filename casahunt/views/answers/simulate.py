@@ -136,16 +136,12 @@ def _details(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Iterat
         of = f"repeats after {seen.pattern} swings" if seen.pattern else "repeats in no pattern"
         yield item("hunting", f"{quantity(seen.amplitude, 'rad', '.6g')}, {seen.period:.6g} s; {of}")
     end = (found.set_point + x[0], "rad", errors[0]), (x[1], "rad/s", errors[1])
-    at, velocity = (quantity(value, unit, _all_known, error) for value, unit, error in end)
+    at, velocity = (quantity(x, unit, lambda x, e: to_absolute_error(x, e, most=10), e) for x, unit, e in end)
     yield item("at the end", ", ".join([f"position {at}", f"velocity {velocity}", *_others(found)]))
     yield item("events", counted([event.name for event in found.events]))
     times = f"{error_text(found.time_error)} s of event times"
     yield item("error estimate", f"{times}, {error_text(found.end_error)} of the final state")
     yield item("status", f"{found.status.name.lower()}, {found.intervals} intervals, {wall_s:.2f} s")
-
-
-def _all_known(value: float, error: float) -> str:
-    return to_absolute_error(value, error, most=10)
 
 
 def counted(names: Sequence[str]) -> str:
@@ -166,12 +162,8 @@ REMEDIES = {
 """What is said of a remedy in the controller, by its key."""
 
 
-def sampled_answer(found: SampledMotion, cause: Cause | None) -> Answer:
+def plain_as_built(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     """What is said of a sampled motion; cause: why it hunts."""
-    return Answer(_plain_as_built(found, cause), _details_as_built(found))
-
-
-def _plain_as_built(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     verdict, q = found.verdict, found.drive.count
     name = f"{called(found.loop)} as built {at_gain(found.gain)}"
     where = f"set point {quantity(found.set_point, 'rad', '.10g')}, {found.duration:.10g} s"
@@ -223,7 +215,8 @@ def drive_said(drive: Drive) -> Iterator[str]:
             yield text.format(quantity(size, kinds_of(key)[0], "g").rstrip())
 
 
-def _details_as_built(found: SampledMotion) -> Iterator[str]:
+def details_as_built(found: SampledMotion) -> Iterator[str]:
+    """Its numbers, in more digits."""
     verdict = found.verdict
     if verdict.kind == "hunting":
         yield item("amplitude", quantity(verdict.amplitude, "rad", ".6g"))

@@ -18,7 +18,6 @@ from ...servo.units import unit_of
 from .answer import Answer, item, short
 from .loop import stable_between
 
-NO_LICENCE = "with dry friction lower gains may hunt all the same"
 DOES = {
     "at rest": "comes to rest", "decaying": "is on its way to rest",
     "hunting": "hunts", "growing": "leaves the set point for good", "undecided": "was not followed to its end",
@@ -124,20 +123,21 @@ def _loops(check: Mapping[str, Any]) -> str:
     lows, highs = ([loop[key] for loop in loops if loop[key]] for key in ("lowest_factor", "highest_factor"))
     limits = stable_between(max(lows, default=0.0), min(highs, default=math.inf))
     least = short(min(loop["phase_margin"] for loop in loops))
-    return f"phase margin {least} degrees; without dry friction it is stable {limits}, {NO_LICENCE}"
+    no_licence = "with dry friction lower gains may hunt all the same"
+    return f"phase margin {least} degrees; without dry friction it is stable {limits}, {no_licence}"
 
 
 def _tasks(tasks: Sequence[Mapping[str, Any]]) -> str:
     """How many motions do what, and what they ask of the motor."""
-    torque, voltage = (max(task[key] for task in tasks) for key in ("peak_torque", "peak_voltage"))
     seen = [task["verdict"] for task in tasks]
     said = ", ".join(f"{DOES[kind]} in {seen.count(kind)}" for kind in DOES if kind in seen)
-    return f"{said} of {len(tasks)} motions; at most {quantity(torque, 'N m', '.3g')}, {voltage:.3g} V"
+    return f"{said} of {len(tasks)} motions; {_peak(tasks)}"
 
 
-def _peak(task: Mapping[str, Any]) -> str:
-    """What a task asks of the motor."""
-    return f"at most {quantity(task['peak_torque'], 'N m', '.3g')}, {task['peak_voltage']:.3g} V"
+def _peak(tasks: Sequence[Mapping[str, Any]]) -> str:
+    """What tasks ask of the motor."""
+    torque, voltage = (max(task[key] for task in tasks) for key in ("peak_torque", "peak_voltage"))
+    return f"at most {quantity(torque, 'N m', '.3g')}, {voltage:.3g} V"
 
 
 def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
@@ -169,7 +169,7 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
             where = f"{what} ({at})" if at else what
             yield item("linear loop", f"{where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
     for task in check["tasks"]:
-        said = f"{task['friction']} friction, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak(task)}"
+        said = f"{task['friction']} friction, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak([task])}"
         yield item("simulated", said)
     yield "not proved by this"
     for sentence in record["proves_not"]:

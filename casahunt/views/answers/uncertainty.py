@@ -13,9 +13,6 @@ from ...design.uncertainty.worst_corner import WorstCase
 from ...servo.units import unit_of
 from .answer import HARD_SPACE, Answer, item, short
 
-IN_HALF, IN_MOST, IN_WORST = "50%", "95%", "max"
-"""Quantiles that a plain line names."""
-
 
 def uncertainty_answer(
     title: str, fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
@@ -29,7 +26,7 @@ def uncertainty_answer(
         item("what to do", f"choose the gain, with a margin, above {largest} V/rad (casahunt tune)"),
     ]
     if seen.quantiles:
-        half, most, top = (short(seen.quantiles[key], tol) for key in (IN_HALF, IN_MOST, IN_WORST))
+        half, most, top = (short(seen.quantiles[key], tol) for key in ("50%", "95%", "max"))
         said = f"in half of them hunting ends below {half} V/rad, in 95 % below {most}, in the worst at {top}"
         plain.append(item(f"{len(samples.gains)} samples", said))
     plain.append("  the worst values")

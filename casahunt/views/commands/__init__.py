@@ -1,5 +1,8 @@
 """The commands, one module each: arguments, a call, text and JSON.
 
+`add` adds the arguments, `run` computes and prints, and returns the exit code.  Raises InputError: the command line or
+a file is wrong; NoOrbit: nothing was found; KeyboardInterrupt, which says where what was computed so far is.
+
 progress.py    where a command is: a line that moves, or milestones in a log
 output.py      what is printed: 80 columns, words explained; CSV tables
 output_paths.py what a command may write

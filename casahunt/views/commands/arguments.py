@@ -197,15 +197,15 @@ def how_of(options: argparse.Namespace) -> Options:
     return Options(tol=finite("tol", options.tol), solver=solver)
 
 
-def models_of(options: argparse.Namespace) -> list[Model]:
-    """The friction models of a command that may have several: each once, all where none is named.
+def models_of(options: argparse.Namespace) -> list[Any]:
+    """The friction models of a command that may have several: each once, all where none is named; [None] of a loop.
 
     Raises InputError: an unknown model, or one that is named twice.
     """
-    models: list[Any] = [choice_of("model", model, MODELS) for model in options.model or MODELS]
+    models = [choice_of("model", model, MODELS) for model in options.model or MODELS]
     if len(set(models)) != len(models):
         raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
-    return models
+    return models if loop_of(options) is None else [None]
 
 
 def servo_of(options: argparse.Namespace) -> Servo:
@@ -215,7 +215,7 @@ def servo_of(options: argparse.Namespace) -> Servo:
         return with_overrides(Servo(), of_servo)
     tables, what = tables_in(options), f"servo file {options.servo!r}"
     if loop := loop_of(options):
-        return servo_of_parts(options.command, what, loop)
+        return servo_of_parts(what, loop)
     servo = with_overrides(servo_of_tables(tables, what), of_servo)
     if not hasattr(options, "told"):
         options.told = True
@@ -305,7 +305,8 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
     loop = loop_of_tables(tables, f"loop file {options.servo!r}")
     given = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
     texts = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
-    gain = gain_of(options) if gain is None and getattr(options, "gain", None) is not None else gain
+    if gain is None and not isinstance(stated := getattr(options, "gain", None), list | None):  # one each of records
+        gain = gain_of(options)
     loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
     check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
     if not hasattr(options, "told"):

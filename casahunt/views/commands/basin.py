@@ -9,7 +9,7 @@ from typing import Any
 from ...axis_units import shown
 from ...checks import error_text, to_error
 from ...results import tables_of
-from ...servo.basin import OFFSET, Basin, Trial, basin
+from ...servo.basin import OFFSET, Basin, basin
 from ...servo.outcome import Kind
 from ..answers.answer import Answer, angle, at_gain, called, complex_text, item, known, parts_of, record_of, short
 from .arguments import add_command, asked_of, drive_of, finite, how_of
@@ -55,8 +55,6 @@ ENDS: dict[Kind, str] = {
     "growing": "it swung ever farther away",
 }  # fmt: skip
 """What a motion did, by its outcome."""
-UNSEEN = "the drive cannot tell whether it is within it"
-"""Said of a border within one count."""
 POSITIONS_SHOWN = 6
 """Positions of a motion that are shown, at most."""
 
@@ -77,10 +75,13 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
         head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
         means = item("what it means", "nearer and farther the servo may come to rest or hunt")
     plain = [head, *parts_of(found.loop), means]
-    plain += [item("farther away", _outer(found)), item("tried", _tried(found))]
+    inside, outside = (ENDS.get(trial.outcome, "its end was not certain") for trial in (found.inside, found.outside))
+    tried = f"from just inside {inside}, from just outside {outside}"
+    tried += "" if found.unstable else f"; {found.motions} motions from rest, on both sides of the set point"
+    plain += [item("farther away", _outer(found)), item("tried", tried)]
     if unseen:
         counts = f"that distance is {short(found.border / count)} counts of the encoder"
-        plain.append(item("as built", f"{counts}: {UNSEEN}"))
+        plain.append(item("as built", f"{counts}: the drive cannot tell whether it is within it"))
     return Answer(plain, _details(found, tol))
 
 
@@ -90,15 +91,6 @@ def _outer(found: Basin) -> str:
         return "irregular hunting" if found.irregular else "no hunting cycle was found"
     size = f"a hunting cycle of amplitude {angle(found.outer.amplitude, found.outer.amplitude_error)}"
     return size if found.outer.stable else f"{size}, which motions leave again, unevenly"
-
-
-def _tried(found: Basin) -> str:
-    both = f"from just inside {_end(found.inside)}, from just outside {_end(found.outside)}"
-    return both if found.unstable else f"{both}; {found.motions} motions from rest, on both sides of the set point"
-
-
-def _end(trial: Trial) -> str:
-    return ENDS.get(trial.outcome, "its end was not certain")
 
 
 def _details(found: Basin, tol: float) -> Iterator[str]:

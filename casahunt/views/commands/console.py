@@ -6,6 +6,7 @@ import errno
 import gc
 import os
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -71,6 +72,12 @@ class Outputs:
     def __init__(self) -> None:
         self.troubles: list[OSError | InputError] = []
         self._pictures: list[Callable[[], object]] = []
+        self._began = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """How long the command has taken so far."""
+        return time.perf_counter() - self._began
 
     def write(self, function: Callable[..., object], *arguments: Any) -> None:
         """Write a file now; what hinders that is kept for the end."""
@@ -125,14 +132,18 @@ def explain_complaints(*, aloud: bool) -> None:
 
 
 @contextmanager
-def folder(path: str, results: Signs) -> Iterator[Path]:
-    """The output folder for one run alone, made where it does not exist and unmade where nothing is written into it.
+def folder(path: str | None, results: Signs) -> Iterator[Path | None]:
+    """The output folder for one run alone, made where it does not exist and unmade where nothing is written into it;
+    None where none is asked for.
 
     What is in it already stays until something new of the same name takes its place.
 
     Raises InputError: it cannot be made or written into, holds what casahunt has not written, or another run is writing
     into it.
     """
+    if path is None:
+        yield None
+        return
     complaint = f"out = {path!r}: the folder cannot be "
     if not path:
         raise InputError(f"{complaint}made (its name is empty)")

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -21,38 +20,23 @@ from ... import effort
 from ...checks import to_error
 from ...design.identify.identify import BOUND_FACTOR, Identification
 from ...design.nearby import upper
-from ...design.remedies.cures import Cures
-from ...design.remedies.remedies import remedies
 from ...design.uncertainty.worst_corner import worst_corner
 from ...errors import NoOrbit
 from ...export import plain
 from ...orbits import Options
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ...servo.parts.plain_loop import loop_of
-from ...servo.sampled.check import AsBuilt
 from ..answers.answer import Answer
 from ..evidence.cure_page import TITLE, cure_page
 from ..evidence.record import made
 from . import identify as identification
-from .arguments import add_command, add_out, drive_of, how_of
+from .arguments import add_command, add_out, how_of
 from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
-from .pool import processes
 from .price_options import add_demands, demands_of
 from .progress import progress, tell
-from .remedies import (
-    advice_of,
-    as_it_is_found,
-    built_lines,
-    fails_as_built,
-    none_within,
-    remedies_as_built,
-    remedy_details,
-    remedy_lines,
-    that_holds,
-)
+from .remedies import Table, advice_of, judged, table_details, table_lines, table_of
 from .uncertain import say_what_is_left_out
 
 FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"casahunt": "'}
@@ -60,7 +44,6 @@ FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"ca
 MOST_WORK_BESIDE = 2e5
 """Work (effort.py) after which it is left to the commands made for it: it is not what is asked for here, and takes a
 quarter of that, or less, where it is found soon."""
-AS_FOUND = "of the values as found: of a loop of parts sizes for the worst ones are not known"
 FOLD_SHOWN = 1e-4
 """Relative error to which fold gains are shown: friction from a record is known far less."""
 
@@ -79,9 +62,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
-    began, (fit, read) = time.perf_counter(), identification.fit_of(options)
-    how, stream = how_of(options), progress(options)
-    asked, limits, jobs = demands_of(options)
+    fit, read = identification.fit_of(options)
+    how, demands = how_of(options), demands_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
@@ -90,27 +72,20 @@ def run(options: argparse.Namespace) -> int:
         return 1
     gain = found.records[0].gain
     say_what_is_left_out(options, found.servo, found.uncertainty)
-    # Of a loop of parts sizes are those for the values as found.
-    in_parts = found.model is None
-    uncertain = None if in_parts else found.uncertainty
-    loop = found.servo.replace(gain=gain) if in_parts else loop_of(found.servo, "switch", gain)
-    servo, model, at = (loop, None, None) if in_parts else (found.servo, found.model, gain)
-    tell(stream, "computing the fold")
+    tell(progress(options), "computing the fold")
     fold = _fold(found, how)
-    with processes(jobs) as pool:
-        cures = remedies(
-            servo, model, at, options=how, uncertainty=uncertain,
-            progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **asked, **limits,
-        )  # fmt: skip
-    built = remedies_as_built(options, cures, loop)
-    cures = that_holds(cures, built, limits, of_a_set=not in_parts)
+    if found.model is None:  # of a loop of parts sizes are those for the values as found
+        table = table_of(options, demands, (found.servo.replace(gain=gain), None, None), options=how, uncertainty=None)
+    else:
+        asked = found.servo, found.model, gain
+        table = table_of(options, demands, asked, options=how, uncertainty=found.uncertainty)
     suspect, doubt = identification.suspected(options, found), _doubt(found)
     record = {
         "suspect": suspect or None, "doubt": doubt or None,
-        "advice": advice_of(cures, limits, built, of_a_set=not in_parts), "gain": gain, "limits": limits,
+        "advice": advice_of(table), "gain": gain, "limits": table.limits,
         "identified": found.to_dict(table=False), "bounded": found.bounded, "fold": fold,
-        "remedies": cures.to_dict(),
-        "as_built": built, "wall_s": time.perf_counter() - began,
+        "remedies": table.found.to_dict(),
+        "as_built": table.built, "wall_s": options.outputs.seconds,
     }  # fmt: skip
     if options.out is not None:
         with folder(options.out, FILES) as out:
@@ -119,36 +94,28 @@ def run(options: argparse.Namespace) -> int:
 
             whole = plain(record) | {"made": made(options.servo, options.set)}
             page = cure_page(whole, {"fit": png(fitted_records(found))})
-            files = identification.texts_of(found, drive_of(options), identification.parts_in(options))
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
-            options.outputs.write(write_results, out, FILES, files | own)
-    lines = [advice_of(cures, limits, built, of_a_set=not in_parts), *([f"  {doubt}"] if doubt else []),
+            options.outputs.write(write_results, out, FILES, identification.texts_of(found, options) | own)
+    lines = [advice_of(table), *([f"  {doubt}"] if doubt else []),
              *identification.identified_lines(found, suspect, read), *_unbounded(found), *_fold_lines(fold),
-             *remedy_lines(cures, limits, of_a_set=not in_parts, built=built),
-             *built_lines(built, of_a_set=not in_parts)]  # fmt: skip
-    details = (*identification.identified_details(found), *remedy_details(cures, of_a_set=not in_parts),
-               *built_lines(built, in_full=True))  # fmt: skip
-    answer = Answer(lines, details)
-    give(options, record, answer, table=tables_of([cures]), picture=("identify.fitted_records", found))
-    return _judged(found, cures, built, limits)
+             *table_lines(table)]  # fmt: skip
+    answer = Answer(lines, [*identification.identified_details(found), *table_details(table)])
+    give(options, record, answer, table=tables_of([table.found]), picture=("identify.fitted_records", found))
+    return _judged(found, table)
 
 
-def _judged(
-    found: Identification, cures: Cures, built: Mapping[str, AsBuilt | str], limits: dict[str, float]
-) -> int:
+def _judged(found: Identification, table: Table) -> int:
     """The exit code, with what speaks against the answer."""
     if not found.judgement.explained:
         complain("casahunt cure", identification.not_explained(found))
-    if not cures.best:
-        complain("casahunt cure", none_within(cures, limits))
-    fails = fails_as_built("casahunt cure", cures, built)
-    return 0 if found.judgement.explained and cures.best and not fails else 1
+    return judged("casahunt cure", table) or int(not found.judgement.explained)
 
 
 def _doubt(found: Identification) -> str:
     """What speaks against the servo for which remedies are sought; "" where nothing does."""
     if found.judgement.explained:
-        return "" if found.model else AS_FOUND
+        as_found = "of the values as found: of a loop of parts sizes for the worst ones are not known"
+        return "" if found.model else as_found
     return "of a servo that is in doubt, since the model does not explain all of the records: see below"
 
 
@@ -163,21 +130,19 @@ def _unbounded(found: Identification) -> Iterator[str]:
 
 def _fold(found: Identification, how: Options) -> dict[str, Any]:
     """The fold gain of the servo as found, and of the worst one that the records allow."""
+    said: dict[str, Any] = {"gain": None, "worst": None, "refused": ""}
     try:
         with effort.at_most(MOST_WORK_BESIDE):
             fold: Any = upper(find_fold(found.servo, found.model, options=how))
-    except effort.PartGivenUp as refusal:
-        return {"gain": None, "worst": None, "refused": f"{refusal}; casahunt fold looks longer"}
-    except NoOrbit as refusal:
-        return {"gain": None, "worst": None, "refused": str(refusal)}
-    try:
+        said["gain"] = fold.value
         with effort.at_most(MOST_WORK_BESIDE):
             worst = worst_corner(found.servo, found.model, found.uncertainty, options=how, fold=fold)
     except effort.PartGivenUp as refusal:
-        return {"gain": fold.value, "worst": None, "refused": f"{refusal}; casahunt uncertainty looks longer"}
+        longer = "fold" if said["gain"] is None else "uncertainty"
+        return said | {"refused": f"{refusal}; casahunt {longer} looks longer"}
     except NoOrbit as refusal:
-        return {"gain": fold.value, "worst": None, "refused": str(refusal)}
-    return {"gain": fold.value, "worst": worst.gain, "refused": worst.failures[0] if worst.failures else ""}
+        return said | {"refused": str(refusal)}
+    return said | {"worst": worst.gain, "refused": worst.failures[0] if worst.failures else ""}
 
 
 def _fold_lines(fold: Mapping[str, Any]) -> Iterator[str]:

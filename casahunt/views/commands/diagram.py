@@ -7,7 +7,6 @@ when it is on disk; the archive is written once, when the branch has ended, howe
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ... import effort
-from ...continuation import FOLD, Branch, SpecialPoint
+from ...continuation import FOLD, Branch
 from ...design.diagram import diagram, starting_gain
 from ...errors import NoOrbit
 from ...export import MAKER
@@ -45,7 +44,7 @@ from .arguments import (
     vary_of,
 )
 from .console import complain, folder, orbit_line
-from .output import drawing, give
+from .output import draw, give
 from .output_paths import keep_others
 from .progress import Progress, progress, say, tell
 
@@ -85,29 +84,23 @@ def add(commands: Any) -> None:
 
 def _results(options: argparse.Namespace) -> dict[str, bytes]:
     """The files that are written into --out, and what stands in each."""
-    names = models_of(options) if loop_of(options) is None else ["loop"]
-    tables = {f"{name}{end}": sign for name in names for end, sign in SIGNS.items()}
+    tables = {f"{model or 'loop'}{end}": sign for model in models_of(options) for end, sign in SIGNS.items()}
     return dict.fromkeys(PICTURES, PICTURE_SIGN) | tables
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute, write and print; returns the exit code.
-
-    Raises InputError: the command line is wrong; KeyboardInterrupt: interrupted; says where the points computed so far
-    are.
-    """
-    models: list[Any] = models_of(options)
-    loop, vary, how = loop_of(options), vary_of(options), how_of(options)
+    """Compute, write and print; returns the exit code."""
+    models, loop, vary, how = models_of(options), loop_of(options), vary_of(options), how_of(options)
     start, to = _number(options, "from", loop, vary), _number(options, "to", loop, vary)
-    servo = servo_of(options) if loop is None else loop
-    task = DiagramTask(servo, vary, start, to, how, options.natural)
-    began = time.perf_counter()
-    results = _results(options)
-    with folder(options.out, results) as out:
+    servo = loop or servo_of(options)
+    results, out = _results(options), Path(options.out)
+    with folder(options.out, results):
         # What an earlier run has left makes room when this one has its first point, and not before.
-        found = _Branches(task, out, dict(results), progress(options), options.details)
+        found = _Branches(
+            servo, vary, start, to, how, options.natural, out, dict(results), progress(options), options.details
+        )
         try:
-            for model in models if loop is None else [None]:
+            for model in models:
                 found.add(model)
             if found.branches:
                 options.outputs.write(_pictures, found.branches, out)
@@ -120,10 +113,10 @@ def run(options: argparse.Namespace) -> int:
         "out": str(out) if found.branches else None,
         "continuation": "natural" if options.natural else "pseudo-arclength",
         "solver": how.solver,
-        **({} if loop is None else record_of(loop)),
+        **record_of(servo),
         "branches": found.branches,
         "failures": found.failures,
-        "wall_s": time.perf_counter() - began,
+        "wall_s": options.outputs.seconds,
     }
     every = [one for branch in found.branches for one in (branch, *branch.lopsided)]
     said = {special.kind for branch in every for special in branch.special}
@@ -140,9 +133,9 @@ def _number(options: argparse.Namespace, key: str, loop: Loop | None, vary: str)
     return positive(key, text, GAIN_UNIT) if loop is None else finite(key, text, *kinds_of(vary))
 
 
-@dataclass(frozen=True)
-class DiagramTask:
-    """What is asked for, of every model: servo, vary, start, to, options and natural as in `diagram`."""
+@dataclass
+class _Branches:
+    """The branches of a run, and what is missing of them; what is asked for, as in `diagram`, comes first."""
 
     servo: Servo | Loop
     vary: str
@@ -150,13 +143,6 @@ class DiagramTask:
     to: float | None
     options: Options
     natural: bool
-
-
-@dataclass
-class _Branches:
-    """The branches of a run, and what is missing of them."""
-
-    task: DiagramTask
     out: Path
     stale: dict[str, bytes]
     """Files that an earlier run may have left, and what stands in each."""
@@ -180,7 +166,7 @@ class _Branches:
     def add(self, model: Model | None) -> None:
         """Compute the branch of a model, or of a loop of parts, and say what is missing of it."""
         try:
-            branch = self.branch(model, self.task.start if model is None else self.task.start or self.own_start(model))
+            branch = self.branch(model, self.start if model is None else self.start or self.own_start(model))
         except NoOrbit as error:
             start = None if model is None else self.instead(model)
             if start is None:
@@ -189,7 +175,7 @@ class _Branches:
             self.lacks(NoOrbit(f"{error.plain}; it is drawn from gain {start:g}", evidence=error.evidence))
             branch = self.branch(model, start)
         self.branches.append(branch)
-        if failure := _shortfall(branch, self.task):
+        if failure := _shortfall(branch, self.to, natural=self.natural):
             self.lacks(failure)
         for gap in (*branch.missed, *(gap for pair in branch.lopsided for gap in pair.missed)):
             complain("casahunt diagram", f"{model}: {gap.meaning}" if model else gap.meaning)
@@ -204,20 +190,18 @@ class _Branches:
     def own_start(self, model: Model) -> float:
         """The gain that the servo has for itself."""
         effort.at(lambda: f"{model}: looking for the gain to start from")
-        return starting_gain(cast(Servo, self.task.servo), model, self.task.options)
+        return starting_gain(cast(Servo, self.servo), model, self.options)
 
     def instead(self, model: Model) -> float | None:
         """Where its cycles begin above the gain that was asked for; None where none is known to."""
-        if self.task.start is None:
-            return None
         with suppress(NoOrbit):
-            start = self.own_start(model)
-            return start if start > self.task.start else None
+            if self.start is not None and (start := self.own_start(model)) > self.start:
+                return start
         return None
 
     def branch(self, model: Model | None, start: float | None) -> Branch[Any]:
         """Compute a branch; its table is on disk before more is computed, its archive when it ends, however that is."""
-        task, files = self.task, {end: self.out / f"{model or 'loop'}{end}" for end in SIGNS}
+        files = {end: self.out / f"{model or 'loop'}{end}" for end in SIGNS}
         so_far: list[Branch[Any]] = []
 
         def report(branch: Branch[Any]) -> None:
@@ -231,13 +215,13 @@ class _Branches:
                     how(self.stream, line)
             effort.heard()
 
-        asked: Any = {"to": task.to, "options": task.options, "natural": task.natural, "report": report}
-        whose: tuple[Any, Any] = task.servo, model
+        asked: Any = {"to": self.to, "options": self.options, "natural": self.natural, "report": report}
+        whose: tuple[Any, Any] = self.servo, model
         try:
-            branch: Branch[Any] = diagram(*whose, vary=task.vary, start=start, **asked)
+            branch: Branch[Any] = diagram(*whose, vary=self.vary, start=start, **asked)
             report(branch)
             if model:
-                branch = with_lopsided(branch, options=task.options, progress=self.lopsided)
+                branch = with_lopsided(branch, options=self.options, progress=self.lopsided)
                 report(branch)
             return branch
         finally:
@@ -258,27 +242,17 @@ def _news(
     orbits, special = max(((len(each.orbits), len(each.special)) for each in before), default=(0, 0))
     met = {id(one.orbit): one for one in branch.special[special:]}
     new = {id(orbit) for orbit in branch.orbits[orbits:]}
+    every, name = stream is not None and stream.every, model or "loop"
     for orbit, _ in branch.along():
-        if id(orbit) in met and _worth(met[id(orbit)], stream):
-            yield say, _met(met[id(orbit)], model, branch.vary, stream)
+        one = met.get(id(orbit))
+        if one is not None and (every or one.kind == FOLD.kind):  # where hunting ends is a milestone to everybody
+            at = f"gain {short(one.value)} V/rad" if model else f"{branch.vary} {short(one.value)}"
+            yield say, f"{name:7s} {one.meaning}" if every else f"{name}: cycles of one kind end at {at}"
         if id(orbit) in new:
             yield tell, orbit_line(stream, orbit, vary=branch.vary)
 
 
-def _worth(special: SpecialPoint[Any], stream: Progress | None) -> bool:
-    """Whether a special point is a milestone: where hunting ends is one to everybody."""
-    return special.kind == FOLD.kind or stream is not None and stream.every
-
-
-def _met(special: SpecialPoint[Any], model: Model | None, vary: str, stream: Progress | None) -> str:
-    """What is said of a special point."""
-    if stream is not None and stream.every:
-        return f"{model or 'loop':7s} {special.meaning}"
-    at = f"gain {short(special.value)} V/rad" if model else f"{vary} {short(special.value)}"
-    return f"{model or 'loop'}: cycles of one kind end at {at}"
-
-
-def _shortfall(branch: Branch[Any], task: DiagramTask) -> str:
+def _shortfall(branch: Branch[Any], to: float | None, *, natural: bool) -> str:
     """What is missing of a branch that does not come back to the value where it began; "" where nothing is.
 
     Natural continuation is to end at a fold; the branch of a loop of parts may end where its cycles do.
@@ -287,14 +261,14 @@ def _shortfall(branch: Branch[Any], task: DiagramTask) -> str:
     if model is None:
         return branch.ended if branch.end.kind in BROKEN_OFF else ""
     whose = f"the branch of the {model} servo was followed"
-    if task.natural:
+    if natural:
         if branch.special and branch.special[-1].orbit is branch.orbits[-1]:
             return ""
         return (
             f"{whose} by natural continuation from gain {start:g} to gain {end:.10g}, but not to a fold: "
             f"{branch.ended}; without --natural it may lead further"
         )
-    if len(branch.orbits) > 1 and end in (start, task.to):
+    if len(branch.orbits) > 1 and end in (start, to):
         return ""
     return (
         f"{whose} from gain {start:g} to gain {end:.6g}, but not back to where it began: {branch.ended}; "
@@ -303,9 +277,7 @@ def _shortfall(branch: Branch[Any], task: DiagramTask) -> str:
 
 
 def _pictures(branches: list[Any], out: Path) -> None:
-    from ..pictures.plotting import save
-
     keep_others(out, dict.fromkeys(PICTURES, PICTURE_SIGN))
     firsts = [branch.orbits[0] for branch in branches]
     for name, picture in PICTURES.items():
-        save(drawing(picture)(branches if picture.startswith("branches") else firsts), out / name)
+        draw(out / name, picture, branches if picture.startswith("branches") else firsts)

@@ -35,7 +35,6 @@ def run(options: argparse.Namespace) -> int:
 
 # What `casahunt equilibria` says of where the servo can stand still
 
-NO_LIMIT = "no limit"
 AT_THE_SET_POINT = 1e-9
 """Of a servo that stands as near to its set point as that [rad], it stands there."""
 
@@ -74,7 +73,7 @@ def _where(low: float, high: float) -> str:
 
 def _between(low: float, high: float, unit: str = "") -> str:
     if not math.isfinite(high - low):
-        return f"{NO_LIMIT} {label(unit)}".rstrip()
+        return f"no limit {label(unit)}".rstrip()
     return several((low, high), unit, short, " to ").rstrip()
 
 

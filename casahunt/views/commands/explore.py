@@ -19,8 +19,6 @@ from ..explore.state import State, state_of_loop, state_of_servo
 from .arguments import add_command, count_of, drive_of, loop_of, model_of, positive, servo_of
 from .progress import progress, say
 
-LAST_PORT = 65535
-
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
@@ -41,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
             "explore: its page is in SI, of a rotary axis; leave [units] out of the file, with every number in SI, and "
             "rad stands for m, N m for N; or ask casahunt simulate, orbit, fold and remedies"
         )
-    port = None if options.port is None else count_of("port", options.port, 1, LAST_PORT)
+    port = None if options.port is None else count_of("port", options.port, 1, 65535)
     server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
     stream = progress(options)
     if opened := server.opened():

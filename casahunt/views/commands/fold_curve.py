@@ -6,7 +6,6 @@ Of a loop of parts: the border of hunting in any parameter; its JSON object says
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,12 +27,9 @@ from ...servo.units import kinds_of
 from ..answers.answer import Answer, called, named, parts_of, record_of, short
 from ..answers.fold import PLAIN_DECIMALS, sensitivity_text
 from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
-from .console import complain
+from .console import Outputs, complain
 from .output import give
 from .progress import Progress, progress, tell
-
-CURVE_POINTS = 2, 1000
-"""Fewest and most points of a curve."""
 
 
 def add(commands: Any) -> None:
@@ -53,23 +49,19 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute, write and print; returns the exit code.
-
-    Raises InputError: the command line is wrong; NoOrbit: no model has a curve.
-    """
+    """Compute, write and print; returns the exit code."""
     loop = loop_of(options)
     if loop is None:
         left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    models = models_of(options) if loop is None else [None]
+    models = models_of(options)
     how = how_of(options)
     servo = loop or servo_of(options)
     asked: dict[str, Any] = {"vary": options.vary, "fold_in": options.fold_in or "gain"}
     asked |= {"start": finite("from", options.start, *kinds_of(options.vary))}
     asked |= {"end": finite("to", options.to, *kinds_of(options.vary))}
     check_range(servo, **asked)
-    asked |= {"points": count_of("points", options.points, *CURVE_POINTS)}
-    desk = _Desk(servo, asked, how, options.csv, progress(options))
-    desk.began = time.perf_counter()
+    asked |= {"points": count_of("points", options.points, 2, 1000)}
+    desk = _Desk(servo, asked, how, options.csv, options.outputs, progress(options))
     for model in models:
         desk.follow(model)
     curves, failures = desk.curves, desk.failures
@@ -80,10 +72,11 @@ def run(options: argparse.Namespace) -> int:
     for failure in failures:
         complain("casahunt fold-curve", failure, details=options.details)
     said = [str(each) for each in failures]
-    record = {"curves": curves, "failures": said, "wall_s": time.perf_counter() - desk.began}
+    record = {"curves": curves, "failures": said, "wall_s": options.outputs.seconds}
     if loop is not None:
         record |= record_of(loop) | {"way": curves[0].way}
-    give(options, record, fold_curve_answer(curves, desk.how.tol), picture=("fold_curve.fold_curves", curves))
+    answer = Answer([line for curve in curves for line in _plain(curve)], _details(curves, how.tol))
+    give(options, record, answer, picture=("fold_curve.fold_curves", curves))
     return 1 if failures else 0
 
 
@@ -96,12 +89,12 @@ class _Desk:
     """vary, start, end, fold_in, points: arguments of `fold_curve`."""
     how: Options
     table: Path | None
+    outputs: Outputs
     stream: Progress | None
     curves: list[FoldCurve] = field(default_factory=list)
     failures: list[str | NoOrbit] = field(default_factory=list)
     there: list[FoldPoint] = field(default_factory=list)
     """The points of the curve under way, as they were found."""
-    began: float = 0.0
 
     def follow(self, model: Model | None) -> None:
         """Compute a curve, from the points that are there on."""
@@ -128,7 +121,7 @@ class _Desk:
         with held():
             there.append(point)
             ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
-            wall_s, fold_in = time.perf_counter() - self.began, self.asked["fold_in"]
+            wall_s, fold_in = self.outputs.seconds, self.asked["fold_in"]
             ended = "interrupted", Status.NOT_CONVERGED
             self.keep(FoldCurve(model, self.servo, vary, ordered, (), *ended, wall_s, False, fold_in))
         tell(self.stream, _line(vary, fold_in, point, model))
@@ -156,11 +149,6 @@ def _line(vary: str, fold_in: str, point: FoldPoint, model: Model | None) -> str
 PLAIN_ROW, ROW = "  {:>26s} {:>11s} {:>13s} {:>9s} {:>8s}", "  {:>26s} {:>16s} {:>13s} {:>9s} {:>8s}"
 """A row: the parameter, where hunting ends, amplitude and period there, per cent."""
 HEADINGS = "amplitude rad", "period s", "%"
-
-
-def fold_curve_answer(curves: Sequence[FoldCurve], tol: float) -> Answer:
-    """What is said of the curves of a servo."""
-    return Answer([line for curve in curves for line in _plain(curve)], _details(curves, tol))
 
 
 def _border(curve: FoldCurve) -> str:

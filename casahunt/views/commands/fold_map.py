@@ -42,10 +42,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute, write and print; returns the exit code.
-
-    Raises InputError: the command line is wrong; NoOrbit: no fold was found.
-    """
+    """Compute, write and print; returns the exit code."""
     how, (servo, model) = how_of(options), asked_of(options)
     check_asked(servo, model)
     points = count_of("points", options.points, *SIDES)
@@ -55,7 +52,8 @@ def run(options: argparse.Namespace) -> int:
     fold = upper(find_fold(servo, model, options=how))
     tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
     found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
-    give(options, found, fold_map_answer(found), table=tables_of([found]), picture=("fold_curve.fold_map", found))
+    answer = Answer(_plain(found), _details(found))
+    give(options, found, answer, table=tables_of([found]), picture=("fold_curve.fold_map", found))
     if not np.isfinite(found.gains).any():
         raise NoOrbit("none of the folds was computed", Status.NOT_CONVERGED)
     return 0 if found.status.ok else 1
@@ -89,11 +87,6 @@ def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tu
 
 
 # What `casahunt fold-map` says: where hunting ends, over two parameters
-
-
-def fold_map_answer(found: FoldMap) -> Answer:
-    """What is said of a map of fold gains."""
-    return Answer(_plain(found), _details(found))
 
 
 def _plain(found: FoldMap) -> Iterator[str]:

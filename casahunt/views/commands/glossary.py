@@ -20,10 +20,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print; returns the exit code.
-
-    Raises InputError: there is no such word.
-    """
+    """Print; returns the exit code."""
     asked = " ".join(options.word)
     names = {word.lower(): word for word in GLOSSARY}
     words = [names[choice_of("word", asked.lower(), names)]] if asked else list(GLOSSARY)
@@ -33,10 +30,7 @@ def run(options: argparse.Namespace) -> int:
     if asked:
         lines = [sentence(word) for word in words]
     else:
-        lines = [line for heading, part in CHAPTERS.items() for line in (heading, *map(_below, part))]
+        chapters = CHAPTERS.items()
+        lines = [line for heading, part in chapters for line in (heading, *(f"  {sentence(word)}" for word in part))]
     show(lines, said=GLOSSARY)
     return 0
-
-
-def _below(word: str) -> str:
-    return f"  {sentence(word)}"

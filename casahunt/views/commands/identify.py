@@ -11,9 +11,7 @@ wall_s.
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -31,7 +29,7 @@ from ...errors import InputError, NoOrbit
 from ...results import tables_of
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
-from ...servo.servo import LOOP_TABLE, flatten
+from ...servo.servo import LOOP_TABLE, flatten, toml_value
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
@@ -41,7 +39,6 @@ from .arguments import (
     asked_of,
     drive_of,
     how_of,
-    loop_of,
     positive,
     servo_of,
     stated_gain,
@@ -59,26 +56,6 @@ FILES = {"friction.toml": SIGN.encode(), "servo.toml": SIGN.encode()}
 servo with the values found."""
 FITTED_DIGITS = 6
 """Of a value in the details."""
-OF_TABLE_1 = "without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?"
-"""Said of records without a servo file."""
-WITH_LAGS = "sampling and delay of [drive] are taken into account, to first order"
-AS_CONTINUOUS = (
-    "the loop is taken as a continuous one: of [drive] sampling and delay are taken into account where friction alone "
-    "is sought, from positions alone"
-)
-OF_PARTS = (
-    "the loop is taken as a continuous one: of a loop of parts [drive] is not taken into account, so friction may lie "
-    "outside what is said of it"
-)
-NOT_OF_THE_DRIVE = (
-    "Or it is what [drive] describes: its delay, filter and counts are not in the model that is fitted, which is a "
-    "continuous loop"
-)
-SHAKES = (
-    "each count of the encoder makes the derivative's torque jump by {:.2g} of static friction, as given: that shakes "
-    "a servo loose, and what is found may be the friction of the shaken one"
-)
-"""Said of records of a drive."""
 SHAKEN = 0.02
 """Torque that a count makes by the derivative, as a part of static friction, above which it is told."""
 COUNTS_READ = 300.0
@@ -131,35 +108,47 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
         except InputError as refusal:
             if drive is None or built is not None:
                 raise
-            raise InputError(f"{refusal} {NOT_OF_THE_DRIVE}") from None
+            raise InputError(
+                f"{refusal} Or it is what [drive] describes: its delay, filter and counts are not in the model that is "
+                "fitted, which is a continuous loop"
+            ) from None
 
-    taken = [] if options.servo is not None else [f"  {OF_TABLE_1}"]
-    taken += [f"  {OF_PARTS}"] if described is not None and drive is None else []
-    taken += [f"  {record.reading.sentence}" for record in records if record.reading is not None]
+    taken, as_continuous = [], "the loop is taken as a continuous one: of"
+    if options.servo is None:
+        taken.append("without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?")
+    if described is not None and drive is None:
+        ignored = "a loop of parts [drive] is not taken into account, so friction may lie outside what is said of it"
+        taken.append(f"{as_continuous} {ignored}")
+    taken += [record.reading.sentence for record in records if record.reading is not None]
     if drive is not None:
-        taken.append(f"  {AS_CONTINUOUS if built is None else WITH_LAGS}")
+        where = "where friction alone is sought, from positions alone"
+        taken.append(
+            "sampling and delay of [drive] are taken into account, to first order" if built is not None
+            else f"{as_continuous} [drive] sampling and delay are taken into account {where}"
+        )  # fmt: skip
         time = drive.sample_time + drive.filter_of(servo.controller)
         shaken = servo.torque_gains(max(gains))[1] * drive.count / time / servo.friction.static
-        taken += [f"  {SHAKES.format(shaken)}"] if shaken > SHAKEN else []
-    return fit, taken
+        if shaken > SHAKEN:
+            taken.append(
+                f"each count of the encoder makes the derivative's torque jump by {shaken:.2g} of static friction, as "
+                "given: that shakes a servo loose, and what is found may be the friction of the shaken one"
+            )
+    return fit, [f"  {sentence}" for sentence in taken]
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read, fit and print; returns the exit code.
-
-    Raises InputError: the command line or a record is wrong; NoOrbit: no fit.
-    """
-    began, (fit, read) = time.perf_counter(), fit_of(options)
+    """Read, fit and print; returns the exit code."""
+    fit, read = fit_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
     if options.out is not None and found.status.ok and found.judgement.explained:
         with folder(options.out, FILES) as out:
-            options.outputs.write(write_results, out, FILES, texts_of(found, drive_of(options), parts_in(options)))
+            options.outputs.write(write_results, out, FILES, texts_of(found, options))
     suspect = suspected(options, found)
     give(
         options,
-        {**found.to_dict(table=False), "suspect": suspect or None, "wall_s": time.perf_counter() - began},
+        {**found.to_dict(table=False), "suspect": suspect or None, "wall_s": options.outputs.seconds},
         Answer(identified_lines(found, suspect, read), identified_details(found)),
         table=tables_of([found]), picture=("identify.fitted_records", found),
     )  # fmt: skip
@@ -188,30 +177,27 @@ def whose(found: Identification) -> str:
     return f"{found.model} model" if found.model else "loop of parts"
 
 
-def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = ()) -> dict[str, str]:
+def texts_of(found: Identification, options: argparse.Namespace) -> dict[str, str]:
     """The intervals as an uncertainty file, and the servo with the values found and the drive that it had, by the names
-    of `FILES`.
-
-    parts: of a loop, as its file has them.
-    """
+    of `FILES`."""
     uncertainty = found.uncertainty.intervals
     widened = "" if found.bounded else "\n# What the records do not bound ends at a tenth or at ten times its value."
     intervals = "\n".join(f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in uncertainty.items())
     sections: dict[str, list[str]] = {}
     units = found.servo.units
     if not units.plain:
-        sections[UNITS_TABLE] = [f"{key} = {json.dumps(unit)}" for key, unit in units.table().items()]
+        sections[UNITS_TABLE] = [f"{key} = {toml_value(unit)}" for key, unit in units.table().items()]
     if found.model is None:
-        sections["loop"] = [f"parts = {_toml(parts)}"]
+        sections[LOOP_TABLE] = [f"parts = {toml_value(tables_in(options)[LOOP_TABLE]['parts'])}"]
     own = flatten(found.servo) if found.model else {f"values.{k}": v for k, v in found.servo.parameters.items()}
     for key, value in own.items():
         section, name = units.word(key).split(".") if found.model else key.split(".")
         sections.setdefault(section, []).append(f"{name} = {value!r}")
-    if drive is not None:
+    if (drive := drive_of(options)) is not None:
         given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
         if units.linear and drive.encoder:
             given["encoder"] = f"{drive.count!r} m"
-        sections[DRIVE_TABLE] = [f"{key} = {json.dumps(value)}" for key, value in given.items()]
+        sections[DRIVE_TABLE] = [f"{key} = {toml_value(value)}" for key, value in given.items()]
     servo = "\n\n".join("\n".join([f"[{section}]", *lines]) for section, lines in sections.items())
     texts = (
         f"{SIGN}: 95 % intervals, {whose(found)}, for --uncertainty with the servo in servo.toml{widened}\n"
@@ -221,24 +207,10 @@ def texts_of(found: Identification, drive: Drive | None, parts: Sequence[Any] = 
     return dict(zip(FILES, texts, strict=True))
 
 
-def _toml(value: Any) -> str:
-    """A text, a number, or a list or a table of such, as TOML has it."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)
-
-
-def parts_in(options: argparse.Namespace) -> Sequence[Any]:
-    """The parts of the loop of the command line as its file has them; none of a servo."""
-    return () if loop_of(options) is None else tables_in(options)[LOOP_TABLE]["parts"]
-
-
 def not_explained(found: Identification) -> str:
     """What is said of a model that leaves more than noise."""
     judgement = found.judgement
-    many = "s" * (len(found.records) > 1)
+    many, first = "s" * (len(found.records) > 1), more_at_first(found.residuals)  # which may be a transient
     left, likely = (
         f"what is left is {judgement.systematic:.2g} of the amplitude and no noise",
         "try another --model, more --free parameters, or the filter and sampling of the record",
@@ -255,7 +227,7 @@ def not_explained(found: Identification) -> str:
     return (
         f"the {whose(found)} does not explain the record{many}: {left}; the values are its nearest, and less "
         f"certain than they look; draw it with --plot, and {likely}"
-        + _transient(found)
+        + f"; {first:.2g} times as much is left of its first half: leave more out by --from" * (first > MORE_AT_FIRST)
         + "".join(sorted({maybe_cut_off(data) for data in found.records}))
     )
 
@@ -292,13 +264,6 @@ def identified_lines(found: Identification, suspect: str, read: Sequence[str] = 
     transient = not judgement.explained and more_at_first(found.residuals) > MORE_AT_FIRST
     if suspect and not transient:  # what is left of it would be taken for a cause
         yield f"  {suspect}"
-
-
-def _transient(found: Identification) -> str:
-    """That the beginning of a record may be a transient, where more is left of it."""
-    if not more_at_first(found.residuals) > MORE_AT_FIRST:
-        return ""
-    return f"; {more_at_first(found.residuals):.2g} times as much is left of its first half: leave more out by --from"
 
 
 def _rows(found: Identification, most: int) -> Iterator[str]:

@@ -21,9 +21,6 @@ from .arguments import add_command, count_of, gain_of, positive, servo_of
 from .output import give
 from .progress import progress, teller
 
-MOTIONS = 2, 1000
-"""Fewest and most motions of the first grid."""
-
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
@@ -37,14 +34,11 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code.
-
-    Raises InputError, NoOrbit: the command line is wrong; none of the motions could be computed.
-    """
+    """Compute and print; returns the exit code."""
     gain = gain_of(options)
     low = None if options.start is None else positive("from", options.start, "rad")
     high = None if options.to is None else positive("to", options.to, "rad")
-    points = count_of("points", options.points, *MOTIONS)
+    points = count_of("points", options.points, 2, 1000)
     servo = servo_of(options)
     report = _reporter(servo, gain, low, high, points, options)
     seen = fixed_points(servo, gain, low, high, points=points, report=report)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -44,9 +43,6 @@ from .output import give
 from .progress import progress, tell
 from .sampled import hunts_on, seen_by_encoder
 
-ROUTES = ("collocation", "integrator")
-"""Ways to the multipliers; the second comes on top of the first."""
-
 
 def add(commands: Any) -> None:
     """The arguments of the command."""
@@ -67,12 +63,11 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     branch: Any = choice_of("branch", options.branch, BRANCHES)
-    route = choice_of("multipliers", options.multipliers, ROUTES)
+    route = choice_of("multipliers", options.multipliers, ("collocation", "integrator"))
     asked, gain = asked_of(options, gain=True), gain_of(options)
     servo, model, how = asked[0], asked[1], replace(how_of(options), half=not options.full)
     if model is None:
         left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")
-    began = time.perf_counter()
     try:
         orbit = find_orbit(*asked, branch=branch, options=how)
     except HuntsIrregularly as irregular:
@@ -83,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
     if branch == "lopsided":
         below.append(item("", "one of a pair: the other one is its mirror image"))
     if bool(orbit.half and orbit.multipliers.leading.real < -1):
-        below.append(item("beside it", SYMMETRY_BROKEN + ("; --branch lopsided" if model else "")))
+        how_to = "; --branch lopsided" if model else ""
+        below.append(item("beside it", f"a cycle that reaches farther to one side may hunt in its place{how_to}"))
     record = {**orbit.to_dict(table=False), **record_of(servo), "branch": branch}
     if isinstance(servo, Servo):
         seen, built = seen_by_encoder(options, orbit.amplitude)
@@ -98,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
             "trivial_multiplier_error": second.trivial_error,
             "difference": difference(orbit.multipliers, second) if trusted else None,
         }
-    record["wall_s"] = time.perf_counter() - began
+    record["wall_s"] = options.outputs.seconds
     stream = progress(options)
     tell(stream, orbit_line(stream, orbit))
     if options.save:
@@ -106,11 +102,12 @@ def run(options: argparse.Namespace) -> int:
     columns = {"model": model, column("gain"): gain} if model else record["parameters"]
     table, picture = _row(orbit, columns, branch), ("orbits.time_traces", [orbit])
     title = f"{called(servo, model)} at gain {gain:.10g} V/rad"
-    # What is said of a cycle. title: whose it is, and at which gain; below: lines of its own; second: its multipliers
-    # by integrators
     stable = orbit.stable
     if branch == "unstable":
-        head, means = f"{title}: the unstable hunting cycle", [item("what it is", UNSTABLE), item("", BOUNDS)]
+        head = f"{title}: the unstable hunting cycle"
+        what = "motions near it leave it, so that no servo stays on it; as a rule it is the border of hunting:"
+        bounds = "nearer to the set point it comes to rest, farther away it hunts; casahunt basin tries both"
+        means = [item("what it is", what), item("", bounds)]
     else:
         said = MEANS.get((branch, stable), "") if stable is not None else ""
         head, means = f"{title}: {HEADS[branch, stable]}", [item("what it means", said)] if said else []
@@ -162,8 +159,6 @@ def _row(orbit: Orbit, columns: dict[str, Any], branch: str) -> Columns:
 
 # What `casahunt orbit` says of a hunting cycle
 
-CHECK = "their accuracy   the multiplier of a shift in time is 1 exactly, and was computed with an error of"
-"""Said of the multipliers by either way."""
 HEADS = {
     ("stable", True): "hunts",
     ("stable", False): "has a hunting cycle that it leaves again",
@@ -181,23 +176,17 @@ MEANS = {
     ("lopsided", False): "a motion near it swings farther from it each time",
 }
 """By the same: what it means, where that is known."""
-UNSTABLE = "motions near it leave it, so that no servo stays on it; as a rule it is the border of hunting:"
-BOUNDS = "nearer to the set point it comes to rest, farther away it hunts; casahunt basin tries both"
-SYMMETRY_BROKEN = "a cycle that reaches farther to one side may hunt in its place"
 
 
 def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterator[str]:
-    m = orbit.multipliers
     yield from exactly(orbit)
-    if m.trusted:
-        if orbit.half:
-            yield item("half multiplier", complex_text(m.leading, m.error, m.leading_floor))
-        yield item("multipliers", _full_text(m))
-        yield f"  {CHECK} {m.trivial_error:.1e}"
-    else:
-        yield item("multipliers", f"not to be trusted: {_doubt(m)}")
+    yield from _multipliers(orbit.multipliers, half=orbit.half)
     if second is not None:
-        yield from _second_lines(orbit, second)
+        yield "  by integrators   (CasADi's forward sensitivities, from event to event)"
+        yield from (f"  {line}" for line in _multipliers(second, half=orbit.half))
+        if second.trusted and orbit.multipliers.trusted:
+            off = f"{difference(orbit.multipliers, second):.1e}"
+            yield f"    difference       {off} (of the largest one, relative where it is above 1)"
     yield item(
         "status",
         f"{orbit.status.name.lower()} by {orbit.solver}, {orbit.unknowns} unknowns, {orbit.iterations} iterations, "
@@ -205,9 +194,17 @@ def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterato
     )  # fmt: skip
 
 
-def _full_text(m: Multipliers) -> str:
-    """The multipliers of the whole period in a row."""
-    return ", ".join(complex_text(value, m.error, floor) for value, floor in zip(m.full, m.full_floor, strict=True))
+def _multipliers(m: Multipliers, *, half: bool) -> Iterator[str]:
+    """Multipliers of the whole period, and of half of one where that is what was computed."""
+    if not m.trusted:
+        yield item("multipliers", f"not to be trusted: {_doubt(m)}")
+        return
+    if half:
+        yield item("half multiplier", complex_text(m.leading, m.error, m.leading_floor))
+    each = (complex_text(value, m.error, floor) for value, floor in zip(m.full, m.full_floor, strict=True))
+    yield item("multipliers", ", ".join(each))
+    exact = "the multiplier of a shift in time is 1 exactly, and was computed with an error of"
+    yield item("their accuracy", f"{exact} {m.trivial_error:.1e}")
 
 
 def _doubt(m: Multipliers) -> str:
@@ -221,16 +218,3 @@ def difference(one: Multipliers, other: Multipliers) -> float:
     """|mu_1 - mu_2| / max(1, |mu_1|) of the leading multipliers: next to a superstable cycle mu itself is 0."""
     return float(abs(one.leading - other.leading) / max(1.0, abs(one.leading)))
 
-
-def _second_lines(orbit: Orbit, m: Multipliers) -> Iterator[str]:
-    yield "  by integrators   (CasADi's forward sensitivities, from event to event)"
-    if not m.trusted:
-        yield f"    multipliers      not to be trusted: {_doubt(m)}"
-        return
-    if orbit.half:
-        yield f"    half multiplier  {complex_text(m.leading, m.error, m.leading_floor)}"
-    yield f"    multipliers      {_full_text(m)}"
-    yield f"    {CHECK} {m.trivial_error:.1e}"
-    if orbit.multipliers.trusted:
-        off = difference(orbit.multipliers, m)
-        yield f"    difference       {off:.1e} (of the largest one, relative where it is above 1)"

@@ -6,7 +6,7 @@ import argparse
 import json
 import re
 import textwrap
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,7 @@ def give(
     if options.csv and table is not None:
         options.outputs.write(write_csv, shown().columns(table), options.csv)
     if options.plot and picture:
-        options.outputs.draw(lambda: _draw(options.plot, *picture))
+        options.outputs.draw(lambda: draw(options.plot, *picture))
     clear()
     if options.json:
         print(json.dumps(_with_units(plain(found))))
@@ -122,14 +122,9 @@ def tell_refusal(error: Exception) -> None:
     print(json.dumps(_with_units(plain(record))), flush=True)
 
 
-def drawing(name: str) -> Callable[..., Any]:
-    """A function of views/pictures by its "module.function"; matplotlib is loaded with it."""
-    module, _, function = name.partition(".")
-    found: Callable[..., Any] = getattr(import_module(f"..pictures.{module}", __package__), function)
-    return found
-
-
-def _draw(path: Path, name: str, *arguments: Any) -> None:
+def draw(path: Path, name: str, *arguments: Any) -> None:
+    """Write what a function of views/pictures draws, by its "module.function"; matplotlib is loaded with it."""
     from ..pictures.plotting import save
 
-    save(drawing(name)(*arguments), path)
+    module, _, function = name.partition(".")
+    save(getattr(import_module(f"..pictures.{module}", __package__), function)(*arguments), path)

@@ -13,14 +13,14 @@ from ...errors import NoOrbit, Status
 from .arguments import count_of
 
 
-def cores() -> int:
-    """Processors that this process may run on."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def jobs_of(options: argparse.Namespace) -> int:
-    """Of the option --jobs: how many processes.  Raises InputError: it is no whole number above zero."""
-    return cores() if options.jobs is None else count_of("jobs", options.jobs, 1)
+    """Of the option --jobs: how many processes; by default all processors that this one may run on.
+
+    Raises InputError: it is no whole number above zero.
+    """
+    if options.jobs is not None:
+        return count_of("jobs", options.jobs, 1)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

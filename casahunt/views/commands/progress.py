@@ -25,8 +25,6 @@ LOG_FROM = 10.0
 """Seconds after which a log hears where a command is for the first time."""
 MOVE_EVERY = 0.1
 """Seconds between two states of the moving line: nobody reads faster."""
-NO_MOVES = ("", "dumb")
-"""What TERM says of a terminal on which nothing moves."""
 
 
 class Progress:
@@ -41,7 +39,7 @@ class Progress:
     def __init__(self, stream: IO[str], *, every: bool = False) -> None:
         self.every = every
         self._stream = stream
-        self.moves = not every and stream.isatty() and os.environ.get("TERM", "") not in NO_MOVES
+        self.moves = not every and stream.isatty() and os.environ.get("TERM", "") not in ("", "dumb")
         self._began = self._moved = time.monotonic()
         self._next = LOG_FROM
         self._width = 0

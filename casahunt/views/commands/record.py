@@ -1,23 +1,17 @@
 """casahunt record: amplitude and frequency of a measured hunting record, beside the predicted cycle.
 
-Keys of the JSON object, the `to_dict` of the measurement and what was found besides: file; columns, for time and
-position the column read, its unit, the factor to s or rad, and who stated the unit ("header", "option", "nobody": taken
-as s or rad); kind ("hunting", "decaying", "growing", "irregular", "still"), reason (null for "hunting"), periods
-(number of whole ones); amplitude, frequency, period [rad, Hz, s], each with _scatter (standard deviation over the
-periods) and _error (estimate of the error of the mean); mean_level [rad], offset [rad] from the set point, drift
-[rad/s], noise [rad], quantum [rad] (step of rounded positions, 0 if they are not), above (part of a period above the
-level), null where there is nothing to average; left_out_before, left_out_behind and missing [s], the time at either end
-and in between that is in no whole period; amplitudes [rad] and period_lengths [s], one by one; predicted, null or the
-`to_dict` of the cycle with its frequency and the ratios amplitude_ratio and frequency_ratio, measured over predicted;
-prediction_failed, null or why there is none; suspect, null or what to suspect where the frequency is far from the
-predicted one; clipped, null or that positions are cut off at an end; wall_s.
+Keys of the JSON object beside those of the measurement (`Measurement.to_dict`): file; columns, for time and position
+the column read, its unit, the factor to s or rad, and who stated the unit ("header", "option", "nobody": taken as s or
+rad); offset [rad] from the set point; predicted, null or the `to_dict` of the cycle with its frequency and the ratios
+amplitude_ratio and frequency_ratio, measured over predicted; prediction_failed, null or why there is none; suspect,
+null or what to suspect where the frequency is far from the predicted one; clipped, null or that positions are cut off
+at an end; wall_s.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -34,7 +28,6 @@ from ...design.record.file import Record, read_record
 from ...design.record.measure import Measurement, measured
 from ...design.record.waveform import swings_of
 from ...errors import InputError, NoOrbit
-from ...export import columns_from
 from ...orbits import Orbit
 from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
@@ -69,10 +62,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Measure, compute and print; returns the exit code.
-
-    Raises InputError: the command line or the record is wrong.
-    """
+    """Measure, compute and print; returns the exit code."""
     if options.file.endswith(".toml"):
         raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
     servo, model = asked_of(options)
@@ -80,7 +70,6 @@ def run(options: argparse.Namespace) -> int:
     given = options.set_point
     set_point = None if given is None else moderate("set-point", finite("set-point", given, "rad"))
     how, reading = how_of(options), reading_of(options)
-    began = time.perf_counter()
     stream = progress(options)
     with suppress(OSError):
         size = Path(options.file).stat().st_size
@@ -98,16 +87,16 @@ def run(options: argparse.Namespace) -> int:
     except NoOrbit as error:
         failure = str(error)
     suspect = _suspect(record, found, orbit, stream) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
-    wall_s = time.perf_counter() - began
-    rows = [tuple(row.values()) for row in _rows(found, orbit)]
+    rows = _rows(found, orbit)
     give(
         options,
-        _record(options.file, record, found, orbit, failure, set_point, wall_s) | {"suspect": suspect or None},
+        _record(options.file, record, found, orbit, failure, set_point)
+        | {"wall_s": options.outputs.seconds, "suspect": suspect or None},
         Answer(
             [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
             _details(found, orbit),
         ),
-        table=columns_from(CSV_COLUMNS, rows) if found.periods.size else None,
+        table={name: [row[name] for row in rows] for name in CSV_COLUMNS} if found.periods.size else None,
         picture=("simulation.folded_record", found, orbit) if found.periods.size else (),
     )
     if not found.hunting:
@@ -216,7 +205,6 @@ def _record(
     orbit: Orbit | None,
     failure: str | None,
     set_point: float | None,
-    wall_s: float,
 ) -> dict[str, Any]:
     reading, columns = record.reading, {}
     if reading is not None:
@@ -239,5 +227,4 @@ def _record(
         "predicted": predicted,
         "prediction_failed": failure,
         "clipped": of_clipped(record, m.quantum) or None if m.periods.size else None,
-        "wall_s": wall_s,
     }

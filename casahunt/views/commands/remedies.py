@@ -14,7 +14,7 @@ import json
 import math
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...axis_units import label, quantity, shown, word
@@ -31,12 +31,12 @@ from ...servo.parts.plain_loop import loop_of as parts_of
 from ...servo.parts.table import remedy_of
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.sampled.plant import DRIVE_PARTS
-from ...servo.servo import Servo, flatten
+from ...servo.servo import flatten
 from ..answers.answer import PLAIN_DIGITS, Answer, at_gain
 from ..answers.remedy_columns import columns_meant, today
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
-from .arguments import add_command, add_out, drive_of, gain_of, how_of, left_out, loop_of, model_of, positive, servo_of
+from .arguments import add_command, add_out, asked_of, drive_of, how_of, left_out, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
@@ -53,8 +53,6 @@ PRICE_DIGITS = 4
 """Digits of a price."""
 SETTLING_DIGITS = 2
 """Digits of a settling time: it depends on where between two points of the motion the band is left last."""
-NO_PART = "not checked: its size is that of a vibration much faster than the samples, which the drive cannot make"
-"""Said of dither."""
 SURELY_KNOWN = 1e-9
 """Relative error of a size below which no digits are shown."""
 
@@ -64,10 +62,6 @@ ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
 NOT_FOR_THE_WORST = "not found; the size to choose is for the values as given"
 """What is said of the worst servo of a set where no size was found for it."""
-NONE_AS_BUILT = "none of those that were checked brings every motion to rest (see below)"
-"""Said where no remedy holds in the loop as built."""
-AFTERWARDS = {"hunting": "hunts on", "growing": "grows without bound", "undecided": "could not be followed to its end"}
-"""What any other motion does, by its verdict."""
 
 
 def add(commands: Any) -> None:
@@ -83,49 +77,65 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and print; the exit code: 1 where no remedy is within the limits, or does in the loop as built."""
-    model, gain, how, stream = model_of(options), gain_of(options), how_of(options), progress(options)
-    loop = loop_of(options)
-    if loop is not None:
+    asked = (servo, model, _) = asked_of(options, gain=True)
+    if model is None:
         left_out(options, "of a loop of parts it is not known", "uncertainty")
-    asked, limits, jobs = demands_of(options)
-    margin, servo = positive("margin", options.margin), Servo() if loop is not None else servo_of(options)
-    uncertainty = uncertainty_of(options, servo)
-
-    def computed() -> Cures:
-        with processes(jobs) as pool:
-            return remedies(
-                loop or servo, None if loop else model, None if loop else gain, options=how,
-                uncertainty=uncertainty, margin=margin,
-                progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool, **asked, **limits,
-            )  # fmt: skip
-
-    def checked() -> tuple[Cures, dict[str, AsBuilt | str]]:
-        found = computed()
-        built = remedies_as_built(options, found, parts_of(servo, "switch", gain) if loop is None else found.loop)
-        return that_holds(found, built, limits, of_a_set=uncertainty is not None), built
-
-    if options.out is None:
-        found, built = checked()
-    else:
-        with folder(options.out, FILES) as out:
-            found, built = checked()
-            tell(stream, "drawing")
-            given = flatten(servo) if loop is None else loop.parameters
-            record = _record(found, options, limits, given, built, uncertain=uncertainty is not None)
+    demands, how = demands_of(options), how_of(options)
+    margin, uncertainty = positive("margin", options.margin), uncertainty_of(options, servo)
+    with folder(options.out, FILES) as out:
+        table = table_of(options, demands, asked, options=how, uncertainty=uncertainty, margin=margin)
+        found = table.found
+        if out is not None:
+            tell(progress(options), "drawing")
+            record = _record(table, options, servo.parameters if model is None else flatten(servo))
             from ..pictures import remedies as pictures_remedies
 
             page = remedies_page(record, pictures_remedies.page_images(found))
             texts = dict(zip(FILES, (page, json.dumps(record, indent=1) + "\n"), strict=True))
             options.outputs.write(write_results, out, FILES, texts)
-    of_a_set = uncertainty is not None
-    lines = [*remedy_lines(found, limits, of_a_set=of_a_set, built=built), *built_lines(built, of_a_set=of_a_set)]
-    result = found.to_dict() | {"as_built": built} if built else found
-    answer = Answer(lines, [*remedy_details(found, of_a_set=of_a_set), *built_lines(built, in_full=True)])
+    result = found.to_dict() | {"as_built": table.built} if table.built else found
+    answer = Answer(table_lines(table), table_details(table))
     give(options, result, answer, table=tables_of([found]), picture=("remedies.remedy_sizes", found))
-    if limits and not found.best:
-        complain("casahunt remedies", none_within(found, limits))
-        return 1
-    return fails_as_built("casahunt remedies", found, built)
+    return judged("casahunt remedies", table) if found.best or table.limits else 0
+
+
+@dataclass(frozen=True)
+class Table:
+    """Remedies that were found, and what they are held against.
+
+    limits: of what one may cost; of_a_set: sizes are for the worst servo of a set too; built: what those that end
+    hunting do in the loop as built with the size to choose, or why that was not checked, {} where there is none.
+    """
+
+    found: Cures
+    limits: Mapping[str, float] = field(default_factory=dict)
+    of_a_set: bool = False
+    built: Mapping[str, AsBuilt | str] = field(default_factory=dict)
+
+    @property
+    def resting(self) -> list[str]:
+        """Names of the remedies with which every motion of the loop as built comes to rest, or dies out."""
+        return [name for name, seen in self.built.items() if not isinstance(seen, str) and seen.ends]
+
+
+def table_of(
+    command: argparse.Namespace, demands: tuple[dict[str, Any], dict[str, Any], int], asked: Any, **more: Any
+) -> Table:
+    """The table of what is asked about, its best the cheapest that comes to rest in the loop as built, where one does.
+
+    demands: as of `demands_of`; asked: servo, model and gain; more: arguments of `remedies`.
+    """
+    (what, limits, jobs), (servo, model, gain), stream = demands, asked, progress(command)
+    with processes(jobs) as pool:
+        found = remedies(
+            servo, model, gain, progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool,
+            **what, **limits, **more,
+        )  # fmt: skip
+    run_by_drive = servo if model is None else parts_of(servo, "switch", gain)
+    table = Table(found, limits, more["uncertainty"] is not None, remedies_as_built(command, found, run_by_drive))
+    does = [row for row in found.remedies if row.name in table.resting]
+    best = cheapest(does, limits.get("max_error"), limits.get("max_torque", math.inf), of_a_set=table.of_a_set)
+    return replace(table, found=replace(found, best=best or found.best))
 
 
 def remedies_as_built(options: argparse.Namespace, found: Cures, loop: Loop) -> dict[str, AsBuilt | str]:
@@ -144,29 +154,26 @@ def remedies_as_built(options: argparse.Namespace, found: Cures, loop: Loop) -> 
                 checked[row.name] = as_built(loop, None, with_remedy(drive, DRIVE_PARTS[row.name], size))
             elif remedy.part is None:
                 checked[row.name] = as_built(loop.replace(**{remedy.size: size}), None, drive)
-            else:
-                checked[row.name] = NO_PART
+            else:  # dither
+                fast = "its size is that of a vibration much faster than the samples, which the drive cannot make"
+                checked[row.name] = f"not checked: {fast}"
         except InputError as error:
             checked[row.name] = f"not checked: {error}"
     return checked
 
 
-def built_lines(
-    checked: Mapping[str, AsBuilt | str], *, of_a_set: bool = False, in_full: bool = False
-) -> Iterator[str]:
+def _built_lines(table: Table, *, in_full: bool = False) -> Iterator[str]:
     """What the checks in the loop as built have found; in_full: with what supports it."""
-    if checked:
-        whose = ", of the servo as given" if of_a_set else ""
+    if table.built:
+        whose = ", of the servo as given" if table.of_a_set and not in_full else ""
         yield f"in the loop as built, with Switch friction and the size to choose{whose}"
-    for name, seen in checked.items():
+    for name, seen in table.built.items():
         yield from checked_lines(seen, name, "", in_full=in_full)
 
 
-def _record(
-    found: Cures, options: argparse.Namespace, limits: dict[str, float], own: dict[str, float],
-    built: Mapping[str, AsBuilt | str], *, uncertain: bool,
-) -> dict[str, Any]:  # fmt: skip
+def _record(table: Table, options: argparse.Namespace, own: dict[str, float]) -> dict[str, Any]:
     """The object beside the page; own: values of the servo or the loop."""
+    found, built = table.found, table.built
     record: dict[str, Any] = plain(found)
     for row, cure in zip(record["remedies"], found.remedies, strict=True):
         said = _why_not(cure) if not cure.ends_hunting else "" if cure.keeps_it_ended else _not_kept(cure)
@@ -177,19 +184,22 @@ def _record(
         for value in given if isinstance(given, list) else [given]:
             words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
     return record | {
-        "advice": advice_of(found, limits, built, of_a_set=uncertain), "limits": limits, "task": found.task,
-        "uncertain": uncertain, "parts": [part.name for part in found.loop.present], "servo": own,
+        "advice": advice_of(table), "limits": table.limits, "task": found.task,
+        "uncertain": table.of_a_set, "parts": [part.name for part in found.loop.present], "servo": own,
         "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
         **({"as_built": plain(built)} if built else {}), **({} if shown().plain else {"units": shown().record()}),
     }  # fmt: skip
 
 
-def fails_as_built(program: str, found: Cures, built: Mapping[str, AsBuilt | str]) -> int:
-    """1, with what is said of it, where the loop as built hunts on with the remedy that is named; else 0."""
-    seen = built.get(found.best, "")
-    if isinstance(seen, str) or not seen.goes_on:
+def judged(program: str, table: Table) -> int:
+    """1, with what is said of it, where no remedy is named or the loop as built hunts on with that one; else 0."""
+    seen = table.built.get(table.found.best, "")
+    if not table.found.best:
+        complain(program, none_within(table))
+    elif isinstance(seen, str) or not seen.goes_on:
         return 0
-    complain(program, f"{found.best} does not do in the loop as built: {seen.plain}")
+    else:
+        complain(program, f"{table.found.best} does not do in the loop as built: {seen.plain}")
     return 1
 
 
@@ -220,8 +230,9 @@ def _unpriced(found: Cures) -> str:
     return f"of {names} the size is known, not what a {'move' if found.move else 'step'} then needs" if names else ""
 
 
-def none_within(found: Cures, limits: dict[str, float]) -> str:
+def none_within(table: Table) -> str:
     """What is said where no remedy is within the limits."""
+    found, limits = table.found, table.limits
     now = today(found, limits.get("max_torque"))
     if unknown := _not_known(found):
         return f"no remedy that ends hunting{_within(limits)} was found; of {unknown} the table says why{now}"
@@ -230,42 +241,42 @@ def none_within(found: Cures, limits: dict[str, float]) -> str:
     return f"no remedy ends hunting{_within(limits)}; allow more, or look at the table{now}"
 
 
-def _within(limits: dict[str, float]) -> str:
+def _within(limits: Mapping[str, float]) -> str:
     """The demands, as a part of a sentence."""
     asked = [(what, quantity(limits[key], unit, "g")) for key, (what, unit) in DEMANDS.items() if key in limits]
     said = [f"{word(what)} up to {limit}" for what, limit in asked]
     return f" with {' and '.join(said)}" if said else ""
 
 
-def remedy_lines(
-    found: Cures, limits: dict[str, float], *, of_a_set: bool, built: Mapping[str, AsBuilt | str] | None = None
-) -> Iterator[str]:
-    """The table as text; built: what `remedies_as_built` has found."""
+def table_lines(table: Table) -> Iterator[str]:
+    """The table as text."""
+    found, built = table.found, table.built
     hunts = "hunts with" if found.stable else "has a hunting cycle, which motions leave again, of"
     hunts = "hunts irregularly, with up to" if found.irregular else hunts
     yield (
         f"{found.name} {at_gain(found.gain)} {hunts} {_with(found.amplitude, 'rad')} and "
         f"{found.period:.{PRICE_DIGITS}g} s"
     )
-    yield f"  {advice_of(found, limits, built or {}, of_a_set=of_a_set)}"
+    yield f"  {advice_of(table)}"
     if built:
         # Of those that hold in the loop as built, and of cheaper ones: the sentence below the one that names the best
-        does = _at_rest(built)
+        does = table.resting
         names = [row.name for row in found.remedies if row.name in built]
         before = names[: names.index(found.best) + 1] if found.best in names else []
-        said = "in the loop as built: " + (
-            f"every motion comes to rest with {', '.join(does)} (see below)" if does else NONE_AS_BUILT
-        )
+        none = "none of those that were checked brings every motion to rest"
+        rests = f"every motion comes to rest with {', '.join(does)}" if does else none
+        said = f"in the loop as built: {rests} (see below)"
         for name in (name for name in before if name not in does):
             said += f"; {name} {'was not checked' if isinstance(built[name], str) else 'does not do'}"
         yield f"  {said}"
     ending = [row for row in found.remedies if row.ends_hunting]
     if ending:
         yield ""
-        for words in headings(found):
-            yield ROW.format(*words).rstrip()
+        task = f"{'move' if found.move else 'step'}, {label('N m')}"
+        yield ROW.format("remedy", "", "ends it", "", "choose", "error at", word("torque on"), "settles").rstrip()
+        yield ROW.format("", "", "", "", "", f"rest, {label('rad')}", task, "in, s").rstrip()
         for row in ending:
-            yield from _row(row, of_a_set)
+            yield from _row(row, table.of_a_set)
     others = [row for row in found.remedies if not row.ends_hunting]
     if ending and others:
         yield ""
@@ -274,38 +285,18 @@ def remedy_lines(
     if ending:
         yield ""
         yield "  what the columns mean, and every digit: --details"
+    yield from _built_lines(table)
 
 
-def headings(found: Cures) -> tuple[tuple[str, ...], ...]:
-    """Of the table."""
-    return (
-        ("remedy", "", "ends it", "", "choose", "error at", word("torque on"), "settles"),
-        ("", "", "", "", "", f"rest, {label('rad')}", f"{'move' if found.move else 'step'}, {label('N m')}", "in, s"),
-    )
-
-
-def that_holds(
-    found: Cures, built: Mapping[str, AsBuilt | str], limits: dict[str, float], *, of_a_set: bool
-) -> Cures:
-    """The table, its best the cheapest that comes to rest in the loop as built, where one does."""
-    does = [row for row in found.remedies if row.name in _at_rest(built)]
-    best = cheapest(does, limits.get("max_error"), limits.get("max_torque", math.inf), of_a_set=of_a_set)
-    return replace(found, best=best or found.best)
-
-
-def _at_rest(built: Mapping[str, AsBuilt | str]) -> list[str]:
-    """Names of the remedies with which every motion of the loop as built comes to rest, or dies out."""
-    return [name for name, seen in built.items() if not isinstance(seen, str) and seen.ends]
-
-
-def remedy_details(found: Cures, *, of_a_set: bool) -> Iterator[str]:
+def table_details(table: Table) -> Iterator[str]:
     """What the columns mean, and the sizes in all digits that are known."""
-    yield from columns_meant(found, OWN, of_a_set=of_a_set)
-    for row in found.remedies:
+    yield from columns_meant(table.found, OWN, of_a_set=table.of_a_set)
+    for row in table.found.remedies:
         if math.isfinite(row.size):
             yield f"  {row.name:17s}  {_exact(row)}"
         elif row.why:
             yield f"  {row.name:17s}  {row.why}" + (f" ({row.evidence})" if row.evidence else "")
+    yield from _built_lines(table, in_full=True)
 
 
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
@@ -353,14 +344,13 @@ def _not_kept(row: Cure) -> str:
 
 def _after(row: Cure) -> str:
     """What motions do beyond the border that have not ended."""
-    return " or ".join(AFTERWARDS[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in SETTLES)
+    does = {"hunting": "hunts on", "growing": "grows without bound", "undecided": "could not be followed to its end"}
+    return " or ".join(does[verdict] for verdict in dict.fromkeys(row.stays) if verdict not in SETTLES)
 
 
-def advice_of(
-    found: Cures, limits: dict[str, float], built: Mapping[str, AsBuilt | str], *, of_a_set: bool
-) -> str:
-    """The sentence that names one; built: what `remedies_as_built` has found."""
-    within = _within(limits)
+def advice_of(table: Table) -> str:
+    """The sentence that names one."""
+    found, limits, within = table.found, table.limits, _within(table.limits)
     best = next((row for row in found.remedies if row.name == found.best), None)
     if best is None:
         unknown, unpriced = _not_known(found), _unpriced(found)
@@ -373,10 +363,12 @@ def advice_of(
     costs = [f"{_with(price, unit)} {what}" for price, unit, what in prices if not math.isnan(price)]
     if math.isfinite(best.settling):
         costs.append(f"settles in {_settles(best.settling)} s")
-    alone = "; what the worst servo of the set needs was not found" if of_a_set and math.isnan(best.worst_size) else ""
-    named = f"{best.name}, {_with(best.recommended, best.unit)} ({', '.join(costs)}){alone}"
-    if best.name in _at_rest(built):
+    alone = table.of_a_set and math.isnan(best.worst_size)
+    named = f"{best.name}, {_with(best.recommended, best.unit)} ({', '.join(costs)})" + (
+        "; what the worst servo of the set needs was not found" if alone else ""
+    )
+    if best.name in table.resting:
         return f"cheapest remedy that holds in the loop as built{within}: {named}"
-    if isinstance(built.get(best.name), AsBuilt):
+    if isinstance(table.built.get(best.name), AsBuilt):
         return f"no remedy{within} that holds in the loop as built was found; of the continuous loop: {named}"
     return f"cheapest remedy{within}: {named}"

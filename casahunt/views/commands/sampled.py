@@ -1,12 +1,9 @@
 """casahunt simulate of the loop as built: a sampled controller, an encoder, and what causes its hunting.  And what
 other commands say of their answers in it, where the servo file has a table [drive].
 
-Keys of the JSON object, the `to_dict` of the motion: gain, set_point, duration, verdict, reason, amplitude [rad],
-period [s] (of the whole pattern), pattern (swings after which hunting repeats; 0: in none), swings, rests_since [s],
-peak_torque [N m], number_of_stops, readings (lowest and highest count of the second half), drive {key: value},
-position, velocity, integral at the end; and cause (null where it does not hunt or nothing is quantised): kind
-("stiction", "quantisation", "not certain"), counts, dead_band [rad], sentence, without (the verdict without
-quantisation).
+Key of the JSON object beside those of the motion (`SampledMotion.to_dict`): cause (null where it does not hunt or
+nothing is quantised): kind ("stiction", "quantisation", "not certain"), counts, dead_band [rad], sentence, without (the
+verdict without quantisation).
 """
 
 from __future__ import annotations
@@ -20,9 +17,8 @@ from ...axis_units import quantity
 from ...errors import NoOrbit
 from ...servo.drive import Drive, below_border, by_counts
 from ...servo.parts.loop import Loop
-from ...servo.servo import Servo
-from ..answers.answer import item
-from ..answers.simulate import sampled_answer
+from ..answers.answer import Answer, item
+from ..answers.simulate import details_as_built, plain_as_built
 from .arguments import drive_of, left_out
 from .output import give
 from .taken import CONTINUOUS
@@ -60,8 +56,9 @@ def of_drive(
     found = simulate_sampled(loop, None, drive, time=length, **start)
     cause = cause_of(found)
     record = {**found.to_dict(table=False), "cause": cause}
+    answer = Answer(plain_as_built(found, cause), details_as_built(found))
     table = found._columns() if options.csv else None
-    give(options, record, sampled_answer(found, cause), table=table, picture=("simulation.sampled_motion", found))
+    give(options, record, answer, table=table, picture=("simulation.sampled_motion", found))
     return 0
 
 
@@ -91,21 +88,6 @@ def hunts_on(options: argparse.Namespace, refusal: NoOrbit, gain: float) -> NoOr
     more = f"; {sentence} (casahunt simulate --gain {gain:g})" if sentence else ""
     shown = f"{refusal.plain}; this is {CONTINUOUS}{more}"
     return NoOrbit(shown, refusal.status, evidence=refusal.evidence)
-
-
-def checked(options: argparse.Namespace, servo: Servo, gain: float) -> AsBuilt | None:
-    """An answer in the loop as built; None where the servo file describes none."""
-    drive = drive_of(options)
-    if drive is None:
-        return None
-    from ...servo.sampled.check import as_built
-
-    return as_built(servo, gain, drive)
-
-
-def as_record(found: AsBuilt | None) -> dict[str, Any]:
-    """The check, for JSON: {} where there is none."""
-    return {} if found is None else {"as_built": found.to_dict()}
 
 
 def checked_lines(

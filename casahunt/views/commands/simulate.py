@@ -2,18 +2,10 @@
 
     start   angles: position - set point; velocity x2, integral x3, bristle x4; any other by its name; else zero
 
-Keys of the JSON object, the `to_dict` of the motion and what was found besides: model, gain, parts, parameters,
-set_point, time (reached), tol; verdict ("hunting", "decaying", "growing", "at rest", "undecided"), reason, amplitude
-[rad], period [s] (null where it does not hunt) and pattern (swings after which it repeats, 0: irregularly); ahead:
-swings [rad], lasts [s], the last ones seen behind its end, followed_for [s], waits [s] (until it breaks away, or null);
-rests_since [s] or null; position, velocity, integral and bristle (null where there is none) at the end; start, end:
-states by name; peak_torque [N m], peak_voltage [V] (null without a motor gain); other_end, where a servo comes to rest:
-the cycle at the same gain that it has not come to, amplitude, period, half_multiplier (null where not to be trusted)
-and start, from which, at rest, a motion was followed that hunts: position, integral, time and, on the cycle itself,
-velocity and bristle (null where none hunts); null without such a cycle, of which other_end_reason says why, and of a
-loop with other parts; events, a list of [time, name, mode before, mode after, estimated error of the time or null];
-time_error [s], end_error, state_errors (by name, null where unknown); status, advice (null where converged), ended (why
-it stopped early, or null), intervals, wall_s.
+Keys of the JSON object beside those of the motion (`Trajectory.to_dict`): advice, null where it has converged; wall_s;
+other_end, where a servo comes to rest: the cycle at the same gain that it has not come to, with start, from which, at
+rest, a motion was followed that hunts: position, integral, time and, on the cycle itself, velocity and bristle (null
+where none hunts); null without such a cycle, of which other_end_reason says why, and of a loop with other parts.
 Those of the loop as built: sampled.py.
 """
 
@@ -21,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -92,15 +83,12 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code.
-
-    Raises InputError: the command line is wrong; NoOrbit: the motion could not be computed.
-    """
+    """Compute and print; returns the exit code."""
     model, of_file = model_of(options), loop_of(options)
     gain = gain_of(options)
     length = positive("time", options.time, "s")
     numbers: dict[str, Any] = {
-        key: _size(key.replace("_", "-"), text, unit)
+        key: moderate(name := key.replace("_", "-"), finite(name, text, unit))
         for key, unit in START_UNITS.items()
         if (text := getattr(options, key)) is not None
     }
@@ -119,29 +107,27 @@ def run(options: argparse.Namespace) -> int:
     if drive is not None:
         left_out(options, "moves by a profile are those of the continuous loop", *PROFILE)
         return of_drive(options, loop, drive, length, numbers)
-    began = time.perf_counter()
     found = simulate(loop, time=length, move=move_of(options), **numbers)
     kind = found.verdict.kind
     try:
         other = other_end(found)
     except effort.GivenUp as error:
         other = OtherEnd(None, str(error))
-    wall_s = time.perf_counter() - began
+    wall_s = options.outputs.seconds
     sure = found.status.ok or kind == "growing"  # as what errors are relative to, they grow with it
     advice = None if sure else _advice(found)
     record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
     answer, picture = simulation_answer(found, other, wall_s), ("simulation.motion", found)
-    give(options, record, answer, table=found.table(_times(found, step)) if options.csv else None, picture=picture)
+    times = None  # dense where the motion is fast
+    if step is not None:
+        times = np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
+    give(options, record, answer, table=found.table(times) if options.csv else None, picture=picture)
     if advice:
         complain("casahunt simulate", advice)
     cut = bool(found.ended) and kind != "growing"
     if cut:
         complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
     return 0 if sure and not cut else 1
-
-
-def _size(key: str, text: Any, unit: str) -> float:
-    return moderate(key, finite(key, text, unit))
 
 
 def _advice(found: Trajectory) -> str:
@@ -160,13 +146,6 @@ def _other_record(other: OtherEnd | None) -> dict[str, Any]:
         return {"other_end": None, "other_end_reason": (other and other.reason) or None}
     record = {**other.orbit.to_dict(table=False), "start": other.start or None}
     return {"other_end": record, "other_end_reason": other.reason or None}
-
-
-def _times(found: Trajectory, step: float | None) -> np.ndarray | None:
-    """The times of the table: every `step` seconds; None: dense where the motion is fast."""
-    if step is None:
-        return None
-    return np.minimum(np.arange(math.floor(found.times[-1] / step * (1 + 1e-12)) + 1) * step, found.times[-1])
 
 
 def remedies_given(options: argparse.Namespace) -> dict[str, float]:

@@ -20,18 +20,10 @@ STRIBECK = "friction.stribeck_velocity"
 """Data sheets seldom have it, and much hangs on it."""
 NEEDED = ("servo.inertia", "servo.motor_gain", "friction.static", "friction.coulomb", "friction.viscous")
 """Of a servo of one's own."""
-CONTROLLER = "controller"
-"""A table of which one number says nothing."""
-
 WITHOUT_DRIVE = ("basin", "diagram", "equilibria", "fold-curve", "fold-map", "map", "uncertainty")
 """Commands that answer for the continuous loop and have no line of their own for it, as orbit and fold have."""
 CONTINUOUS = "of the continuous loop: [drive] of the servo file changes nothing here; casahunt simulate takes it in"
 """Said where a drive is described and not computed."""
-NO_ANSWER = {
-    "map": "the event map has one coordinate, where one inertia with rigid friction sticks under a PID controller, and "
-    "a motion from there must depend on nothing else; casahunt orbit, basin and simulate take such a loop",
-}
-"""Commands that take no other servo than one inertia, and why."""
 
 
 def taken_from_table_1(
@@ -44,7 +36,7 @@ def taken_from_table_1(
     own = {servo.units.own_name(f"{table}.{key}") for table, keys in tables.items() for key in keys}
     own |= {servo.units.own_name(text.partition("=")[0].strip()) for text in given}
     missing = [key for key in NEEDED if key not in own and not (sought and key.startswith("friction"))]
-    missing += [] if any(key.startswith(f"{CONTROLLER}.") for key in own) else [CONTROLLER]
+    missing += [] if any(key.startswith("controller.") for key in own) else ["controller"]  # one number says nothing
     if missing:
         yield f"not in the servo file, and taken from Table 1 of the report: {', '.join(missing)}"
     elif STRIBECK not in own and not sought:
@@ -60,13 +52,17 @@ def of_the_continuous_loop(command: str, tables: Mapping[str, Any]) -> Iterator[
         yield f"the answer is {CONTINUOUS}"
 
 
-def servo_of_parts(command: str, what: str, loop: Loop) -> Servo:
-    """The servo that a loop is.  Raises InputError: it has a part for which the command has no answer."""
+def servo_of_parts(what: str, loop: Loop) -> Servo:
+    """The servo with rigid friction that a loop is, for `map`.  Raises InputError: it has another part."""
     from ...servo.parts.plain_loop import FRICTIONS, not_of_a_servo, servo_of_loop
 
-    asked, why = servo_of_loop(loop), NO_ANSWER[command]
-    if asked is not None and not (command == "map" and asked[1] == "lugre"):
+    asked = servo_of_loop(loop)
+    if asked is not None and asked[1] != "lugre":
         return asked[0]
     lacking = [FRICTIONS["lugre"]] if asked is not None else loop.present
     parts = " and ".join(repr(name) for name in not_of_a_servo(loop) or [part.name for part in lacking])
-    raise InputError(f"{what}: casahunt {command} has no answer for {parts}: {why}")
+    raise InputError(
+        f"{what}: casahunt map has no answer for {parts}: the event map has one coordinate, where one inertia with "
+        "rigid friction sticks under a PID controller, and a motion from there must depend on nothing else; casahunt "
+        "orbit, basin and simulate take such a loop"
+    )

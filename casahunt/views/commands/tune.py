@@ -1,25 +1,15 @@
 """casahunt tune: gain and controller times of least cost that do not hunt, verified; with an evidence page.
 
-Keys of the JSON object, the `to_dict` of the tuning and what was found besides (units: rad, s, V, N m; null where there
-is no number):
-model; gain, lead_time, integral_time (kp, ki, kd of a controller by gains): the answer; cost (its name),
-cost_meaning, cost_value, cost_unit, cost_gain_only
-(with the times as given; null where nothing was freed or where that cannot be met);
-fold_gain (at the worst friction; 0 where no servo can hunt), margin (asked for), demands {phase_margin, gain_margin,
-delay, sample_time, drive, max_torque}, free, bounds {gain: [low, high], ...};
-worst {corner {parameter: value}, fold_gain, evaluations};
+Keys of the JSON object beside those of the tuning and of its verification as their classes have them (`Tuning.to_dict`;
+rad, s, V, N m; null where there is no number): lead_time, integral_time (kp, ki, kd of a controller by gains);
+cost_gain_only: with the times as given; worst {corner {parameter: value}, fold_gain, evaluations};
 fold {nominal, error, amplitude, period, linear_low, linear_high}: of the nominal friction, with the linearised range
-over the uncertainty set; binding: what keeps the cost from being less;
-verification {ok, result, against, unverified (sentences), fold_gain, fold_error, nominal_fold_gain, stable
-(up to which gain a cycle is stable, views/answers/fold.py; null without a fold), margin,
-margin_kept, scan, scan_clear, loops_kept, loops_checked, loops {nominal, worst (friction), and of the servos of the set
-with the least "phase margin", "gain margin (lowering)", "gain margin (raising)": {crossover, phase_margin,
-lowest_factor, highest_factor, stable}}, loop_corners {loop: {parameter: value}}, set {folds, largest_fold_gain},
-tasks [{friction, start, time, verdict, reason, status, peak_torque, peak_voltage}]};
+over the uncertainty set; of the verification stable (up to which gain a cycle is stable, views/answers/fold.py; null
+without a fold), set {folds, largest_fold_gain}, loops by "nominal", "worst" (friction) and, of the servos of the set,
+the least "phase margin", "gain margin (lowering)", "gain margin (raising)";
 elasticities {parameter: per cent of the fold gain at the answer per per cent}; proves_not: what it does not prove;
-servo {key: value}: as given; rounds, evaluations, status, wall_s;
-as_built, where the servo file has a table [drive]: what the tuned servo does in it (kind, dead_band, sentence);
-tol; made {date, casahunt (version), servo_file (null: the servo built in), set (KEY=VALUE of --set)}.
+servo {key: value}: as given; as_built, where the servo file has a table [drive]: what the tuned servo does in it (kind,
+dead_band, sentence); tol; made {date, casahunt (version), servo_file (null: the servo built in), set (of --set)}.
 """
 
 from __future__ import annotations
@@ -29,7 +19,6 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from typing import Any
 
 from ...checks import choice_of
@@ -37,7 +26,7 @@ from ...design.tune.demands import COSTS, NUMBERS, Demands
 from ...design.tune.tuning import Tuning, tune
 from ...errors import InputError
 from ...export import columns_from
-from ...servo.sampled.check import AsBuilt
+from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.tune import known_to, loop_name, numbers_in, tuning_answer
 from ..evidence.page import TITLE, evidence_page
@@ -47,7 +36,7 @@ from .console import complain, folder
 from .output import give
 from .output_paths import write_results
 from .progress import progress, tell, teller
-from .sampled import as_record, checked, checked_lines
+from .sampled import checked_lines
 from .uncertain import uncertainty_of
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
@@ -86,14 +75,15 @@ def run(options: argparse.Namespace) -> int:
     bounds = bounds_of(options.bounds)
 
     stream = progress(options)
-    with nullcontext() if options.out is None else folder(options.out, FILES) as out:
+    with folder(options.out, FILES) as out:
         tuning = tune(
             servo, model, demands=demands, uncertainty=uncertainty, free=options.free, bounds=bounds, cost=cost,
             options=how, report=teller(stream),
         )  # fmt: skip
-        built = checked(options, tuning.servo, tuning.gain)
+        drive = drive_of(options)
+        built = None if drive is None else as_built(tuning.servo, tuning.gain, drive)
         record = evidence_record(tuning, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
-        record |= as_record(built)
+        record |= {} if built is None else {"as_built": built.to_dict()}
         if out is not None:
             tell(stream, "drawing")
             from ..pictures.tune import evidence_images

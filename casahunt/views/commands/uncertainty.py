@@ -6,13 +6,11 @@ import argparse
 import time
 from typing import Any
 
-import numpy as np
-
 from ... import effort
-from ...design.nearby import AnyFold, check_asked, upper
-from ...design.uncertainty.samples import Samples, draw, sample
-from ...design.uncertainty.summary import Summary, summary
-from ...design.uncertainty.worst_corner import WorstCase, worst_corner
+from ...design.nearby import check_asked, upper
+from ...design.uncertainty.samples import draw, sample
+from ...design.uncertainty.summary import summary
+from ...design.uncertainty.worst_corner import worst_corner
 from ...errors import NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
@@ -46,12 +44,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compute and print; returns the exit code.
-
-    Raises InputError: the command line or the uncertainty file is wrong; NoOrbit: no fold, or none of the samples was
-    computed.
-    """
-    began = time.perf_counter()
+    """Compute and print; returns the exit code."""
     how = how_of(options)
     n, jobs = count_of("samples", options.samples, 1), jobs_of(options)
     seed = count_of("seed", options.seed, 0)
@@ -73,22 +66,29 @@ def run(options: argparse.Namespace) -> int:
             report=lambda i: told(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
         )  # fmt: skip
     tell(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
+    low, high = uncertainty.box(servo)
+    sampled = [] if samples.worst is None else [samples.parameters[samples.worst]]
     worst = worst_corner(
-        servo,
-        model,
-        uncertainty,
-        options=how,
-        fold=fold,
-        starts=_worst_inside(samples, uncertainty.box(servo)),
+        servo, model, uncertainty, options=how, fold=fold,
+        starts=[q for q in sampled if ((low <= q) & (q <= high)).all()],  # normal ones may lie outside of the box
         report=lambda i: told(f"searching the worst corner: fold {i}"),
-    )
-    seen = summary(fold, uncertainty, samples, worst)
-    wall_s = time.perf_counter() - began
-    answer = uncertainty_answer(called(servo, model), fold, samples, worst, seen, how.tol, wall_s)
-    give(
-        options, record_of(servo) | _record(fold, samples, worst, seen, wall_s), answer, table=tables_of([samples]),
-        picture=("uncertainty.histogram", fold, samples, worst, seen),
     )  # fmt: skip
+    seen = summary(fold, uncertainty, samples, worst)
+    wall_s = options.outputs.seconds
+    answer = uncertainty_answer(called(servo, model), fold, samples, worst, seen, how.tol, wall_s)
+    complete = not samples.failures and not worst.failures
+    record = {
+        **record_of(servo),
+        **seen.to_dict(table=False),
+        "model": model,
+        "gain": fold.value,
+        "worst": worst,
+        "samples": {**samples.to_dict(table=False), "failures": len(samples.failures)},
+        "status": (Status.CONVERGED if complete else Status.NOT_CONVERGED).name.lower(),
+        "wall_s": wall_s,
+    }
+    picture = "uncertainty.histogram", fold, samples, worst, seen
+    give(options, record, answer, table=tables_of([samples]), picture=picture)
     for i, sentence in samples.failures:
         say(out, f"sample {i + 1} was not computed: {sentence}")
     for sentence in worst.failures:
@@ -96,26 +96,3 @@ def run(options: argparse.Namespace) -> int:
     if not samples.computed.any():
         raise NoOrbit(f"none of the {n} samples was computed: {samples.failures[0][1]}", Status.NOT_CONVERGED)
     return 0
-
-
-def _worst_inside(samples: Samples, box: tuple[np.ndarray, np.ndarray]) -> list[np.ndarray]:
-    """The parameters (k,) of the worst sample, where it lies in the box: normal ones may not."""
-    if samples.worst is None:
-        return []
-    q, (low, high) = samples.parameters[samples.worst], box
-    return [q] if ((low <= q) & (q <= high)).all() else []
-
-
-def _record(fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, wall_s: float) -> dict[str, Any]:
-    """The JSON object."""
-    complete = not samples.failures and not worst.failures
-    status = Status.CONVERGED if complete else Status.NOT_CONVERGED
-    return {
-        **seen.to_dict(table=False),
-        "model": getattr(fold.orbit, "model", None),
-        "gain": fold.value,
-        "worst": worst,
-        "samples": {**samples.to_dict(table=False), "failures": len(samples.failures)},
-        "status": status.name.lower(),
-        "wall_s": wall_s,
-    }

@@ -115,6 +115,14 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     return f"<table class={kind}>{f'<thead><tr>{top}</tr></thead>' if head else ''}<tbody>{body}</tbody></table>"
 
 
+def margins(p: Fragments, at: str, form: str) -> list[str]:
+    """The cells of the margins of a stable linear loop: phase, and by which factors its gain may fall and rise."""
+    loop = value_at(p.record, at)
+    factors = [p.n(f"{at}/{key}", form) + " times" if loop[key] else "any gain"
+               for key in ("lowest_factor", "highest_factor")]  # fmt: skip
+    return [p.n(f"{at}/phase_margin", form) + " degrees", *factors]
+
+
 def words(name: str) -> str:
     """The name of a number as words."""
     return html.escape(shown().word(name).replace("_", " ").replace(".", ": "))

@@ -1,8 +1,6 @@
-"""The evidence of a tuning as one HTML page that shows what is in the JSON object (record.py).
+"""The evidence of a tuning as one HTML page that shows what is in the JSON object (record.py, fragments.py).
 
-The page is self-contained: no file, script or font from elsewhere, images inlined as base64.  Every number in it stands
-in an element with the attribute data-key, its path in the JSON object ("verification/loops/nominal/phase_margin");
-sentences with numbers in them are entries of the object themselves.
+Sentences with numbers in them are entries of the object themselves.
 """
 
 from __future__ import annotations
@@ -16,12 +14,10 @@ from ...checks import known_decimals
 from ...servo.outcome import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS
-from ..answers.tune import BINDS, DOES, form_of, loop_name, numbers_in, unless
-from .fragments import Fragments, built_section, document, figure, made_line, table, value_at, words
+from ..answers.tune import BINDS, DOES, form_of, known_to, loop_name, numbers_in, unless
+from .fragments import Fragments, built_section, document, figure, made_line, margins, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
-DEFAULT_TOL = 1e-6
-"""Of a record that does not say its tolerance."""
 CONTROLLER = {
     "lead_time": "lead time", "integral_time": "integral time",
     "kp": "proportional gain kp", "ki": "integral gain ki", "kd": "derivative gain kd",
@@ -29,19 +25,13 @@ CONTROLLER = {
 """Numbers of a controller in the record, and their names."""
 
 
-TASK_COLUMNS = "gain [V/rad]", "friction", "start", "largest torque [N m]", "voltage [V]", "what it does", "why"
-
-
 class _Page(Fragments):
     """The evidence of a tuning, with what its numbers are known to."""
 
     def __init__(self, record: Mapping[str, Any]) -> None:
         super().__init__(record)
-        self.tol = record.get("tol", DEFAULT_TOL)
-        check = record["verification"]
-        self.fold_error = self.tol
-        if check["fold_gain"]:  # what is estimated, and what two computations differ by
-            self.fold_error = max(check["fold_error"], abs(record["fold_gain"] / check["fold_gain"] - 1))
+        self.tol = record.get("tol", 1e-6)
+        self.fold_error = known_to(record, self.tol)
         margin = "hunting margin" in record["binding"] and not record["free"]
         self.gain_error = self.fold_error if margin else self.tol
 
@@ -65,8 +55,7 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     """
     p = _Page(record)
     figures = {name: figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
-    rows = [_task_row(p, f"verification/tasks/{i}") for i in range(len(p.record["verification"]["tasks"]))]
-    parts = [
+    return document(TITLE, [
         *_answer(p),
         *_demands(p),
         *_fold(p),
@@ -74,11 +63,12 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
         *([*_elasticities(p), figures.get("sensitivities", "")] if record["elasticities"] else []),
         *_verification(p),
         *built_section(p, {"the tuned servo": "as_built"} if "as_built" in record else {}),
-        *["<h2>Simulated regulator tasks</h2>", table([*TASK_COLUMNS], rows)],
+        "<h2>Simulated regulator tasks</h2>",
+        table(["gain [V/rad]", "friction", "start", "largest torque [N m]", "voltage [V]", "what it does", "why"],
+              [_task_row(p, f"verification/tasks/{i}") for i in range(len(record["verification"]["tasks"]))]),
         figures.get("responses", ""),
         *_limits(p),
-    ]
-    return document(TITLE, parts)
+    ])  # fmt: skip
 
 
 def _seen(name: str, record: Mapping[str, Any]) -> str:
@@ -205,17 +195,8 @@ def _loop_rows(p: _Page) -> list[list[str]]:
     for name, loop in check["loops"].items():
         if name == "nominal" or p.record["worst"]["corner"] or name in check["loop_corners"]:
             alike.setdefault(json.dumps(loop, sort_keys=True), []).append(name)
-    return [_loop_row(p, names, check["loops"][names[0]]) for names in alike.values()]
-
-
-def _loop_row(p: _Page, names: Sequence[str], loop: Mapping[str, Any]) -> list[str]:
-    at, free = f"verification/loops/{names[0]}", "any gain"
-    return [
-        "; ".join(_loop_names(p, names)),
-        p.n(f"{at}/phase_margin", ".5g") + " degrees",
-        free if not loop["lowest_factor"] else p.n(f"{at}/lowest_factor", ".5g") + " times",
-        free if loop["highest_factor"] is None else p.n(f"{at}/highest_factor", ".5g") + " times",
-    ]
+    rows = [("; ".join(_loop_names(p, names)), names[0]) for names in alike.values()]
+    return [[said, *margins(p, f"verification/loops/{name}", ".5g")] for said, name in rows]
 
 
 def _limits(p: _Page) -> list[str]:

@@ -10,7 +10,7 @@ from ...axis_units import quantity
 from ...servo.outcome import SETTLES
 from ...servo.parts.table import unit_of
 from ...servo.units import GAIN_UNIT
-from .fragments import Fragments, built_section, document, figure, made_line, table, words
+from .fragments import Fragments, built_section, document, figure, made_line, margins, table, words
 
 TITLE = "<title>casahunt remedies</title>"
 HEAD = ("remedy", "ends hunting", "choose", "error at rest", "torque", "voltage", "settles in", "larger sizes")
@@ -118,18 +118,12 @@ def _worst(p: Fragments, ending: list[int]) -> list[str]:
 
 def _margins(p: Fragments) -> list[str]:
     """Margins of the linear loops."""
-    free, rows = "any gain", []
+    rows = []
     for i, row in enumerate(p.record["remedies"]):
-        at = f"remedies/{i}"
-        if row["phase_margin"] is None:
-            continue
-        factors = ["<span class=bad>unstable</span>"] * 2
-        if row["lowest_factor"] is not None:
-            factors = [
-                p.n(f"{at}/lowest_factor", ".4g") + " times" if row["lowest_factor"] else free,
-                free if row["highest_factor"] is None else p.n(f"{at}/highest_factor", ".4g") + " times",
-            ]
-        rows.append([p.text(f"{at}/name"), p.n(f"{at}/phase_margin", ".4g") + " degrees", *factors])
+        if row["phase_margin"] is not None:
+            phase, *factors = margins(p, f"remedies/{i}", ".4g")
+            unstable = ["<span class=bad>unstable</span>"] * 2
+            rows.append([p.text(f"remedies/{i}/name"), phase, *(unstable if row["lowest_factor"] is None else factors)])
     if not rows:
         return []
     return [

@@ -10,9 +10,6 @@ from ...servo.parts import Loop
 from ...servo.servo import Servo, a_servo
 from .state import FIRST_GAIN, State, state_of_loop, state_of_servo
 
-FRAME_HEIGHT = 900
-"""Of the page in a notebook [pixels]."""
-
 
 class Explorer:
     """A page that is served until it is closed, or Python ends.
@@ -37,7 +34,7 @@ class Explorer:
         return f"<Explorer: {self.address.partition('?')[0]}>"
 
     def _repr_html_(self) -> str:
-        return f'<iframe src="{escape(self.address)}" width="100%" height="{FRAME_HEIGHT}" title="explore"></iframe>'
+        return f'<iframe src="{escape(self.address)}" width="100%" height="900" title="explore"></iframe>'
 
 
 def explore(

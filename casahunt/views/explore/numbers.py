@@ -65,11 +65,8 @@ def curve(**columns: Any) -> dict[str, list[float | None]]:
     """The points of a curve, thinned where there are too many; gaps (nan) stay."""
     arrays = {name: np.asarray(column, float) for name, column in columns.items()}
     step = max(1, math.ceil(max(a.size for a in arrays.values()) / MOST_CURVE_POINTS))
-    return {name: [_short(x) for x in a[::step].tolist()] for name, a in arrays.items()}
-
-
-def _short(x: float) -> float | None:
-    return float(f"{x:.{CURVE_DIGITS}g}") if math.isfinite(x) else None
+    points = {name: a[::step].tolist() for name, a in arrays.items()}
+    return {n: [float(f"{x:.{CURVE_DIGITS}g}") if math.isfinite(x) else None for x in a] for n, a in points.items()}
 
 
 def hunts(amplitude: float, period: float, stable: bool | None, *, partly: bool = False) -> str:
@@ -124,15 +121,12 @@ def compared(border: float, present: float, error: float, one: str, digits: int)
     return f"{away} {one}" if ratio > 1 else f"{one} is {away} that"
 
 
-SAID_ABOVE = {"rests": ": it does not hunt", "unknown": ": no hunting was found"}
-"""What is said of a gain above the one at which hunting ends, by the verdict there."""
-
-
 def ratio_shown(border: float, present: float, relative_error: float, verdict: str) -> dict[str, Any]:
     """The number by which the gain at which hunting ends is above the present one, or that by which it is below."""
     said = compared(border, present, relative_error, "the present gain", PLAIN_DIGITS)
-    above = SAID_ABOVE.get(verdict, "") if present > border * (1 + relative_error) else ""
-    return shown_number(border / present, relative_error) | {"said": said + above}
+    if present > border * (1 + relative_error):
+        said += {"rests": ": it does not hunt", "unknown": ": no hunting was found"}.get(verdict, "")
+    return shown_number(border / present, relative_error) | {"said": said}
 
 
 def margins_shown(found: Margins) -> dict[str, Any]:

@@ -25,10 +25,10 @@ from typing import Any, NamedTuple
 
 from ...export import extra, plain
 from ...servo.drive import DRIVE_TABLE
-from ...servo.parts import LOADS, Loop
+from ...servo.parts import LOADS
 from ...servo.parts.part import Part
 from ...servo.parts.table import unit_of as unit_of_a_part
-from ...servo.servo import LARGEST_TOML, Servo, flatten
+from ...servo.servo import LARGEST_TOML, Servo, flatten, toml_value
 from ...servo.units import PARAMETER_UNITS, unit_of
 from .state import GAIN, SET_POINT, State, own_numbers, presets, remedy_called
 
@@ -38,8 +38,10 @@ STATIC = {"page.js": "text/javascript", "page.css": "text/css", "bokeh.js": "tex
 
 
 def static(name: str) -> bytes:
-    """One of `STATIC`."""
-    return library() if name == "bokeh.js" else (FOLDER / name).read_bytes()
+    """One of `STATIC`.  Raises InputError: Bokeh is not installed."""
+    if name != "bokeh.js":
+        return (FOLDER / name).read_bytes()
+    return Path(extra("bokeh.util.paths", "explore", "explore").bokehjs_path(), "js", "bokeh.min.js").read_bytes()
 
 
 def page() -> str:
@@ -52,7 +54,8 @@ def frozen_page(messages: Iterable[Mapping[str, Any]]) -> str:
     """The page of what the server has said of one state, all in one file."""
     said = {"n": 0, "messages": [{**message, "n": 0} for message in messages]}
     style = f"<style>{static('page.css').decode()}</style>"
-    scripts = "".join(f"<script>{_in_a_script(static(name).decode())}</script>\n" for name in ("bokeh.js", "page.js"))
+    both = (static(name).decode().replace("</script", "<\\/script") for name in ("bokeh.js", "page.js"))
+    scripts = "".join(f"<script>{text}</script>\n" for text in both)
     return _filled(style, scripts, json.dumps(said, allow_nan=False).replace("</", "<\\/"))
 
 
@@ -65,16 +68,17 @@ def state_message(state: State) -> dict[str, Any]:
     controls = [plain(control._asdict()) for control in controls_of(state)]
     return {
         "kind": "state", "address": state.address(), "controls": controls, "choices": choices,
-        "copies": copies_of(state), "note": state.note(),
+        "copies": {"command": command_line(state), "python": python(state), "file": servo_file(state)},
+        "note": state.note(),
     }  # fmt: skip
 
 
 def _filled(style: str, scripts: str, frozen: str) -> str:
     figures = "".join(
-        f'<figure id="{f.name}-figure" data-stage="{f.name}"><figcaption>{escape(f.caption)}</figcaption>'
-        f'<div class="plot" id="{f.name}-plot" role="img" aria-label="{escape(f.caption)}"></div>'
+        f'<figure id="{name}-figure" data-stage="{name}"><figcaption>{escape(caption)}</figcaption>'
+        f'<div class="plot" id="{name}-plot" role="img" aria-label="{escape(caption)}"></div>'
         '<div class="missing"></div></figure>'
-        for f in PANELS
+        for name, caption in PANELS.items()
     )
     options = "".join(f'<option value="{escape(name)}">{escape(name)}</option>' for name in presets())
     # The figures as JSON: {name: item for Bokeh.embed.embed_item}; the same for every page
@@ -82,11 +86,6 @@ def _filled(style: str, scripts: str, frozen: str) -> str:
         style=style, presets=options, figures=figures, items=_items(), frozen=frozen, scripts=scripts,
         largest=int(LARGEST_TOML),
     )
-
-
-def _in_a_script(text: str) -> str:
-    """A script that may stand inside a page: it closes no element."""
-    return text.replace("</script", "<\\/script")
 
 
 SLIDER_DECADE = 30.0
@@ -196,11 +195,13 @@ def servo_file(state: State) -> str:
     """The text of the servo file, or where the state is a loop of parts, of its file."""
     problem = state.problem
     line = f"# explore: {state.left_out()}\n"
-    drive = [f"{key} = {_toml(value)}" for key, value in state.drive.items()]
+    drive = [f"{key} = {toml_value(value)}" for key, value in state.drive.items()]
     if problem.loop is not None:
         said = [f"# [{DRIVE_TABLE}], for which a loop of parts has no place: {', '.join(drive)}"] if drive else []
-        parts = state.parts or tuple(part.name for part in problem.loop.parts)
-        return "\n".join([*said, _loop_file(problem.loop, parts)]) + line
+        there = [toml_value(part) for part in state.parts or [part.name for part in problem.loop.parts]]
+        own = [f"{name} = {problem.loop.value(name)!r}" for part in problem.loop.present for name in part.parameters]
+        lines = ["[loop]", "parts = [", *(f"    {part}," for part in there), "]", "", "[values]", *dict.fromkeys(own)]
+        return "\n".join([*said, *lines, line])
     assert problem.servo is not None
     tables: dict[str, list[str]] = {"servo": [], "controller": [], "friction": []}
     for key, value in flatten(problem.servo).items():
@@ -245,31 +246,11 @@ def python(state: State) -> str:
     )
 
 
-def copies_of(state: State) -> dict[str, str]:
-    """All of them, by what the page calls them."""
-    return {"command": command_line(state), "python": python(state), "file": servo_file(state)}
-
-
 def _changes(servo: Servo) -> dict[str, float]:
     """What differs from Table 1; of a controller in the other form, all its numbers."""
     base = flatten(Servo())
     return {key: value for key, value in flatten(servo).items() if base.get(key) != value}
 
-
-def _loop_file(loop: Loop, entries: tuple[Any, ...]) -> str:
-    there = [_toml(entry) for entry in entries]
-    values = [f"{name} = {loop.value(name)!r}" for part in loop.present for name in part.parameters]
-    lines = ["[loop]", "parts = [", *(f"    {entry}," for entry in there), "]", "", "[values]", *dict.fromkeys(values)]
-    return "\n".join(lines) + "\n"
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML writes it: a text, a number, a list, a table in one line."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value) if isinstance(value, str) else repr(value)
 
 
 HEIGHT = 210
@@ -278,20 +259,13 @@ BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#666666"
 """Told apart by those who see few colours; the unstable branch is dashed besides."""
 
 
-class Figure(NamedTuple):
-    """A figure: its name, its caption, the words for who does not see it."""
-
-    name: str
-    caption: str
-
-
-PANELS = (
-    Figure("angle", "One period: angle from the set point"), Figure("velocity", "One period: velocity"),
-    Figure("torque", "One period: torque of the motor"), Figure("phase", "Phase portrait: velocity against angle"),
-    Figure("diagram", "Swing against gain: tap or drag to choose a gain"),
-    Figure("position", "Step of the set point: angle"), Figure("effort", "Step of the set point: torque of the motor"),
-    Figure("friction", "Friction torque against velocity"),
-)  # fmt: skip
+PANELS = {
+    "angle": "One period: angle from the set point", "velocity": "One period: velocity",
+    "torque": "One period: torque of the motor", "phase": "Phase portrait: velocity against angle",
+    "diagram": "Swing against gain: tap or drag to choose a gain", "position": "Step of the set point: angle",
+    "effort": "Step of the set point: torque of the motor", "friction": "Friction torque against velocity",
+}  # fmt: skip
+"""The figures, and what they show, in words for who does not see it."""
 _LINES = {
     "angle": ("cycle", "time", "angle", "time [s]", "angle [rad]"),
     "velocity": ("cycle", "time", "velocity", "time [s]", "velocity [rad/s]"),
@@ -307,14 +281,8 @@ _LINES = {
 @cache
 def _items() -> str:
     embed = extra("bokeh.embed", "explore", "explore")
-    items = {figure.name: embed.json_item(_drawn(figure.name), figure.name) for figure in PANELS}
+    items = {name: embed.json_item(_drawn(name), name) for name in PANELS}
     return json.dumps(items).replace("</", "<\\/")
-
-
-def library() -> bytes:
-    """BokehJS.  Raises InputError: Bokeh is not installed."""
-    paths = extra("bokeh.util.paths", "explore", "explore")
-    return Path(paths.bokehjs_path(), "js", "bokeh.min.js").read_bytes()
 
 
 def _drawn(name: str) -> Any:

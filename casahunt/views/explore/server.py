@@ -59,8 +59,6 @@ TENDED_EVERY = 1000
 """Milliseconds between two looks at the workers."""
 FAREWELL = 0.1
 """Seconds for the pages to hear that the server ends."""
-TRY_AGAIN_LATER = 1013
-"""The websocket's code for it."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; "
@@ -283,7 +281,7 @@ def _answers(server: Server) -> Any:
             if self.worker is None:
                 sentence = f"{MOST_PAGES} pages are open already: close one of them, then load this one again."
                 self.write_message(json.dumps({"kind": "full", "sentence": sentence}))
-                self.close(TRY_AGAIN_LATER)
+                self.close(1013)  # try again later
                 return
             self.talk = Conversation(server.first, self.worker, self._tell)
 

@@ -43,8 +43,6 @@ MOST_FIELDS = 200
 """Entries of an address: more than any loop of parts has."""
 GUESSED_AMPLITUDE, GUESSED_PERIOD = 0.1, 30.0
 """Of a cycle that is not computed yet, in units of Fs/kp and of the reset time: a remedy's first size."""
-FORMS = ("times", "gains")
-"""Of the controller."""
 PAGE_LINE = re.compile(r"^# explore: (\S+)$", re.MULTILINE)
 """What the page has written into a file."""
 
@@ -145,7 +143,7 @@ class State:
             kept = self if self.remedy in ("", *remedies_for(model)) else self.choose("remedy", "")
             return replace(kept, model=model)
         if what == "controller":
-            return self._by(choice_of("controller", choice, FORMS))
+            return self._by(choice_of("controller", choice, ("times", "gains")))
         old = own_numbers(remedy_called(self.remedy, self.model)) if self.remedy else {}
         values = {key: value for key, value in self.values.items() if key not in old}
         if not choice:

@@ -33,9 +33,9 @@ from .plotting import (
     LineStyle,
     NullLocator,
     at_least_one,
-    in_units_of_the_axis,
     legend,
     logarithmic,
+    picture,
     power,
     stacked,
 )
@@ -51,7 +51,7 @@ EXCHANGING = ("fold", "symmetry breaking", "flip")
 """Special points with |mu| = 1: the end of a stable run and the start of an unstable one."""
 
 
-@in_units_of_the_axis
+@picture("two axes, amplitude above period")
 def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any = None) -> Array:
     """Bifurcation diagram: amplitude [rad] and period [s] of the cycles against the controller gain.
 
@@ -62,13 +62,6 @@ def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any
     equilibria
         say that the stuck servo, x = 0, exists at every gain; its amplitude is off the log axis; of a loop of parts
         nothing is said.
-
-    ax
-        two axes, for amplitude and period, to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The two axes, amplitude above period.
 
     Raises
     ------
@@ -120,7 +113,7 @@ def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any
     return both
 
 
-@in_units_of_the_axis
+@picture()
 def multipliers(branches: Sequence[Branch[Any]], *, ax: Axes | None = None) -> Axes:
     """Leading half multiplier mu against the controller gain, linear between -1 and 1, logarithmic beyond.
 
@@ -130,12 +123,6 @@ def multipliers(branches: Sequence[Branch[Any]], *, ax: Axes | None = None) -> A
     ----------
     branches
         one per model, as a rule; or of a loop of parts.
-    ax
-        axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...axis_units import quantity, shown
 from ...servo.equilibria import Equilibria
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, in_units_of_the_axis, logarithmic, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, SMALL, Array, logarithmic, panels, picture
 
 LEVELS = (0.0, 0.001, 0.01, 0.1, 1.0, 2.0)
 """Values of c whose eigenvalues get a colour of their own."""
@@ -17,7 +17,7 @@ DRAWN_TO, STRETCHED = 10.0, 1e3
 """What has no limit is drawn up to so many rad; by so much position is stretched to tell the order of corners."""
 
 
-@in_units_of_the_axis
+@picture("one axes, or of LuGre two: the largest real part, and the eigenvalues")
 def equilibria(found: Equilibria, *, ax: Any = None) -> Array:
     """Equilibria of Switch in the plane (x1, x3) with the stick region, of other loops in that of x1 and the torque; or
     the eigenvalues of LuGre.
@@ -26,16 +26,6 @@ def equilibria(found: Equilibria, *, ax: Any = None) -> Array:
     ----------
     found
         the equilibria.
-    ax
-        one (Switch) or two axes (LuGre) to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes (1,), or (2,): the largest real part, and the eigenvalues.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------

@@ -22,10 +22,10 @@ from .plotting import (
     Axes,
     MaxNLocator,
     in_one_unit,
-    in_units_of_the_axis,
     legend,
     logarithmic,
     panels,
+    picture,
 )
 
 DRAWN_SWINGS = 12
@@ -34,7 +34,7 @@ ASIDE = 0.02
 """A motion starts this part above and below the unstable fixed point."""
 
 
-@in_units_of_the_axis
+@picture()
 def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     """P(a) against a, both logarithmic, gaps at jumps, with two motions from beside the innermost fixed point.
 
@@ -42,16 +42,6 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     ----------
     seen
         a scan of the map.
-    ax
-        axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
@@ -112,7 +102,7 @@ def _web(seen: FixedPoints, a: float) -> tuple[list[float], list[float]]:
     return x, y
 
 
-@in_units_of_the_axis
+@picture()
 def basin(found: Basin, *, ax: Any = None) -> Axes:
     """Stick position against the number of the swing, of the motions from both sides, with the two cycles as lines.
 
@@ -120,16 +110,6 @@ def basin(found: Basin, *, ax: Any = None) -> Axes:
     ----------
     found
         the border.
-    ax
-        axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------

@@ -25,9 +25,9 @@ from .plotting import (
     SMALL,
     Axes,
     MaxNLocator,
-    in_units_of_the_axis,
     logarithmic,
     panels,
+    picture,
 )
 
 LABELS = {
@@ -54,7 +54,7 @@ HEADROOM = 1.12
 """The axis reaches this factor beyond the highest gain."""
 
 
-@in_units_of_the_axis
+@picture()
 def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     """The fold gain against a parameter of the servo, the gains with hunting shaded; or that of a loop.
 
@@ -65,12 +65,6 @@ def fold_curves(curves: Sequence[FoldCurve], *, ax: Axes | None = None) -> Axes:
     ----------
     curves
         fold curves in the same parameter, one of each model at most, or that of a loop of parts.
-    ax
-        axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes.
 
     Raises
     ------
@@ -162,7 +156,7 @@ NEVER = "#d9d9d9"
 """Colour where no gain hunts."""
 
 
-@in_units_of_the_axis
+@picture("axes; the colour bar beside them has its own")
 def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     """The fold gain as contours over two parameters; above a contour's gain the servo on it does not hunt.
 
@@ -170,12 +164,6 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     ----------
     folds
         what `fold_map` returned.
-    ax
-        axes to draw into; default those of a new figure.
-
-    Returns
-    -------
-    The axes; the colour bar beside them has its own.
 
     Raises
     ------
@@ -237,7 +225,7 @@ def _levels(low: float, high: float) -> np.ndarray:
 MINUS = "\N{MINUS SIGN}"
 
 
-@in_units_of_the_axis
+@picture()
 def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *, ax: Axes | None = None) -> Axes:
     """Per cent of the fold gain for one per cent of each parameter, the largest on top.
 
@@ -245,12 +233,6 @@ def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *,
     ----------
     folds, slopes
         folds and their sensitivities, one of each model at most.
-    ax
-        axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes.
 
     Raises
     ------
@@ -275,7 +257,8 @@ def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *,
         values = np.array([slope.elasticities.get(name, 0.0) for name in names])
         bars = axes.barh(
             place + (len(folds) - 1 - 2 * k) * height / 2, values, height, color=look_of(fold.orbit).colour,
-            label=_label(fold),
+            label=f"{fold.orbit.model}, K = {fold.gain:.6g}" if isinstance(fold, HuntingFold)
+            else f"loop, {fold.parameter.replace('_', ' ')} = {fold.value:.6g}",
         )  # fmt: skip
         axes.bar_label(bars, [f"{value:+.3g}".replace("-", MINUS) for value in values], padding=3, fontsize=9)
     axes.set_yticks(place, [word(name).replace("_", " ").replace(".", ": ") for name in names])
@@ -286,9 +269,3 @@ def elasticities(folds: Sequence[Fold[Any]], slopes: Sequence[Sensitivities], *,
     axes.set_title(f"What moves the {what} at which hunting ends")
     axes.legend(loc="lower right")
     return axes
-
-
-def _label(fold: Fold[Any]) -> str:
-    if isinstance(fold, HuntingFold):
-        return f"{fold.orbit.model}, K = {fold.gain:.6g}"
-    return f"loop, {fold.parameter.replace('_', ' ')} = {fold.value:.6g}"

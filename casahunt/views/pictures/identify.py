@@ -8,14 +8,14 @@ import numpy as np
 
 from ...design.identify.fit import seen_by
 from ...design.identify.identify import Identification
-from .plotting import LOOKS, NAMES, Array, Line2D, align, in_units_of_the_axis, legend, panels
+from .plotting import LOOKS, NAMES, Array, Line2D, legend, panels, picture
 from .simulation import MOST_DOTS
 
 DOTS = ("0.55", "#7a1f3d", "#5fae8c", "#b0509b", "#555555")
 """Colours of the records, in turn."""
 
 
-@in_units_of_the_axis
+@picture("two axes")
 def fitted_records(found: Identification, *, ax: Any = None) -> Array:
     """Positions of all records against the time in their period, with the cycle at the first gain; below, what is left.
 
@@ -23,16 +23,6 @@ def fitted_records(found: Identification, *, ax: Any = None) -> Array:
     ----------
     found
         what `identify` returned.
-    ax
-        two axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The two axes.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
@@ -73,5 +63,6 @@ def fitted_records(found: Identification, *, ax: Any = None) -> Array:
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.margins(x=0.01)
     legend(figure, below, handles, frameon=False)
-    align(figure, both)
+    if figure is not None:
+        figure.align_ylabels(both)
     return both

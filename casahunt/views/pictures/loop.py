@@ -21,7 +21,7 @@ from ...servo.linear.pulse_transfer import pulse_transfer
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo
-from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, in_units_of_the_axis, legend, logarithmic, panels
+from .plotting import LOOKS, MORE_LOOKS, NEUTRAL, Array, legend, logarithmic, panels, picture
 
 BODE_POINTS = 600
 """One for every second pixel of a panel."""
@@ -30,7 +30,7 @@ ROOM = 30.0
 _LOOKS = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
 
 
-@in_units_of_the_axis
+@picture("axes: magnitude of C and of L, phase of C and of L [deg], of a loop of parts those of L")
 def bode(
     servo: Servo | Loop, loops: Sequence[LinearLoop], drive: Drive | None = None, *, ax: Any = None
 ) -> Array:
@@ -42,12 +42,6 @@ def bode(
         the servo, and its linear loops at the gains to be drawn; or a loop of parts, of which L alone is drawn.
     drive
         how it is run: L as built is drawn too, dotted, up to half the sample rate.
-    ax
-        four axes to draw into, two for a loop of parts; default: those of a new figure.
-
-    Returns
-    -------
-    The axes: magnitude of C and of L, phase of C and of L [deg], against omega [rad/s].
 
     Raises
     ------

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import cycle, groupby
 from typing import Any
 
 import numpy as np
@@ -34,9 +34,9 @@ from .plotting import (
     at_least_one,
     fix_labels,
     fixed_grid,
-    in_units_of_the_axis,
     legend,
     panels,
+    picture,
     power,
     stacked,
 )
@@ -53,7 +53,7 @@ DRAWN_POINTS = 16
 """Points per mesh interval of a drawn orbit."""
 
 
-@in_units_of_the_axis
+@picture("axes, one for every state")
 def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """One full period of every orbit against time [s], shifted so that x1 rises through zero at t = 0.
 
@@ -63,12 +63,6 @@ def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     ----------
     orbits
         one or two, for instance both models at the same gain.
-    ax
-        as many axes as there are states, to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes, one for every state.
 
     Raises
     ------
@@ -111,7 +105,7 @@ def time_traces(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     return all_of_them
 
 
-@in_units_of_the_axis
+@picture("three axes: space, in three dimensions, and the planes (x1, x2) and (x1, x3)")
 def phase_portrait(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     """Orbits laid over each other in (x1, x2, x3) and in the planes (x1, x2) and (x1, x3).
 
@@ -121,12 +115,6 @@ def phase_portrait(orbits: Sequence[Orbit], *, ax: Any = None) -> Array:
     ----------
     orbits
         one or more.
-    ax
-        three axes to draw into, the first one in three dimensions; default: those of a new figure.
-
-    Returns
-    -------
-    The three axes: space, and the planes (x1, x2) and (x1, x3).
 
     Raises
     ------
@@ -197,17 +185,9 @@ def _space_and_planes(given: Any, legend_rows: int) -> tuple[Figure | None, Arra
 def _looks(orbits: Sequence[Orbit]) -> list[LineStyle]:
     """The look of its model for the first orbit of a model, others for the rest."""
     if len(orbits) == 1:
-        return [LOOKS[_model(orbits[0])]._replace(width=ALONE)]
-    seen: set[str] = set()
-    result, spare = [], 0
-    for orbit in orbits:
-        if _model(orbit) in seen:
-            result.append(MORE_LOOKS[spare % len(MORE_LOOKS)])
-            spare += 1
-        else:
-            result.append(LOOKS[_model(orbit)])
-        seen.add(_model(orbit))
-    return result
+        return [look_of(orbits[0])._replace(width=ALONE)]
+    models, others = [_model(orbit) for orbit in orbits], cycle(MORE_LOOKS)
+    return [next(others) if model in models[:i] else LOOKS[model] for i, model in enumerate(models)]
 
 
 def look_of(orbit: Orbit) -> LineStyle:

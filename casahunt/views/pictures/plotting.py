@@ -155,17 +155,51 @@ def png(axes: Any) -> bytes:
     return drawn(figure_of(np.ravel(np.asarray(axes, dtype=object))[0]), dpi=DPI * 2 // 3)
 
 
-def in_units_of_the_axis(draw: Callable[P, R]) -> Callable[P, R]:
-    """Let a function draw in the units of what it is given; a label that is in SI of a rotary axis gets those in SI."""
+AX = """
+    ax
+        where to draw: {axes}; default: those of a new figure.
 
-    @wraps(draw)
-    def inner(*arguments: P.args, **keywords: P.kwargs) -> R:
-        axes = draw(*arguments, **keywords)
-        for text in figure_of(axes).findobj(Text) if shown().linear else ():
-            text.set_text(shown().relabelled(text.get_text()))
-        return axes
+    Returns
+    -------
+    The {axes}.
+"""
+"""What the docstring of a picture says of its axes, below its other parameters."""
+NO_AXES = """
+    Raises
+    ------
+    InputError : what was given are no axes, or not as many as there are panels.
+"""
+"""And behind that, of a picture that refuses nothing else."""
 
-    return in_its_units(inner)
+
+def documented(doc: str, axes: str) -> str:
+    """The docstring of a picture, with what is the same in all of them.
+
+    doc, axes: what it says of its own, and which axes it draws into and returns.
+    """
+    own, examples = doc.split("\n    Examples\n")
+    own, raises, refusals = own.partition("\n    Raises\n")
+    return f"{own.rstrip()}{AX.format(axes=axes)}{raises + refusals if raises else NO_AXES}\n    Examples\n{examples}"
+
+
+def picture(axes: str = "axes") -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a function draw in the units of what it is given; a label that is in SI of a rotary axis gets those in SI.
+
+    axes: which ones it draws into and returns, for its docstring.
+    """
+
+    def of(draw: Callable[P, R]) -> Callable[P, R]:
+        @wraps(draw)
+        def inner(*arguments: P.args, **keywords: P.kwargs) -> R:
+            drawn = draw(*arguments, **keywords)
+            for text in figure_of(drawn).findobj(Text) if shown().linear else ():
+                text.set_text(shown().relabelled(text.get_text()))
+            return drawn
+
+        inner.__doc__ = documented(draw.__doc__ or "", axes)
+        return in_its_units(inner)
+
+    return of
 
 
 def in_one_unit(unit: str, *values: Any) -> tuple[str, tuple[Any, ...]]:
@@ -283,15 +317,6 @@ def logarithmic(axes: Axes, *names: str, linear: float = 0.0) -> None:
             axis.set_minor_formatter(_Powers(labelOnlyBase=False))
 
 
-def align(figure: Figure | None, axes: Sequence[Axes] | Array) -> None:
-    """Bring the labels of panels one below the other into line, where the figure is a new one.
-
-    figure, axes: the new figure or None, and its panels.
-    """
-    if figure is not None:
-        figure.align_ylabels(axes)
-
-
 def legend(figure: Figure | None, axes: Axes, handles: Sequence[Any] | None = None, **how: Any) -> None:
     """The legend of a picture: outside of the panels of a new figure, inside of axes that were given.
 
@@ -305,41 +330,5 @@ def legend(figure: Figure | None, axes: Axes, handles: Sequence[Any] | None = No
         axes.legend(**said, fontsize=SMALL)
 
 
-__all__ = [
-    "ALONE",
-    "BOTTOM",
-    "DPI",
-    "GAIN_LABEL",
-    "LOOKS",
-    "MORE_LOOKS",
-    "NAMES",
-    "NEUTRAL",
-    "PANELS_APART",
-    "SIZE",
-    "SMALL",
-    "Array",
-    "Axes",
-    "Figure",
-    "FixedLocator",
-    "FuncFormatter",
-    "Line2D",
-    "LineStyle",
-    "MaxNLocator",
-    "NullLocator",
-    "align",
-    "at_least_one",
-    "drawn",
-    "figure_of",
-    "fix_labels",
-    "fixed_grid",
-    "in_one_unit",
-    "in_units_of_the_axis",
-    "legend",
-    "logarithmic",
-    "new_figure",
-    "panels",
-    "power",
-    "save",
-    "stacked",
-]
-"""What the pictures take from here, matplotlib's own among it."""
+__all__ = ["Figure", "FixedLocator", "FuncFormatter", "Line2D", "MaxNLocator", "NullLocator"]
+"""Matplotlib's own, which the pictures take from here."""

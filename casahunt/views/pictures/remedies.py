@@ -13,7 +13,7 @@ from ...design.remedies.cures import Cure, Cures
 from ...errors import InputError, NoOrbit
 from ...servo.outcome import SETTLES
 from .fold_curve import HEADROOM
-from .plotting import ALONE, NEUTRAL, Axes, in_units_of_the_axis, legend, logarithmic, panels, png
+from .plotting import ALONE, NEUTRAL, Axes, legend, logarithmic, panels, picture, png
 
 MOST_COLUMNS = 4
 """Panels in a row: more cannot be read."""
@@ -29,7 +29,7 @@ MOST_TICKS = 4
 """Intervals between ticks at most: more run into each other."""
 
 
-@in_units_of_the_axis
+@picture("axes of the first panel")
 def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
     """A panel for each remedy with a border: amplitude against size, the border marked, and what is behind it.
 
@@ -37,12 +37,6 @@ def remedy_sizes(found: Cures, *, ax: Axes | None = None) -> Axes:
     ----------
     found
         what `remedies` has found.
-    ax
-        axes to draw into, of one remedy alone; default: those of a new figure.
-
-    Returns
-    -------
-    The axes of the first panel.
 
     Raises
     ------
@@ -88,7 +82,7 @@ def _size(place: Axes, row: Cure) -> None:
     place.set_xlabel(f"size [{label(row.unit)}]" if row.unit else "size")
 
 
-@in_units_of_the_axis
+@picture("axes of the first panel")
 def rest_positions(found: Cures, *, ax: Axes | None = None) -> Axes:
     """A panel for each remedy: error and torque at which the servo may stand still for ever, with the size to choose.
 
@@ -99,12 +93,6 @@ def rest_positions(found: Cures, *, ax: Axes | None = None) -> Axes:
     ----------
     found
         what `remedies` has found.
-    ax
-        axes to draw into, of one remedy alone; default: those of a new figure.
-
-    Returns
-    -------
-    The axes of the first panel.
 
     Raises
     ------

@@ -25,11 +25,10 @@ from .plotting import (
     SMALL,
     Array,
     Line2D,
-    align,
     in_one_unit,
-    in_units_of_the_axis,
     legend,
     panels,
+    picture,
 )
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ SHADE = "0.9"
 LEVEL_COLOUR = "#b03020"
 
 
-@in_units_of_the_axis
+@picture("three axes")
 def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     """Position, velocity and motor torque of a simulated motion against time [s].
 
@@ -63,16 +62,6 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     ----------
     trajectory
         the motion.
-    ax
-        three axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The three axes.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
@@ -99,7 +88,7 @@ def motion(trajectory: Trajectory, *, ax: Any = None) -> Array:
     return three
 
 
-@in_units_of_the_axis
+@picture("three axes")
 def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     """As `motion`, of the loop as built; the torque is what each sample asks for.
 
@@ -107,16 +96,6 @@ def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     ----------
     found
         the motion.
-    ax
-        as of `motion`.
-
-    Returns
-    -------
-    The three axes.
-
-    Raises
-    ------
-    InputError : as `motion`.
 
     Examples
     --------
@@ -186,7 +165,8 @@ def _three(
     if end < t[-1]:
         three[2].set_xlim(t[0], end)
     three[2].set_xlabel("time [s]" + (f"; nothing more happens until {t[-1]:.4g} s" if end < t[-1] else ""))
-    align(figure, three)
+    if figure is not None:
+        figure.align_ylabels(three)
     handles = [Line2D([], [], label="set point; static friction ±F$_s$" if len(levels) else "set point", **dashed)]
     three[0].set_title(title, fontsize="medium")
     if sticks:
@@ -199,7 +179,7 @@ def _size(amplitude: float, frequency: float) -> str:
     return f"amplitude {quantity(amplitude, 'rad')}, frequency {frequency:.4g} Hz"
 
 
-@in_units_of_the_axis
+@picture("two axes")
 def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: Any = None) -> Array:
     """A record above, and below all its periods laid over each other with one period of the predicted cycle.
 
@@ -209,16 +189,6 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
         of a record with whole periods.
     orbit
         the prediction, or None.
-    ax
-        two axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The two axes.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
@@ -266,5 +236,6 @@ def folded_record(measurement: Measurement, orbit: Orbit | None = None, *, ax: A
     below.grid(True, color="0.9", linewidth=0.6)
     below.margins(x=0.01, y=0.1)
     legend(figure, below, handles, frameon=False)
-    align(figure, both)
+    if figure is not None:
+        figure.align_ylabels(both)
     return both

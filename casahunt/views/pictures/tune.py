@@ -13,14 +13,14 @@ from ...design.tune.tuning import Tuning
 from ...errors import NoOrbit
 from .branches import diagram as drawn_diagram
 from .fold_curve import elasticities
-from .plotting import ALONE, NEUTRAL, SMALL, Array, Line2D, in_units_of_the_axis, panels, png
+from .plotting import ALONE, NEUTRAL, SMALL, Array, Line2D, panels, picture, png
 
 START = 0.1
 """Gain at which the diagram starts, in units of the fold gain."""
 CHOSEN = "#1d6b3f"
 
 
-@in_units_of_the_axis
+@picture("two axes, amplitude above period")
 def operating_point(tuning: Tuning, branch: Branch[Any], *, ax: Any = None) -> Array:
     """The diagram of the worst servo with the recommended gain and the fold gain plus margin.
 
@@ -30,16 +30,6 @@ def operating_point(tuning: Tuning, branch: Branch[Any], *, ax: Any = None) -> A
         the tuning.
     branch
         of its worst servo.
-    ax
-        two axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The two axes, amplitude above period.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------
@@ -69,7 +59,7 @@ def operating_point(tuning: Tuning, branch: Branch[Any], *, ax: Any = None) -> A
     return both
 
 
-@in_units_of_the_axis
+@picture("axes, one for every task")
 def tasks(simulated: Sequence[SimulatedTask], *, ax: Any = None) -> Array:
     """Tasks with the tuned controller: distance from the set point [rad] against time [s].
 
@@ -77,16 +67,6 @@ def tasks(simulated: Sequence[SimulatedTask], *, ax: Any = None) -> Array:
     ----------
     simulated
         those with the nominal friction are drawn.
-    ax
-        axes for every task, to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes, one for every task.
-
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
 
     Examples
     --------

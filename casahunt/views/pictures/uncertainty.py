@@ -9,13 +9,13 @@ from ...design.uncertainty.samples import Samples
 from ...design.uncertainty.summary import Summary
 from ...design.uncertainty.worst_corner import WorstCase
 from ...errors import InputError
-from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, Axes, in_units_of_the_axis, legend, panels
+from .plotting import GAIN_LABEL, LOOKS, NEUTRAL, Axes, legend, panels, picture
 
 MOST_BINS = 40
 """Narrower ones are bars of a few pixels."""
 
 
-@in_units_of_the_axis
+@picture()
 def histogram(fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, *, ax: Axes | None = None) -> Axes:
     """Fold gains of the samples, with the servo's own, the linear interval and the worst corner.
 
@@ -25,12 +25,6 @@ def histogram(fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, 
         what `find_fold`, `sample` and `worst_corner` returned.
     seen
         their `summary`.
-    ax
-        axes to draw into; default: those of a new figure.
-
-    Returns
-    -------
-    The axes.
 
     Raises
     ------

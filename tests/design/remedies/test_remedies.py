@@ -31,7 +31,7 @@ from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts.fate import Swing
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of, with_remedy
-from casahunt.views.commands.remedies import advice_of
+from casahunt.views.commands.remedies import Table, advice_of
 
 
 @cache
@@ -190,8 +190,8 @@ def test_what_the_worst_servo_needs_comes_before_what_is_cheaper(monkeypatch):
     assert remedies(Servo(), "switch", 0.04, only=["dead band", "leak"]).best == "dead band"
     alone = remedies(Servo(), "switch", 0.04, only=["dead band"], uncertainty=allowed)
     assert alone.best == "dead band"
-    assert "worst servo of the set needs was not found" in advice_of(alone, {}, {}, of_a_set=True)
-    assert "worst" not in advice_of(both, {}, {}, of_a_set=True)
+    assert "worst servo of the set needs was not found" in advice_of(Table(alone, of_a_set=True))
+    assert "worst" not in advice_of(Table(both, of_a_set=True))
 
 
 @pytest.mark.slow
