@@ -305,7 +305,7 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
     loop = loop_of_tables(tables, f"loop file {options.servo!r}")
     given = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
     texts = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
-    if gain is None and not isinstance(stated := getattr(options, "gain", None), list | None):  # one each of records
+    if gain is None and not isinstance(getattr(options, "gain", None), list | None):  # of records there is a list
         gain = gain_of(options)
     loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
     check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
