@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
             options=how, report=teller(stream),
         )  # fmt: skip
         built = checked(options, tuning.servo, tuning.gain)
-        record = evidence_record(tuning, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
+        record = evidence_record(tuning) | {"tol": how.tol, "made": made(options.servo, options.set)}
         record |= as_record(built)
         if out is not None:
             tell(stream, "drawing")
