@@ -29,7 +29,9 @@ Ranges = tuple[tuple[float, float], ...]
 
 SET_TO = 1e-6
 """Relative width of a range that counts: no gain is set more finely.  By the law 1 - mu ~ sqrt(K_f - K) of a fold that
-in front of it has the width (K_f - K) (2/(1 - mu))^2: along the branches of random servos that falls towards it."""
+in front of it has the width (K_f - K) (2/(1 - mu))^2; next to sharp folds of random servos that falls towards it."""
+SAME_FOLD = 1e-4
+"""Two folds whose parameters differ by no more than this part are one: on the way it is known to less."""
 UNSTABLE_AT_ONCE = 8
 """Unstable cycles that are followed before they are looked at."""
 SOUGHT_BACK = 0.9
@@ -102,7 +104,7 @@ def _regained(way: list[Orbit], fold: Fold[Any], how: dict[str, Any]) -> list[Or
     while not too_narrow(way[-1]):
         rest = follow(way[-1], previous=way[-2], monitors=(FOLD,), max_points=UNSTABLE_AT_ONCE, **how)
         before, there = _in_front(rest, fold)
-        stable = next((k for k, orbit in enumerate(before) if orbit.seen_stable), len(before))
+        stable = next((k for k in range(1, len(before)) if before[k].seen_stable), len(before))
         way = [way[-2], *before[:stable]]
         if stable < len(before) or there and not too_narrow(way[-1]):
             return way
@@ -116,14 +118,19 @@ def _changes(special: SpecialPoint[Any]) -> bool:
 
 
 def _in_front(branch: Branch[Any], fold: Fold[Any]) -> tuple[list[Orbit], bool]:
-    """The cycles of a branch that count in front of a fold, and whether it has led there."""
-    turned = next((each.behind for each in branch.special if each.kind == FOLD.kind), None)
+    """The cycles of a branch that count in front of a fold, and whether it has led there.
+
+    Raises NoOrbit: it turns back elsewhere.
+    """
+    turned = next((each for each in branch.special if each.kind == FOLD.kind), None)
+    if turned is not None and _left(turned.orbit, fold) > SAME_FOLD:
+        raise NoOrbit(f"another fold is met: {turned.meaning}", Status.NOT_FOUND)
     found = list[Orbit]()
     for orbit in branch.orbits:
         if _left(orbit, fold) <= SET_TO:
             return found, True
         found.append(orbit)
-        if orbit is turned:
+        if turned is not None and orbit is turned.behind:
             return found, True
     return found, False
 

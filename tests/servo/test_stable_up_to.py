@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -62,7 +63,7 @@ def test_losing_and_regaining_stability():
     found = stable_ranges(fold)
     edges = [gain for pair in found for gain in pair][1:]
     assert edges == pytest.approx([*canudas_gain.BREAKING, canudas_gain.FOLD], rel=2e-7) and edges[-1] == fold.gain
-    said = "up to 48.02 V/rad, and from 48.44 V/rad to its fold, motions end in that cycle, in between they leave it"
+    said = "up to 48.02 V/rad, and from 48.44 V/rad to its fold, motions end in that cycle, elsewhere they may"
     assert hunts(fold, found).startswith(said)
 
 
@@ -84,6 +85,11 @@ def test_from_an_unstable_start_stable_cycles_are_found_farther_off():
     ((_, gain),) = stable_ranges(find_fold(servo, "switch"))
     a, _ = switch_cycle(servo, gain, find_orbit(servo, "switch", gain).amplitude)
     assert slope(servo, gain, a) == pytest.approx(-1, abs=1e-4)
+
+
+def test_a_branch_that_turns_back_at_another_fold_does_not_tell():
+    fold = find_fold(Servo(), "switch")
+    assert stable_ranges(fold) and not stable_ranges(replace(fold, value=1.01 * fold.value))
 
 
 @pytest.mark.parametrize("fails", ["find_any_orbit", "follow"])

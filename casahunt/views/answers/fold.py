@@ -79,9 +79,9 @@ def hunts(fold: Fold[Any], ranges: Ranges, text: Any = short, *error: float) -> 
         low, high = others[-1]
         end = "its fold" if high == fold.value else value_of(fold.parameter, high, text, *error)
         at += f", and from {value_of(fold.parameter, low, text, *error)} to {end},"
+        return f"{at} motions end in that cycle, elsewhere they may leave it, and rest or end in another one"
     at_last = ": casahunt remedies --only gain says where hunting ends" if fold.parameter == "gain" else ""
-    beyond = "in between" if others and end == "its fold" else "from there on"
-    return f"{at} motions end in that cycle, {beyond} they leave it, and may rest or end in another one{at_last}"
+    return f"{at} motions end in that cycle, from there on they leave it, and may rest or end in another one{at_last}"
 
 
 def _sensitivities(slopes: Sensitivities, most: int, least: float = 0.0, tol: float = 0.0) -> Iterator[str]:
