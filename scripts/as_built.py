@@ -8,7 +8,7 @@ order: the sample time is a part of the time 1/omega of the loop, omega^2 = kp/J
 differs.  The continuous cycle is found_orbit's, the fold find_fold's.  A motion as built starts on the cycle and is
 followed for `PERIODS` periods; amplitude and period are means over all whole swings of its second half: samples do not
 fit the period.  The fold gain as built is where hunting that starts on the cycle next to the fold ends, by halving;
-it is compared with the end of stable_range's first range, beyond which motions go to no symmetric cycle any more.
+it is compared with the end of the first of `stable_ranges`, beyond which motions go to no symmetric cycle any more.
 
 encoder: a servo at a part of its fold gain hunts in the continuous loop with an amplitude A.  A count of the encoder is
 A/c, c from `COUNTS`; the set point lies anywhere between two.  The same motion is computed with and without.
@@ -51,7 +51,7 @@ from casahunt.servo.parts import loop_of  # noqa: E402
 from casahunt.servo.sampled.check import motions_of, told_apart  # noqa: E402
 from casahunt.servo.sampled.motion import turning_points  # noqa: E402
 from casahunt.servo.sampled.plant import DRIVE_PARTS  # noqa: E402
-from casahunt.servo.stable_range import stable_range  # noqa: E402
+from casahunt.servo.stable_up_to import stable_ranges  # noqa: E402
 from casahunt.views.commands.remedies import OWN  # noqa: E402
 from scripts.random_servos import draw  # noqa: E402
 
@@ -141,7 +141,7 @@ def order(count: int, first: int = 1) -> Iterator[tuple[str, Array]]:
         except NoOrbit:
             continue
         found += 1
-        rows, reference = np.empty((3, len(PARTS))), stable_range(fold).ranges[0][1]
+        rows, reference = np.empty((3, len(PARTS))), stable_ranges(fold)[0][1]
         omega = math.sqrt(servo.torque_gains(gain)[0] / servo.inertia)
         for i, part in enumerate(PARTS):
             drive = Drive(sample_time=part / omega)

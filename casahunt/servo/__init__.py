@@ -28,5 +28,5 @@ basin.py          how near to its set point a servo that stands still comes to r
 rest_states.py    the states at which a loop of parts can stand still for ever
 equilibria.py     where the servo can stand still, and what linearising there proves
 other_end.py      the cycle that a motion which rests has not come to
-stable_range.py   below a fold: up to which gain a stable cycle exists
+stable_up_to.py   in front of a fold: up to which value of the parameter its cycle is stable
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from types import SimpleNamespace
 
@@ -16,7 +17,8 @@ from casahunt import NoOrbit, Servo, find_fold, simulate
 from casahunt.cli import main
 from casahunt.continuation.terminations import End
 from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop, load_loop, loop_of, verbs
-from casahunt.servo.parts.verbs import fold_in, last_stable, loop_cycle, stable_up_to
+from casahunt.servo.parts.verbs import fold_in, loop_cycle
+from casahunt.servo.stable_up_to import ranges_between, stable_ranges
 
 AXIS = """
 [loop]
@@ -157,7 +159,7 @@ def test_a_cycle_that_loses_its_stability_in_front_of_its_fold_says_where():
     """Friction by direction: P(x), from the place of one stick to that of the next on the same side, has a slope of -1
     there; from there on motions come to rest, a fifth below the fold."""
     fold = find_fold(BY_DIRECTION_LOOP)
-    gain = stable_up_to(BY_DIRECTION_LOOP, fold)
+    ((_, gain),) = stable_ranges(fold, BY_DIRECTION_LOOP)
 
     def following(x):
         _, x = sticks(x, gain)
@@ -180,24 +182,26 @@ def test_both_ends_of_swings_to_one_side_are_told():
 def test_a_cycle_that_is_stable_up_to_its_fold_says_so():
     loop = loop_of(Servo(), "switch", 0.3)
     fold = find_fold(loop)
-    assert stable_up_to(loop, fold) == fold.value
+    assert stable_ranges(fold, loop) == ((pytest.approx(0.3, rel=1e-9), fold.value),)
 
 
 @pytest.mark.parametrize(("stable", "special", "told"), [
-    ((True, True, True), [("fold", 2)], 9.0),
-    ((True, True, False), [("fold", 2)], None),  # lost, and nobody knows where
-    ((True, True, False), [("superstable", 0), ("flip", 1), ("fold", 2)], 1.0),
-    ((True, True, True), [("flip", 2), ("fold", 2)], 2.0),  # in the last step
-    ((True, False, True), [("flip", 0), ("flip", 1), ("fold", 2)], 9.0),  # and wins it back
-    ((True, True, False), [("grazing", 1), ("fold", 2)], 1.0),
-    ((True, True, True), [("grazing", 2), ("fold", 2)], 9.0),  # which it survives
-    ((None, None, None), [("fold", 2)], None),
-    ((True, True, True), [], None),
+    ((True, True, True), [], [(0, 9)]),
+    ((True, True, False), [], [(0, math.nan)]),  # lost, and nobody knows where
+    ((True, True, False), [("superstable", 0), ("flip", 1)], [(0, 1)]),
+    ((True, True, True), [("flip", 2)], [(0, 2)]),  # in the last step
+    ((True, False, True), [("flip", 0), ("flip", 1)], [(0, 0), (1, 9)]),  # and wins it back
+    ((True, True, True), [("flip", 0.3), ("flip", 0.6)], [(0, 0.3), (0.6, 9)]),  # within one step
+    ((True, False, False), [("flip", 0), ("flip", 2)], [(0, 0), (2, 9)]),  # in the last one
+    ((True, True, False), [("grazing", 1)], [(0, 1)]),
+    ((True, True, True), [("grazing", 2)], [(0, 9)]),  # which it survives
+    ((None, None, None), [], []),
 ])  # fmt: skip
 def test_what_is_known_of_where_stability_is_lost(stable, special, told):
-    orbits = [SimpleNamespace(seen_stable=each) for each in (*stable, False)]
-    points = [SimpleNamespace(kind=kind, behind=orbits[k], value=float(k)) for kind, k in special]
-    assert last_stable(SimpleNamespace(orbits=orbits, special=points), 9.0) == told
+    orbits = [SimpleNamespace(seen_stable=each) for each in stable]
+    points = [SimpleNamespace(kind=kind, behind=orbits[int(at)], value=at) for kind, at in special]
+    found = ranges_between(0.0, orbits, points, 9.0)
+    assert np.array_equal(np.array(found), np.array(told, dtype=float), equal_nan=True)
 
 
 @pytest.mark.slow

@@ -16,12 +16,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import Any
 
 from ... import effort
 from ...axis_units import quantity, several
 from ...checks import choice_of
-from ...continuation import FOLD, GRAZING, Branch, Fold, SpecialPoint, follow, largest, smallest
+from ...continuation import FOLD, Fold, follow, largest, smallest
 from ...errors import ComesToRest, HuntsIrregularly, InputError, NoOrbit, Status
 from ...orbits import Options, SystemOrbit, find_cycle, refined
 from ..outcome import SETTLES
@@ -46,8 +45,6 @@ one that settles.  With a torque limit a motion from afar may grow for ever, whi
 WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 """Work (effort.py) of a motion: 240 turns, after which it repeats in no pattern, of two masses that ring; and of
 following a cycle to another gain, five seconds of a processor or less."""
-LOSES_STABILITY = ("flip", "symmetry breaking", "Neimark-Sacker", "grazing")
-"""Special points behind which cycles may be unstable up to their fold."""
 BESIDE_A_FOLD, OF_ITS_AMPLITUDE = 0.01, (2.0, 1.0, 0.5)
 """How far beyond a fold other hunting is looked for, and from where motions start at rest there."""
 FAR_UP, FARTHEST_FOLD = 1e3, 1e6
@@ -300,46 +297,6 @@ def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> SystemOrbit | HuntsIr
         except (NoOrbit, effort.PartGivenUp):
             continue
     return None
-
-
-def stable_up_to(loop: Loop, fold: Fold[SystemOrbit]) -> float | None:
-    """The last value of the parameter, on the way to a fold, at which the cycle that ends there is stable: the fold's
-    own, or where it has lost its stability for good; None where that is not known."""
-    name, rough = fold.parameter, Options(tol=TOLERANCE_ON_THE_WAY)
-    ends: Any = {"vary": name, "to": beyond_fold(fold), "options": rough, "until": lambda each: each.kind == FOLD.kind}
-    try:
-        with effort.at_most(WORK_OF_A_START):
-            cycle = loop_cycle(loop, name, options=rough, or_below=name == "gain")
-            way = follow(cycle, monitors=(FOLD,), **ends)
-            # what rings beside a stick may lose its stability and win it back many times before
-            k = next((k for k in range(_up_to_its_fold(way)[1], -1, -1) if way.orbits[k].seen_stable), None)
-            if k is None:
-                return None
-            branch = follow(way.orbits[k], previous=way.orbits[k - 1] if k else None, **ends)
-    except (NoOrbit, effort.PartGivenUp):
-        return None
-    return last_stable(branch, fold.value)
-
-
-def _up_to_its_fold(branch: Branch[SystemOrbit]) -> tuple[list[tuple[int, SpecialPoint[SystemOrbit]]], int]:
-    """The special points of a branch, each with the number of the orbit in front of it; that of its fold, or -1."""
-    number = {id(orbit): k for k, orbit in enumerate(branch.orbits)}
-    special = [(number.get(id(each.behind), -1), each) for each in branch.special]
-    return special, next((k for k, each in special if each.kind == FOLD.kind), -1)
-
-
-def last_stable(branch: Branch[SystemOrbit], fold: float) -> float | None:
-    """The value at which the cycles of a branch lose their stability for good on the way to its fold; `fold` where they
-    keep it; None where neither was located."""
-    special, ends = _up_to_its_fold(branch)
-    stable = [k for k, orbit in enumerate(branch.orbits[: ends + 1]) if orbit.seen_stable]
-    if not stable:
-        return None
-    last = stable[-1]
-    lost = next((each for k, each in special if k >= last and each.kind in LOSES_STABILITY), None)
-    if lost is not None and (last < ends or lost.kind != GRAZING.kind):
-        return lost.value
-    return fold if last == ends else None
 
 
 def beyond_fold(fold: Fold[SystemOrbit]) -> float:

@@ -1,27 +1,23 @@
-"""What `casahunt fold` says of the largest gain at which the servo can hunt.
+"""What `casahunt fold` says of the value of a parameter in which hunting ends.
 
-Up to which gain a stable cycle exists, beside the largest gain of any cycle: a record for JSON, and its sentence.
-
-Keys of the record: gain [V/rad], the largest one with a stable symmetric cycle; ranges [[low, high], ...] [V/rad], with
-a stable symmetric cycle; beyond: "fold" (the gain is that of the fold), "lopsided" (a pair of stable lopsided cycles
-branches off there), "none" (no stable cycle does) or "unknown"; seen [V/rad], up to which cycles were looked at;
-largest_log10_half_multiplier, of a cycle above `gain`, or null; sentence: what that means, or why it is not known.
+Keys of `stable`, up to where cycles are stable: value, the last one, that of the fold where it is that, or null where
+it is not known; ranges [[from, to], ...], with a stable cycle, from the first one that was looked at on, an end that
+was not located null; sentence: what that means.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ...axis_units import word
+from ...axis_units import quantity, word
 from ...checks import error_text, known_decimals, to_error
 from ...continuation import Fold
 from ...design.sensitivity import Sensitivities
-from ...errors import NoOrbit
-from ...orbits import Options
-from ...servo.problem import HuntingFold
-from ...servo.stable_range import StableRange, stable_range
-from .answer import Answer, angle, item, known, rhythm, volts_per
+from ...servo.parts.table import unit_of
+from ...servo.stable_up_to import SET_TO, Ranges
+from .answer import Answer, angle, item, known, rhythm, short
 
 MOST_DECIMALS, PLAIN_DECIMALS = 4, 2
 """Of a sensitivity in per cent of the gain, in the details and in a plain line."""
@@ -31,48 +27,61 @@ WHAT_TO_DO = (
     "choose the gain above that, with a margin (casahunt tune checks it and says what torque it takes), or see what "
     "else ends hunting (casahunt remedies)"
 )
-ABOVE_THE_STABLE = {
-    "lopsided": "from there on swings that reach farther to one side may take its place",
-    "none": "from there on motions leave their cycle, and may swing for long before they rest",
-    "unknown": "from there on it is not known",
-}
-"""What is said of gains between the stable cycle and the fold."""
 
 
 def fold_answer(
-    title: str, fold: Fold[Any], slopes: Sensitivities, *, below: Sequence[str], stable: Mapping[str, Any] | None,
+    title: str, fold: Fold[Any], slopes: Sensitivities, ranges: Ranges, *, to_do: str, below: Sequence[str],
     value: str, again: str, solver: str, tol: float,
 ) -> Answer:  # fmt: skip
     """What is said of a fold.
 
-    title: the first line; below: lines of its own; stable: the record of `stability_of`, None for a loop of parts;
-    value, again: the parameter at the fold, and as it was confirmed, in all digits and with the unit.
+    title: the first line; ranges: of stable cycles in front of it; to_do: what to do; below: lines of its own; value,
+    again: the parameter at the fold, and as it was confirmed, in all digits and with the unit.
     """
     orbit, vary = fold.orbit, fold.parameter
     plain = [
         title,
-        item("what to do", WHAT_TO_DO) if stable is not None else "",
+        item("what to do", to_do) if to_do else "",
         item("amplitude there", angle(orbit.amplitude, orbit.amplitude_error)),
         item("period there", rhythm(orbit.period, orbit.period_error)),
-        *([item("it hunts", _hunts(stable))] if stable is not None else []),
+        item("it hunts", hunts(fold, ranges)),
         *below,
         f"  one per cent more of        changes that {word(vary)} by",
         *_sensitivities(slopes, PLAIN_DECIMALS, NAMED_FROM),
     ]
-    return Answer([line for line in plain if line], _details(fold, slopes, stable, value, again, solver, tol))
+    return Answer([line for line in plain if line], _details(fold, slopes, ranges, value, again, solver, tol))
 
 
-def _hunts(stable: Mapping[str, Any]) -> str:
-    """Up to which gain a motion ends in a cycle."""
-    if stable["gain"] is None:
-        return "up to which gain motions end in a cycle is not known"
-    if stable["beyond"] == "fold":
-        (_, first), *others = stable["ranges"]
-        if not others:
-            return "up to that gain motions end in a cycle"
-        between = f"from there to {volts_per(others[-1][0])} swings that reach farther to one side may take its place"
-        return f"up to {volts_per(first)} motions end in a cycle; {between}"
-    return f"up to {volts_per(stable['gain'])} motions end in a cycle; {ABOVE_THE_STABLE[stable['beyond']]}"
+def value_of(vary: str, value: float, text: Any = short, *error: float) -> str:
+    """A value of a parameter, in the units of the axis."""
+    return quantity(value, unit_of(vary), text, *error, of=value).rstrip()
+
+
+def stability_of(fold: Fold[Any], ranges: Ranges) -> dict[str, Any]:
+    """The record of the stable cycles in front of a fold."""
+    return {
+        "value": ranges[-1][1] if ranges and not math.isnan(ranges[-1][1]) else None,
+        "ranges": [[None if math.isnan(end) else end for end in each] for each in ranges],
+        "sentence": hunts(fold, ranges, to_error, SET_TO),
+    }
+
+
+def hunts(fold: Fold[Any], ranges: Ranges, text: Any = short, *error: float) -> str:
+    """Up to where motions end in the cycle that folds."""
+    way, vary = "up" if fold.sense > 0 else "down", word(fold.parameter)
+    if not ranges or math.isnan(sum(map(sum, ranges))):
+        return f"{way} to which {vary} motions end in a cycle is not known: casahunt simulate looks at one"
+    (_, first), *others = ranges
+    if first == fold.value:
+        return f"{way} to that {vary} motions end in a cycle"
+    at = f"{way} to {value_of(fold.parameter, first, text, *error)}"
+    if others:
+        low, high = others[-1]
+        end = "its fold" if high == fold.value else value_of(fold.parameter, high, text, *error)
+        at += f", and from {value_of(fold.parameter, low, text, *error)} to {end},"
+        return f"{at} motions end in that cycle, elsewhere they may leave it, and rest or end in another one"
+    at_last = ": casahunt remedies --only gain says where hunting ends" if fold.parameter == "gain" else ""
+    return f"{at} motions end in that cycle, from there on they leave it, and may rest or end in another one{at_last}"
 
 
 def _sensitivities(slopes: Sensitivities, most: int, least: float = 0.0, tol: float = 0.0) -> Iterator[str]:
@@ -91,60 +100,16 @@ def sensitivity_text(value: float, tol: float, most: int = MOST_DECIMALS) -> str
 
 
 def _details(
-    fold: Fold[Any], slopes: Sensitivities, stable: Mapping[str, Any] | None, value: str, again: str, solver: str,
-    tol: float,
+    fold: Fold[Any], slopes: Sensitivities, ranges: Ranges, value: str, again: str, solver: str, tol: float
 ) -> Iterator[str]:  # fmt: skip
     orbit = fold.orbit
     yield item(f"{fold.parameter} there", value)
     yield item("estimated error", f"{error_text(fold.value_error)} (relative, of the {fold.parameter})")
     yield item("amplitude there", known(orbit.amplitude, orbit.amplitude_error))
     yield item("period there", f"{to_error(orbit.period, orbit.period_error)} s")
-    if stable is not None:
-        yield item("a stable cycle", stable["sentence"])
+    yield item("it hunts", hunts(fold, ranges, to_error, SET_TO))
     way = {"ipopt": "optimum (IPOPT)", "newton": "turning point (Newton)"}.get(solver, "turning point")
     yield item("on a finer mesh", f"{way}: {again}")
     yield "  one per cent more of, to the tolerance"
     yield from _sensitivities(slopes, MOST_DECIMALS, tol=tol)
     yield item("computed in", f"{fold.wall_s:.2f} s")
-
-
-UP_TO_THE_FOLD = {
-    "lopsided": "there it hands its stability to a pair of lopsided ones, which were not followed",
-    "none": "above, motions leave it{grows}, and no stable lopsided one branches off",
-    "unknown": "above, motions leave it{grows}; whether lopsided ones are stable is not known",
-}
-"""What is said of the gains between the stable cycle and the fold."""
-UNSEEN: dict[str, Any] = {
-    "gain": None, "ranges": [], "beyond": "unknown", "seen": None, "largest_log10_half_multiplier": None,
-}  # fmt: skip
-"""The record where nothing is known."""
-
-
-def stability_of(fold: HuntingFold, options: Options) -> dict[str, Any]:
-    """The record of the stable cycles below a fold.
-
-    fold, options: the fold, and the tolerance of the gains. Returns keys as in the docstring of the module.
-    """
-    try:
-        found = stable_range(fold, options=options)
-    except NoOrbit as error:
-        return {**UNSEEN, "sentence": f"up to which gain is not known: {error}"}
-    return {**found.to_dict(), "sentence": _sentence(found, options.tol)}
-
-
-def _sentence(found: StableRange, tol: float) -> str:
-    """What the engineer has to know of them."""
-    ranges = [[to_error(gain, tol) for gain in pair] for pair in found.ranges]
-    if found.beyond == "fold":
-        (_, first), *others = ranges
-        below = "".join(f", from {low} to {high}" for low, high in others[:-1])
-        if not others:
-            return "up to that gain"
-        top = f"from {others[-1][0]} V/rad to that gain"
-        return f"up to {first}{below} and {top}; in between lopsided ones may be stable"
-    grows = f" (half multipliers to {-(10**found.largest):.0e})" if found.largest > 1 else ""
-    return (
-        f"up to gain {ranges[-1][1]} V/rad; {UP_TO_THE_FOLD[found.beyond].format(grows=grows)}. Keep above "
-        f"{to_error(found.fold.gain, tol)} V/rad all the same: there no cycle is left, while below a motion may swing "
-        "for long before it rests"
-    )

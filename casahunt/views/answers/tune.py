@@ -156,7 +156,7 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
         above = to_error(100 * check["margin"], abs(part) * error, most=6)
         yield item("fold once more", f"{again} V/rad; the gain is {above} % above it")
         if check["stable"]:
-            yield item("a stable cycle", check["stable"]["sentence"])
+            yield item("it hunts", check["stable"]["sentence"])
     yield item("event map" if record["model"] else "motions", check["scan"])
     if check["set"]:
         number, largest = check["set"]["folds"], check["set"]["largest_fold_gain"]

@@ -2,8 +2,7 @@
 
 Key `stable` of the JSON object: see views/answers/fold.py; `as_built`: as of orbit; `beyond`: what the drive may do at
 higher gains, or null.  Of a loop of parts: the border of hunting in any parameter; `parameters` are those at the fold,
-`way` is "up" where the loop hunts below it; `other` what hunts a little beyond it all the same, or null; `stable.value`
-the last one in front of it at which the cycle is stable, or null.
+`way` is "up" where the loop hunts below it; `other` what hunts a little beyond it all the same, or null.
 """
 
 from __future__ import annotations
@@ -13,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ...axis_units import quantity, word
+from ...axis_units import word
 from ...checks import to_error
 from ...design.sensitivity import fold_sensitivities
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ...servo.parts.table import unit_of
-from ...servo.parts.verbs import beyond_fold, hunting_beyond, stable_up_to
+from ...servo.parts.verbs import beyond_fold, hunting_beyond
+from ...servo.stable_up_to import stable_ranges
 from ..answers.answer import angle, called, item, parts_of, record_of, runs_away, short
-from ..answers.fold import fold_answer, stability_of
+from ..answers.fold import WHAT_TO_DO, fold_answer, stability_of, value_of
 from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
 from .console import orbit_line
 from .output import give
@@ -41,24 +40,6 @@ WAS_FOLLOWED = "the hunting that was followed goes"
 """Said where other hunting may go on."""
 
 
-def _at(vary: str, value: float, text: Any = short, *error: float) -> str:
-    """A value of a parameter, in the units of the axis."""
-    return quantity(value, unit_of(vary), text, *error, of=value).rstrip()
-
-
-def _up_to(fold: Any, way: str, last: float | None) -> str:
-    """Up to where motions end in the cycle of a loop that folds."""
-    vary = word(fold.parameter)
-    if last is None:
-        return f"{way} to which {vary} motions end in a cycle is not known: casahunt simulate looks at one"
-    if last == fold.value:
-        return f"{way} to that {vary} motions end in a cycle"
-    at = f"{way} to {_at(fold.parameter, last)}"
-    leave = f"{at} motions end in that cycle, from there on they leave it"
-    at_last = ": casahunt remedies --only gain says where hunting ends" if vary == "gain" else ""
-    return f"{leave}, and may rest or end in another one{at_last}"
-
-
 def run(options: argparse.Namespace) -> int:
     """Compute and print; returns the exit code."""
     model, how, vary = model_of(options), how_of(options), vary_of(options)
@@ -66,36 +47,36 @@ def run(options: argparse.Namespace) -> int:
     fold: Any = find_fold(*asked, vary=vary, options=how)
     slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
-    possible, last, named = "hunting is possible", None, word(vary)
+    ranges, way = stable_ranges(fold, loop), "up" if fold.sense > 0 else "down"
+    more["stable"] = stable = stability_of(fold, ranges)
+    possible, last, named = "hunting is possible", stable["value"], word(vary)
     if loop is None:
-        name, way, stable = f"{model} servo", "up", stability_of(fold, how)
+        name = f"{model} servo"
         below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
-        more |= {"stable": stable, **built}
+        more |= built
     else:
-        name, way, stable = called(loop), "up" if fold.sense > 0 else "down", None
-        last = stable_up_to(loop, fold)
-        at_fold = loop.replace(**{vary: fold.value})
-        below = [item("it hunts", _up_to(fold, way, last)), *runs_away(at_fold), *parts_of(loop)]
+        name, at_fold = called(loop), loop.replace(**{vary: fold.value})
+        below = [*runs_away(at_fold), *parts_of(loop)]
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
-        more |= {"way": way, "stable": {"value": last}, **record_of(at_fold), "other": None}
+        more |= {"way": way, **record_of(at_fold), "other": None}
         possible = possible if vary == "gain" else WAS_FOLLOWED
         if (other := hunting_beyond(loop, fold)) is not None:
             at, possible = beyond_fold(fold), WAS_FOLLOWED
             more["other"] = {vary: at, "amplitude": other.amplitude}
             low, high = np.broadcast_to(other.amplitude, 2)
             far = angle(float(low)) if low == high else f"{angle(float(low))} to {angle(float(high))}"
-            said = f"at {named} {_at(vary, at)} other hunting, of {far}: casahunt orbit"
+            said = f"at {named} {value_of(vary, at)} other hunting, of {far}: casahunt orbit"
             below = [item("beyond it", f"{said}; where that ends is not known"), *below]
     tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))
-    first = _at(vary, fold.value, short, fold.value_error)
-    value, again = (_at(vary, each, to_error, fold.value_error) for each in (fold.value, fold.confirmed_value))
+    first = value_of(vary, fold.value, short, fold.value_error)
+    value, again = (value_of(vary, each, to_error, fold.value_error) for each in (fold.value, fold.confirmed_value))
     head = f"{name}: {possible} {way} to {named} {first}"
     if last is not None and last != fold.value:
-        ends = _at(vary, last)
+        ends = value_of(vary, last)
         head = f"{name}: {WAS_FOLLOWED} {way} to {named} {ends}; its cycles go on, unstable, to their fold at {first}"
     answer = fold_answer(
-        head, fold, slopes, below=below, stable=stable, value=value,
-        again=again, solver=how.solver, tol=how.tol,
+        head, fold, slopes, ranges, to_do="" if loop else WHAT_TO_DO, below=below, value=value, again=again,
+        solver=how.solver, tol=how.tol,
     )  # fmt: skip
     give(
         options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),

@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         )  # fmt: skip
         drive = drive_of(options)
         built = None if drive is None else as_built(tuning.servo, tuning.gain, drive)
-        record = evidence_record(tuning, how) | {"tol": how.tol, "made": made(options.servo, options.set)}
+        record = evidence_record(tuning) | {"tol": how.tol, "made": made(options.servo, options.set)}
         record |= {} if built is None else {"as_built": built.to_dict()}
         if out is not None:
             tell(stream, "drawing")

@@ -174,7 +174,7 @@ def _verification(p: _Page) -> list[str]:
             ["fold solved again", p.verdict("verification/margin_kept", "margin kept", "margin not kept"),
              f"fold gain {p.known('verification/fold_gain', GAIN_UNIT, p.fold_error)}, "
              f"relative error {p.n('verification/fold_error', '.1e')}"],
-            *([["a stable cycle", p.known("verification/stable/gain", GAIN_UNIT, p.tol),
+            *([["a stable cycle", p.known("verification/stable/value", GAIN_UNIT, p.tol),
                 p.text("verification/stable/sentence")]] if check["stable"] else []),
             ["event map" if p.record["model"] else "motions from rest",
              p.verdict("verification/scan_clear", "no cycle", "not clear"), p.text("verification/scan")],

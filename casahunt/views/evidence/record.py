@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ...design.tune.tuning import Tuning
-from ...export import plain
-from ...orbits import Options
+from ...servo.stable_up_to import stable_ranges
 from ..answers.fold import stability_of
 
 
@@ -33,13 +32,12 @@ def made(servo_file: str | None, changes: Sequence[str]) -> dict[str, Any]:
     return {"date": date, "casahunt": version, "servo_file": servo_file, "set": list(changes)}
 
 
-def evidence_record(tuning: Tuning, options: Options | None = None) -> dict[str, Any]:
+def evidence_record(tuning: Tuning) -> dict[str, Any]:
     """The JSON object of a tuning: its `to_dict`, and up to which gain a cycle is stable.
 
-    options: tolerance of the gains that are computed here. Returns numbers, texts, lists and tables only; None for what
-    is not finite.
+    Returns numbers, texts, lists and tables only; None for what is not finite.
     """
     record, fold = tuning.to_dict(), tuning.verification.fold
     known = fold if tuning.model is not None else None
-    record["verification"]["stable"] = None if known is None else plain(stability_of(known, options or Options()))
+    record["verification"]["stable"] = None if known is None else stability_of(known, stable_ranges(known))
     return record
