@@ -233,8 +233,8 @@ class Controller:
 
     def _prepare(self) -> None:
         """Be ready for samples in these modes."""
-        self._compiled = sample_of(self.parts, self.modes, self._numbers)
-        buffers = self._compiled.one.buffers
+        self.compiled: Sample = sample_of(self.parts, self.modes, self._numbers)
+        buffers = self.compiled.one.buffers
         (self._from, self._read, self._p), self._out, self._run = buffers.inputs, buffers.outputs, buffers.trigger
 
     def sample(self, x: float) -> float:
@@ -246,13 +246,10 @@ class Controller:
             self._behind("stop" if self.moved else "breakaway+" if way > 0 else "breakaway-")
         seen = set[Modes]()
         for _ in range(MOST_CHANGES):
-            self._from[:], self._read[:], self._p[:] = self.Y, (a, self.a, moved, way), self.p
-            self._run()
+            out = self._out_at(self.Y, a, self.a, moved, way)
             seen.add(before := self.modes)
-            out = self._out  # of these modes
-            if not (self._compiled.edges or self._waited) or not self._changes():
-                break
-            if self.modes in seen and self._rank(before) > self._rank(self.modes):
+            changed = (self.compiled.edges or self._waited) and self._changes()
+            if not changed or (self.modes in seen and self._rank(before) > self._rank(self.modes)):
                 break
         self.Y[:] = out[0]
         self.a, self.moved = a, moved
@@ -261,14 +258,13 @@ class Controller:
         return self._to_step(u) if self.step else u
 
     def _rank(self, modes: Modes) -> tuple[int, ...]:
-        """Where two modes lead to each other at one sample the later one of the part holds: the limit, not what leads
-        beyond it; the integrator is off there, and would be on again inside."""
+        """Of two modes that lead to each other at a sample the later one of a part holds: the limit, not beyond it."""
         return tuple(part.modes.index(mode) for part, mode in zip(self.parts, modes, strict=True))
 
     def _changes(self) -> bool:
         """Whether a mode ends at this sample, or a state jumps: then it is to be computed again."""
         values = [*self._out[2].tolist(), float(self._out[0][-2])]
-        for (i, edge, beyond), value in zip((*self._compiled.edges, (None, ZERO_ERROR, 0.0)), values, strict=True):
+        for (i, edge, beyond), value in zip((*self.compiled.edges, (None, ZERO_ERROR, 0.0)), values, strict=True):
             if edge.direction:
                 if edge.direction * (value - beyond) <= 0:
                     continue
@@ -307,12 +303,7 @@ class Controller:
     @property
     def sides(self) -> list[float]:
         """The signs that events had which are met where these change: of those of the modes, and of the error."""
-        return [self._sides.get(edge.name, 0.0) for _, edge, _ in (*self._compiled.edges, (None, ZERO_ERROR, 0.0))]
-
-    @property
-    def compiled(self) -> Sample:
-        """Its sample in the present modes."""
-        return self._compiled
+        return [self._sides.get(edge.name, 0.0) for _, edge, _ in (*self.compiled.edges, (None, ZERO_ERROR, 0.0))]
 
     def stays(self, *positions: float) -> bool:
         """Whether the next sample reads what the last one did, and the one before, at each theta - theta_d."""
@@ -322,9 +313,9 @@ class Controller:
         """(factors, directions, their inverse, row of u) of Y -> M Y + c in these modes while the reading stays, or of
         (Y, last reading, z) while it rings at these rates; None where that is not linear, or its directions are nearly
         dependent."""
-        if self._compiled.linear is None:
+        if self.compiled.linear is None:
             return None
-        buffers = self._compiled.linear.buffers
+        buffers = self.compiled.linear.buffers
         for store, value in zip(buffers.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
             store[:] = value
         buffers.trigger()
@@ -349,7 +340,7 @@ class Controller:
 
         before: how often it was asked in a row.
         """
-        buffers = self._compiled.many[min(before, len(STUCK_AHEAD) - 1)].buffers
+        buffers = self.compiled.many[min(before, len(STUCK_AHEAD) - 1)].buffers
         for store, value in zip(buffers.inputs, (self.Y, (self.a, self.a, 0.0, 0.0), self.p), strict=True):
             store[:] = value
         buffers.trigger()
@@ -361,7 +352,7 @@ class Controller:
     def _ends(self, events: Array, errors: Array) -> int:
         """The first of samples at which a mode ends, or a state jumps; as many as there are where none does."""
         count = len(errors)
-        for (_, edge, beyond), values in zip(self._compiled.edges, events.T, strict=True):
+        for (_, edge, beyond), values in zip(self.compiled.edges, events.T, strict=True):
             side = edge.direction or -self._sides.get(edge.name, 0.0)
             ends = np.flatnonzero(side * (values - beyond) > 0)
             count = min(count, int(ends[0])) if ends.size else count
@@ -374,7 +365,7 @@ class Controller:
         """Whether u stays between two limits for ever if the reading stays, or rings on."""
         reading = ringing or Ringing(self.a, *np.zeros((2, 0)))
         last_read, z, rates = reading
-        if z.size and (self.waits or not self._compiled.by_readings):
+        if z.size and (self.waits or not self.compiled.by_readings):
             return False
         at = self.modes, rates.tobytes()
         if at not in self._directions:
@@ -403,9 +394,9 @@ class Controller:
         least, most = map(self._to_step, ends) if self.step else ends
         return low <= least and most <= high
 
-    def _out_at(self, Y: Array, a: float, a_last: float) -> Any:
-        """What a sample gives that does not move."""
-        self._from[:], self._read[:], self._p[:] = Y, (a, a_last, 0.0, 0.0), self.p
+    def _out_at(self, Y: Array, *reading: float) -> Any:
+        """What a sample gives in these modes; reading: the angle, the last one, whether it moves and which way."""
+        self._from[:], self._read[:], self._p[:] = Y, (*reading, 0.0, 0.0)[: len(READ)], self.p
         self._run()
         return self._out
 
