@@ -205,6 +205,17 @@ def test_a_border_between_two_parameters_that_are_no_gain(capsys, loop_file):
     assert curve["points"][-1]["border"] == pytest.approx(LEAK, rel=1e-5)
 
 
+OF_OPTIONS = "--dead-band", "0.1"
+
+
+def test_a_motion_with_a_remedy_that_the_file_has_not(capsys, loop_file):
+    """As with one that it has; it was refused."""
+    how = "--gain", 0.04, "--time", "60", "--json", "--quiet"
+    with_it = one_json(run(capsys, "simulate", loop_file("dead band", dead_band=0.1), *how)[1])
+    given, without = (one_json(run(capsys, "simulate", loop_file(), *how, *more)[1]) for more in (OF_OPTIONS, ()))
+    assert given["verdict"] == with_it["verdict"] != without["verdict"]
+
+
 CURVE = "fold-curve", "--from", 0.5, "--to", 0.6
 REFUSED = [
     (("orbit", "--gain", 1, "--model", "switch"), "model: must be left out, the friction of a loop is one of"),
@@ -413,3 +424,12 @@ def test_a_motion_that_creeps_to_rest_has_one_verdict(capsys, tmp_path, position
     assert (code, err, said["verdict"]) == (0, "", "at rest") and said["end_error"] <= said["tol"]
     assert abs(said["end"]["x1"] - said["end"]["load_angle"]) < 1e-9
     assert 7.5 * 12.0 * abs(said["end"]["x3"]) <= 0.25 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("command", ["identify", "cure"])
+def test_records_of_a_loop_have_their_gains(capsys, loop_file, tmp_path, command):
+    """Of each record one: the option was read as that of commands with one gain, which is no list."""
+    (tmp_path / "still.csv").write_text("t,x\n" + "".join(f"{k},1.0\n" for k in range(100)))
+    words = tmp_path / "still.csv", "--servo", loop_file(), "--gain", "0.04", "--quiet"
+    code, out, err = run(capsys, command, *words)
+    assert (code, out) == (2, "") and err.count("\n") == 1 and "still.csv" in err

@@ -23,13 +23,12 @@ from ...axis_units import shown
 from ...checks import error_text, moderate
 from ...errors import InputError
 from ...servo.drive import DERIVATIVES, DRIVE_KEYS, INTEGRATIONS, SHARES, drive_value
-from ...servo.friction import Model
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.parts.loop import Loop
+from ...servo.parts.lugre import LUGRE
 from ...servo.parts.plain_loop import loop_of as loop_of_servo
 from ...servo.parts.table import remedies_for, with_remedy
 from ...servo.sampled.plant import DRIVE_PARTS
-from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ...servo.units import assigned, numbers_of
@@ -99,10 +98,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     remedies = remedies_given(options)
     drive = drive_of(options, by_options=True)
-    if of_file is not None and remedies and drive is None:
-        first = next(iter(remedies)).replace("_", "-")
-        raise InputError(f"{first}: must be left out, a loop has its remedies as parts")
-    loop = with_remedies(servo_of(options), model, gain, remedies) if of_file is None else of_file
+    loop = with_remedies(of_file or loop_of_servo(servo_of(options), model, gain), remedies)
     numbers["start"] = numbers_of(assigned(options.state, "state", loop.system.states, "name=value"), loop.units)
     if drive is not None:
         left_out(options, "moves by a profile are those of the continuous loop", *PROFILE)
@@ -167,9 +163,9 @@ def remedies_given(options: argparse.Namespace) -> dict[str, float]:
     return numbers
 
 
-def with_remedies(servo: Servo, model: Model, gain: float, given: Mapping[str, float]) -> Loop:
+def with_remedies(loop: Loop, given: Mapping[str, float]) -> Loop:
     """The continuous loop with remedies; given: as of `remedies_given`.  Raises InputError: one does not go with it."""
-    loop, there = loop_of_servo(servo, model, gain), remedies_for(model)
+    there = remedies_for("lugre" if LUGRE in loop.present else "switch")
     for key, of in SHARES.items():
         if key in given and of not in given:
             raise InputError(f"{key.replace('_', '-')}: must be left out without {of.replace('_', '-')}")

@@ -8,6 +8,7 @@ from servo_files import ROTARY
 
 from casahunt import Friction, Pid, Servo, simulate
 from casahunt.servo.outcome import Outcome
+from casahunt.servo.parts import loop_of
 from casahunt.views.commands.simulate import with_remedies
 
 STIFF = Servo(
@@ -19,7 +20,7 @@ STIFF = Servo(
 @pytest.mark.parametrize("leak", [1.393, 1.4])
 def test_a_slip_creeps_to_the_edge_of_the_errors_at_rest(leak):
     """Its torque there tends to static friction, which it neither exceeds nor falls below but for rounding."""
-    loop = with_remedies(ROTARY, "switch", 1.0, {"leak": leak})
+    loop = with_remedies(loop_of(ROTARY, "switch", 1.0), {"leak": leak})
     found = simulate(loop)
     assert found.duration == pytest.approx(100.0, rel=1e-12) and found.end_error < 1e-6
     assert found.end[0] == pytest.approx(0.8 / (4 + 30 / leak), rel=1e-9)
@@ -31,7 +32,7 @@ def test_slips_shrink_to_rounding(remedy, at):
 
     Until 8 s: beside the edge of a band by rounding, the integrator winds up by more than the tolerance in 100 s.
     """
-    loop = with_remedies(STIFF, "switch", 0.15, remedy)
+    loop = with_remedies(loop_of(STIFF, "switch", 0.15), remedy)
     motion = simulate(loop, set_point=0.01, time=8.0)
     assert motion.end_error < 1e-6 and motion.end[0] == pytest.approx(at, abs=1e-8)
     assert np.abs(motion.signal("torque", [8.0])) == pytest.approx(0.32, rel=1e-6)  # breakaways follow to the end
@@ -46,7 +47,7 @@ def becomes(loop, time: float, start) -> tuple[float, Outcome]:
 
 def test_what_stands_beside_its_set_point_is_at_rest():
     """A leak holds its torque within static friction for good: kp + ki/leak times the error."""
-    loop = with_remedies(ROTARY, "switch", 1.0, {"leak": 2.0})
+    loop = with_remedies(loop_of(ROTARY, "switch", 1.0), {"leak": 2.0})
     assert becomes(loop, 100.0, loop.at_rest(-1.0))[1].kind == "at rest"
 
 
@@ -56,7 +57,7 @@ UNSTABLE = {"error_filter_time": 0.0792}
 def test_a_motion_grows_that_its_linear_loop_carries_away():
     """Without dry friction, which holds nothing back so far out: theta'' = (-kp f - kd f' - ki w - b theta')/J with
     the filtered error Tf f' = theta - f."""
-    loop = with_remedies(ROTARY, "switch", 1.0, UNSTABLE)
+    loop = with_remedies(loop_of(ROTARY, "switch", 1.0), UNSTABLE)
     J, b, Tf = ROTARY.inertia, 0.02, UNSTABLE["error_filter_time"]
     linear = np.diag([1.0, 0.0, 0.0], 1)
     linear[1] = -0.12 / Tf / J, -b / J, -30 / J, (0.12 / Tf - 4) / J
@@ -70,7 +71,7 @@ def test_a_motion_grows_that_its_linear_loop_carries_away():
 ])  # fmt: skip
 def test_far_away_is_not_growing(start, time):
     """Begun so far away, or thrown or pushed there, it comes back."""
-    loop = with_remedies(ROTARY, "switch", 1.0, {"leak": 1.4})
+    loop = with_remedies(loop_of(ROTARY, "switch", 1.0), {"leak": 1.4})
     far, seen = becomes(loop, time, loop.state(**start))
     assert far > 1e3 and seen.kind in ("at rest", "decaying")
     assert becomes(loop, 1e-6, loop.state(**start))[1].kind in ("at rest", "decaying")
