@@ -59,7 +59,7 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     partly = ", but not from every start" if other is not None and other.hunts else ""
     name = f"{called(found.loop)} {at_gain(found.gain)}"
     move = "" if found.move is None else f", {told(found.move, found.distance)}"
-    where = f"set point {quantity(found.set_point, 'rad', '.10g')}{move}, {found.duration:.10g} s"
+    where = f"{_way(found)}{move}, {found.duration:.10g} s"
     waits = "" if seen.kind != "decaying" or math.isnan(seen.waits) else "stuck for now, "
     yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
     yield item("because", _because(found))
@@ -76,6 +76,14 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     yield item("at the end", ", ".join([*end, *_others(found)]))
     by = "" if math.isnan(found.peak_voltage) else f", by {short(found.peak_voltage)} V"
     yield item(word("largest torque"), f"{quantity(found.peak_torque, 'N m', short)}{by}")
+
+
+def _way(found: Trajectory | SampledMotion) -> str:
+    """The set point, and where it began if that is not zero: a plain number is in rad or m, whatever the axis shows."""
+    to = f"set point {quantity(found.set_point, 'rad', '.10g')}"
+    began = found.set_point + float(found.states[0, 0])
+    at_zero = abs(began) <= AT * abs(found.set_point)
+    return to if at_zero else f"from {quantity(began, 'rad', '.10g')} to {to}"
 
 
 def _others(found: Trajectory) -> Iterator[str]:
@@ -166,7 +174,7 @@ def plain_as_built(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     """What is said of a sampled motion; cause: why it hunts."""
     verdict, q = found.verdict, found.drive.count
     name = f"{called(found.loop)} as built {at_gain(found.gain)}"
-    where = f"set point {quantity(found.set_point, 'rad', '.10g')}, {found.duration:.10g} s"
+    where = f"{_way(found)}, {found.duration:.10g} s"
     yield f"{name}, {where}: {HEADS[verdict.kind]}"
     yield item("because", verdict.sentence)
     yield from parts_of(found.loop)
