@@ -137,7 +137,8 @@ def as_built(servo: Servo | Loop, gain: float | None, drive: Drive) -> AsBuilt:
     if kind != "hunting":
         return AsBuilt(kind, UNENDED[kind].format(worst.duration), text, math.nan, worst)
     cause = cause_of(worst)
-    plain = "it hunts" if cause is None else f"it hunts, {BY_CAUSE[cause.kind]}"
+    hunts = f"it hunts with {quantity(worst.verdict.amplitude, 'rad', '.3g')}"
+    plain = hunts if cause is None else f"{hunts}, {BY_CAUSE[cause.kind]}"
     said = f"; {cause.kind}: {cause.sentence}" if cause is not None else ""
     first = cause.dead_band if cause is not None else smallest_dead_band(worst)
     return AsBuilt(kind, plain, f"{text}{said}", _ending(loop, drive, first), worst)
