@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import wraps
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
@@ -156,18 +157,18 @@ def png(axes: Any) -> bytes:
 
 
 AX = """
-    ax
-        where to draw: {axes}; default: those of a new figure.
+ax
+    where to draw: {axes}; default: those of a new figure.
 
-    Returns
-    -------
-    The {axes}.
+Returns
+-------
+The {axes}.
 """
 """What the docstring of a picture says of its axes, below its other parameters."""
 NO_AXES = """
-    Raises
-    ------
-    InputError : what was given are no axes, or not as many as there are panels.
+Raises
+------
+InputError : what was given are no axes, or not as many as there are panels.
 """
 """And behind that, of a picture that refuses nothing else."""
 
@@ -177,9 +178,9 @@ def documented(doc: str, axes: str) -> str:
 
     doc, axes: what it says of its own, and which axes it draws into and returns.
     """
-    own, examples = doc.split("\n    Examples\n")
-    own, raises, refusals = own.partition("\n    Raises\n")
-    return f"{own.rstrip()}{AX.format(axes=axes)}{raises + refusals if raises else NO_AXES}\n    Examples\n{examples}"
+    said, title, examples = cleandoc(doc).partition("\nExamples\n")  # Python 3.13 has taken the margin off
+    own, raises, refusals = said.partition("\nRaises\n")
+    return f"{own.rstrip()}{AX.format(axes=axes)}{raises + refusals if raises else NO_AXES}{title}{examples}"
 
 
 def picture(axes: str = "axes") -> Callable[[Callable[P, R]], Callable[P, R]]:
