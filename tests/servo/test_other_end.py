@@ -98,5 +98,5 @@ def test_not_found_is_not_none(capsys, monkeypatch, trouble):
     monkeypatch.setattr(module, "find_orbit", fails)
     assert cli.main(["simulate", "--gain", "0.5", "--position", str(NEAR), "--quiet"]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "0.5 V/rad, set point 1 rad, 100 s: at rest because" in out
+    assert "0.5 V/rad, from 0.9995 rad to set point 1 rad, 100 s: at rest because" in out
     assert "whether there is a hunting cycle at this gain is not known" in out

@@ -313,7 +313,9 @@ def test_points_found_together_are_written_together(capsys, tmp_path, monkeypatc
     monkeypatch.setattr(following, "walk", cut_short)
     code, _, err = run(capsys, "diagram", "--model", "switch", "--from", 0.3, "--out", tmp_path, "--details")
     branch = load_branch(tmp_path / "switch.npz")
-    assert code == 130 and on_disk == [1, 1 + ORBITS_AHEAD, 1 + 2 * ORBITS_AHEAD] and len(branch.orbits) == on_disk[-1]
+    first, second, last = on_disk  # the third time where the branch has turned
+    assert (code, first, second) == (130, 1, 1 + ORBITS_AHEAD) and second < last <= second + ORBITS_AHEAD
+    assert len(branch.orbits) == last
     assert sum(bool(PROGRESS.fullmatch(line)) for line in err.splitlines()) == on_disk[-1]
 
 
