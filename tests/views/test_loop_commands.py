@@ -167,7 +167,7 @@ def test_a_motion_that_rests_its_lines_table_and_picture(capsys, loop_file, tmp_
     words = "--gain", 0.04, "--position", 0.5, "--state", "load_rate=0.1", "--details"
     code, out, _ = run(capsys, "simulate", path, *words, *written)
     said = " ".join(out.split())
-    assert code == 0 and out.startswith("loop at gain 0.04 V/rad, set point 1 rad, 100 s: at rest\n")
+    assert code == 0 and out.startswith("loop at gain 0.04 V/rad, from 0.5 rad to set point 1 rad, 100 s: at rest\n")
     assert "when followed on it stays there" in said
     assert "largest torque" in said and "breakaways" in said
     rows = list(csv.DictReader((tmp_path / "s.csv").read_text(encoding="ascii").splitlines()))
