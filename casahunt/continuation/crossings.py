@@ -105,7 +105,7 @@ class Crossings(Generic[AnyOrbit]):
     def past(self, after: AnyOrbit) -> Passed[AnyOrbit]:
         """What lies in the steps before the one that leads to `after`; it is looked for in several steps at once."""
         self._arrive(after)
-        *_, x, y = [0.0, *(station.point.row[-1] for station in self._line[:-1])]
+        x, y = (station.point.row[-1] for station in self._line[-3:-1]) if len(self._line) > 2 else (0.0, 0.0)
         if len(self._line) - 2 - self._looked >= self._ahead or x * y < 0:  # a fold, which may be the end
             self._look_up_to(len(self._line) - 2)
             del self._line[: max(self._looked - 1, 0)]

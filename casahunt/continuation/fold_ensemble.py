@@ -351,14 +351,15 @@ def folds_near(known: Expansion, p: Array, tol: float, *, slopes_by: tuple[str, 
 
 
 def _pass(known: Expansion, p: Array, tol: float, slopes_by: tuple[str, ...]) -> list[_Told]:
-    """A few members: those that have the phases and the mesh of the known one, and what other turning points lead
-    to."""
+    """A few members: those that have the phases and the mesh of the known one, what other turning points lead to, and
+    what is led to."""
     found, settings = from_expansion(known, p, tol)
     out = [_Told(status, np.full(6, np.nan), np.full(len(slopes_by), np.nan)) for status in found.statuses]
     at = np.array([i for i, s in enumerate(found.statuses) if s is Status.CONVERGED], dtype=int)
-    u, own = found.u[at], settings.of(at)
-    motions = admissible_many(known.t, u, own) if at.size else at
-    batch = _judged(known, u, own, found.bend[at], motions, tol, slopes_by, "batch") if at.size else []
+    batch = list[_Told]()
+    if at.size:
+        u, own = found.u[at], settings.of(at)
+        batch = _judged(known, u, own, found.bend[at], admissible_many(known.t, u, own), tol, slopes_by, "batch")
     for i, told in zip(at.tolist(), batch, strict=True):
         if told.status is not Status.CONVERGED:
             near = _remeshed(known, (known.t, found.u[i], settings.of(i)), tol, slopes_by)

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from map_support import map_fold
 
 from casahunt import InputError, Options, Servo, Status, find_fold
 from casahunt.continuation import fold_ensemble as engine
@@ -45,6 +46,18 @@ def numbers(found):
     return np.column_stack([
         found.gains, found.gain_errors, found.periods, found.period_errors, found.amplitudes, found.amplitude_errors,
     ])  # fmt: skip
+
+
+@pytest.mark.parametrize("row", [
+    [0.6142, 0.4705, 0.029, 0.0574], [0.5267, 0.5049, 0.0161, 0.0855], [0.4563, 0.4296, 0.0234, 0.2006],
+    [0.5901, 0.4856, 0.013, 0.1044], [0.5912, 0.4117, 0.0188, 0.0492], [0.4864, 0.4025, 0.0116, 0.0636],
+])  # fmt: skip
+def test_what_one_expansion_does_not_reach_is_led_to(folds, row):
+    """Friction that differs by a tenth, Stribeck velocity and damping by a half: the last fold of the event map."""
+    names = [f"friction.{name}" for name in ("static", "coulomb", "stribeck_velocity", "viscous")]
+    found = fold_ensemble(Servo(), "switch", names, [row], options=SHARP, fold=folds["switch"])
+    truth = map_fold(Servo().replace(**dict(zip(names, row, strict=True)))).gain
+    assert found.how == ("recut",) and found.gains[0] == pytest.approx(truth, rel=2e-8)
 
 
 @pytest.mark.parametrize("model", ["switch", "lugre"])

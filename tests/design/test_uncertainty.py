@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import multiprocessing
 import re
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -494,3 +495,22 @@ def test_a_fold_far_below_the_expected_gain(servo):
     """A cycle expected above the fold is met by nobody: the search begins from nothing."""
     fold = nearby.fold_near(servo, "switch", 2.0, Options())
     assert fold.gain == pytest.approx(table1.REFERENCE["switch"]["fold"]["K"], rel=1e-6)
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-5, 1e-6])
+def test_a_corner_where_the_fold_jumps_is_closed_in_on_to_the_tolerance(tol):
+    """K = 1 + x up to 0.3, then 0.9: no slope vanishes there, and bisection went on to the last digit."""
+    one = search._CornerSearch.__new__(search._CornerSearch)
+    one.low, one.high, one.options = np.zeros(1), np.ones(1), Options(tol=tol)
+    one.evaluations, one.given_up = 0, ""
+    places, ascent = [], one.climb(np.zeros(1))
+    asked = next(ascent)
+    while asked:
+        x = float(asked[0][0])
+        places.append(search._SearchPoint(asked[0], 1 + x if x < 0.3 else 0.9, np.ones(1)))
+        try:
+            asked = ascent.send(places[-1:])
+        except StopIteration:
+            break
+    assert max(place.gain for place in places) == pytest.approx(1.3, rel=tol)
+    assert len(places) <= 5 + math.log2(1 / tol)

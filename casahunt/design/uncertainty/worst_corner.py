@@ -191,14 +191,17 @@ class _CornerSearch:
     def climb(self, q: Array) -> Ascent:
         """From q to a point from which no step within the box leads up, to first order."""
         (here,) = yield [q]
+        searched = list[int]()  # the coordinate along which it has just been: up to a jump of K it rises still
         while here.gradient is not None and self.evaluations < MOST_EVALUATIONS and not self.given_up:
             g = here.gradient
             rise = self._rise(here)
+            rise[searched] = 0.0
             if rise.sum() <= self.options.tol * here.gain:
                 return
             (there,) = yield [np.where(rise > 0, np.where(g > 0, self.high, self.low), here.q)]
-            if not there.gain > here.gain:
-                there = yield from self._along(here, int(np.argmax(rise)))
+            searched = [] if there.gain > here.gain else [int(np.argmax(rise))]
+            if searched:
+                there = yield from self._along(here, searched[0])
             if not there.gain > here.gain * (1 + self.options.tol):
                 return
             here = there

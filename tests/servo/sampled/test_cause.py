@@ -195,6 +195,22 @@ def test_swings_within_a_count_do_not_show_that_they_die_out(count, kind):
     assert judge(np.arange(30.0), x, Ending(np.nan, False, "", count, 0.0)).kind == kind
 
 
+def test_what_a_short_motion_does_not_decide_a_long_one_does(seen, monkeypatch):
+    """What still decays after some periods is followed to the end; what rests or hunts by then is not."""
+    motion, asked = seen[4.458][0], []
+
+    def again(motion, drive, *, from_end=False, time=None):
+        asked.append(time)
+        wide = "at rest" if time is None else "decaying"
+        return SimpleNamespace(verdict=SimpleNamespace(kind=wide if drive.dead_band > 1.2 * DRIVE.count else "hunting"))
+
+    monkeypatch.setattr(cause, "again", again)
+    monkeypatch.setattr(cause, "_sizes", lambda motion: np.arange(1.0, 6.0) * DRIVE.count)
+    monkeypatch.setattr(cause, "SEEN_FOR", 2)
+    assert smallest_dead_band(motion) == 2 * DRIVE.count
+    assert None in asked and 2 * motion.verdict.mean_period in asked
+
+
 def test_by_how_much_swings_repeat_is_said():
     t = np.arange(0, 40, 1e-3)
     x = np.cos(np.pi * t) * (1 + 0.005 * np.sin(9 * t))
