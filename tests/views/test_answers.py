@@ -41,7 +41,7 @@ ANSWERS = {
     "orbit of a PID": (["orbit", CANUDAS, "--gain", 0.5, "--model", "lugre"], "multipliers"),
     "no orbit": (["orbit", "--gain", 2], "in a fold"),
     "fold": (["fold"], "turning point"),
-    "fold of a PID": (["fold", CANUDAS], "half multipliers"),
+    "fold of a PID": (["fold", CANUDAS], "turning point"),
     "diagram": (["diagram", "--model", "switch", "--from", 0.6], "superstable"),
     "no diagram": (["diagram", "--model", "switch", "--from", 0.8], "in a fold"),
     "map": (["map", "--gain", 0.04], "fixed point"),
