@@ -115,7 +115,7 @@ def _zero(operation: int, u: list[ca.SX]) -> ca.SX:
     """What an operation of these operands is singular at the zeros of."""
     if operation in (ca.OP_POW, ca.OP_CONSTPOW) and u[1].is_constant() and float(u[1]) >= 0:
         return ca.SX(1)
-    return ca.cos(u[0]) if operation == ca.OP_TAN else u[1] if operation == ca.OP_DIV else u[0]
+    return ca.cos(u[0]) if operation == ca.OP_TAN else u[operation == ca.OP_DIV]
 
 
 def _steps_of(values: ca.SX, given: tuple[ca.SX, ...], moving: int) -> _Steps | None:
@@ -140,10 +140,11 @@ def _steps_of(values: ca.SX, given: tuple[ca.SX, ...], moving: int) -> _Steps | 
             moves[into[0]] = False
         else:
             apply = ca.SX.unary if len(of) == 1 else ca.SX.binary
-            u, v = [natural[i] for i in of], [split[i] for i in of]
+            u, v, move = [natural[i] for i in of], [split[i] for i in of], [moves[i] for i in of]
             natural[into[0]], split[into[0]] = apply(operation, *u), apply(operation, *v)
-            moves[into[0]] = any(moves[i] for i in of)
-            if operation in _SINGULAR and not _zero(operation, u).is_constant():
+            moves[into[0]] = any(move)
+            vanishes = move[operation == ca.OP_DIV]  # along a line: what does not has no two limits on it
+            if operation in _SINGULAR and vanishes and not _zero(operation, u).is_constant():
                 zeros.append(_zero(operation, u))
             if operation in stepping and moves[into[0]]:
                 found.append((ca.SX.sym("s"), _step(operation, u), (operation, u)))

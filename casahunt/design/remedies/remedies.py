@@ -136,12 +136,16 @@ def remedies(
     step, move = None if step is None else sensible("step", step), a_move(move)
     asked = _asked(servo, model, gain, options or Options(tol=1e-8), uncertainty, margin)
     asked = replace(asked, step=step or asked.loop.units.step, move=move)
-    tasks = [(asked, remedy, misfit) for remedy, misfit in _looked_at(asked, wanted)]
-    rows = []
+    looked_at = [remedy_of(name, asked.model) for name in REMEDY_NAMES if name in wanted]
+    tasks = [(asked, remedy) for remedy in (*looked_at, *(each for each in wanted if isinstance(each, Remedy)))]
+    rows = list[Cure]()
     for row in (executor.map if executor else map)(_row_of, tasks):
         rows.append(row)
         if progress:
             progress(row)
+    if all(row.kind == "does not fit" for row in rows):
+        said = "; ".join(f"{row.name}: {row.why}" for row in rows)
+        raise InputError(f"none of these remedies goes with this loop: {said}")
     loop, swing = asked.loop, asked.swing
     rows.sort(key=_price(task(loop, swing, 0.0, asked.step, move).peak_torque, swing))
     best = cheapest(rows, error, torque, of_a_set=asked.uncertain is not None)
@@ -244,10 +248,11 @@ def _price(today: float, hunting: Swing) -> Callable[[Cure], tuple[bool, float]]
     return of
 
 
-def _row_of(task: tuple[_Asked, Remedy, str]) -> Cure:
+def _row_of(task: tuple[_Asked, Remedy]) -> Cure:
     """One remedy, found and priced where it fits."""
-    asked, remedy, misfit = task
+    asked, remedy = task
     with shown_in(units_of(asked.loop)):  # which another process does not know
+        misfit = _misfit(asked, remedy)
         return Cure(remedy.name, remedy.unit, "does not fit", why=misfit) if misfit else _row(asked, remedy)
 
 
@@ -295,17 +300,6 @@ def _without_end(asked: _Asked, remedy: Remedy, found: Border) -> Cure:
     why = f"hunting goes on {to} {size}, {found.why or 'the last size looked at'}: {remedy.why_not}".rstrip(": ")
     return Cure(remedy.name, remedy.unit, "none", rests=_rests(remedy, found.size, _numbers(asked.loop)), why=why,
                 followed_to=found.size, first=found.first)  # fmt: skip
-
-
-def _looked_at(asked: _Asked, wanted: Sequence[str | Remedy]) -> list[tuple[Remedy, str]]:
-    """Remedies that are wanted, and why each does not go with the loop.  Raises InputError: none does."""
-    known = [remedy_of(name, asked.model) for name in REMEDY_NAMES if name in wanted]
-    known += [each for each in wanted if isinstance(each, Remedy)]
-    looked_at = [(remedy, _misfit(asked, remedy)) for remedy in known]
-    if all(misfit for _, misfit in looked_at):
-        said = "; ".join(f"{remedy.name}: {misfit}" for remedy, misfit in looked_at)
-        raise InputError(f"none of these remedies goes with this loop: {said}")
-    return looked_at
 
 
 def _misfit(asked: _Asked, remedy: Remedy) -> str:

@@ -1,7 +1,6 @@
 """Remedies for loops of parts: the plain servo in any form has the servo's sizes, and what does not fit says why."""
 
 import math
-from types import SimpleNamespace
 
 import pytest
 
@@ -21,7 +20,6 @@ from casahunt.servo.parts import (
     Loop,
     transfer_function,
 )
-from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import REMEDY_NAMES
 
 BAND, LEAKS, LEAST_KI = 0.0433457242337, 0.246844841, 0.026744044
@@ -78,15 +76,14 @@ def test_what_does_not_fit_says_why(monkeypatch):
     assert all(f"{name}: {why}" in str(refused.value) for name, why in said.items())
 
 
-def test_what_does_not_go_with_a_bristle_says_so():
-    asked = SimpleNamespace(loop=loop_of(Servo(), "lugre", 0.04), model="lugre")
-    looked_at = module._looked_at(asked, REMEDY_NAMES)
-    assert [remedy.name for remedy, _ in looked_at] == list(REMEDY_NAMES)
-    assert all((not misfit) is ("lugre" in remedy.needs) for remedy, misfit in looked_at)
-    said = {remedy.name: misfit for remedy, misfit in looked_at if misfit}
+def test_what_does_not_go_with_a_bristle_says_so(monkeypatch):
+    monkeypatch.setattr(module, "_row", lambda asked, remedy: Cure(remedy.name, remedy.unit, "none"))
+    rows = remedies(Servo(), "lugre", 0.04).remedies
+    assert sorted(row.name for row in rows) == sorted(REMEDY_NAMES)
+    said = {row.name: row.why for row in rows if row.kind == "does not fit"}
     assert said == dict.fromkeys(("freeze", "reset at a stop", "dither"), "it goes with Switch friction alone")
     with pytest.raises(InputError, match="goes with this loop: freeze: it goes with Switch friction alone$"):
-        module._looked_at(asked, ["freeze"])
+        remedies(Servo(), "lugre", 0.04, only=["freeze"])
 
 
 def test_a_part_that_nobody_reads_is_refused():
