@@ -185,6 +185,8 @@ def _in_intervals(orbit: Orbit, number: Array, tau: Array, moves: _Moves) -> tup
     x, dx, f = found[0], found[1:], np.empty((t.n, tau.size))
     for field, intervals in t.groups:
         at = np.flatnonzero(np.isin(i, intervals))
+        if not at.size:
+            continue
         points = (x[:, at].T / scale)[None, :, None]
         f[:, at] = (fields_at(field, points, t.signs[i[at]], p[None], scale[None])[0, :, 0] * scale).T
     return x, f, dx - (moves.durations[:, number] * tau)[:, None, :] * f

@@ -3,10 +3,12 @@
     J = motor + load,  kp, kd, ki of the loop   ->   friction by the event map   ->   the fit of the loop itself
 
 Taken as one inertia an axis may be explained by a friction that it does not have; that is a start, and no more.
+What a drive adds to the motion is computed where the fit ends, all of it (built.py): the loop is fitted without lags.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,8 +18,11 @@ from ...orbits import Options
 from ...servo.controller import Pid
 from ...servo.drive import Drive
 from ...servo.friction import Friction, Model
+from ...servo.linear.sampled_loop import lag_of
+from ...servo.parts import BY_DIRECTION
 from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
+from ...servo.sampled.plant import as_run
 from ...servo.servo import Servo
 from ..record.file import Record
 from .best import best_of_starts
@@ -38,17 +43,33 @@ def sought(
     Raises InputError: one of these cannot be.
     """
     if isinstance(servo, Loop):
-        names = check_axis(loop_asked(servo, model, None), free, drive, records)
-        return names, gains_of(servo.value("gain") if gains is None else gains, len(records)), None, 0.0
+        names = check_axis(loop_asked(servo, model, None), free, records)
+        each = gains_of(servo.value("gain") if gains is None else gains, len(records))
+        return names, each, *lags_taken(servo, each, drive)
     names, each = free_of(free, servo, model), gains_of(() if gains is None else gains, len(records))
     return names, each, *drive_taken(records, servo, each, names, drive)
 
 
-def check_axis(loop: Loop, free: Sequence[str], drive: Drive | None, records: Sequence[Record]) -> tuple[str, ...]:
+def lags_taken(loop: Loop, gains: Sequence[float], drive: Drive | None) -> tuple[Drive | None, float]:
+    """The drive whose lags, sampling and counts are taken into account; and what they leave out, relative to the
+    amplitude, where the loop as built is not followed.
+
+    Swings to and fro are compared as one, so that no drive of a loop is taken whose friction differs by direction.
+    Raises InputError: it does not run such a loop.
+    """
+    if drive is None or BY_DIRECTION in loop.present:
+        return None, 0.0
+    as_run(loop, drive)
+    one = rigid(loop)
+    kp, _, _ = one.torque_gains(max(gains))
+    return drive, math.sqrt(kp / one.inertia) * lag_of(drive, one)
+
+
+def check_axis(loop: Loop, free: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:
     """The parameters that are sought of a loop.
 
-    Raises InputError: one of them is none of one friction, a drive or a torque is given, which no such fit takes in, or
-    the controller has no gains that are those of one inertia.
+    Raises InputError: one of them is none of one friction, a torque is given, which no such fit takes in, or the
+    controller has no gains that are those of one inertia.
     """
     names = tuple(name.rpartition(".")[2] for name in ((free,) if isinstance(free, str) else free))
     known = [name for name in FRICTION if name in loop.names]
@@ -58,8 +79,6 @@ def check_axis(loop: Loop, free: Sequence[str], drive: Drive | None, records: Se
             raise InputError(f"free = {name}: must be one of {', '.join(known)}, the friction of {frictions}")
     if not names or len(set(names)) < len(names):
         raise InputError("free: must be at least one parameter, each once")
-    if drive is not None:
-        raise InputError("drive: must be left out, a loop of parts is fitted as a continuous one")
     if any(record.torque is not None for record in records):
         raise InputError("torque: must be left out, of a loop of parts positions alone are fitted")
     rigid(loop)

@@ -25,7 +25,7 @@ from ...servo.sampled.motion import simulate_sampled
 from ..record.verdict import deviation
 from ..record.waveform import SIDE
 from .climb import climb
-from .fit import Array, Data, Point, Question, at
+from .fit import Array, Data, Point, Question, at, seen_by
 from .likelihood import Noise, Rows
 from .noise import with_noise
 from .swings import once_each, passages
@@ -34,7 +34,7 @@ LEAST_KNOWN = 1e-9
 """Information about the phase of a swing, below which it stays where it is."""
 SETTLING, SWINGING = 3, 20
 """Periods of the drive that are left out, and those whose mean is taken."""
-ABOUT = 201
+ABOUT = 2001
 """Times about a passage at which swings are compared."""
 MOST_ROUNDS, FIRST_ROUNDS, SAME_SWING = 6, 2, 1e-4
 """Corrections, those that lead there, and the change of one, relative to the amplitude, after which there is none."""
@@ -111,20 +111,21 @@ def _beside(first: Data, last: Data, orbit: Any, servo: Any, model: Model | None
     if whole > MOST_BUILT * first.drive.sample_time:
         return replace(first, left_out=first.left_out + first.count / first.amplitude)
     s = np.linspace(-orbit.period / 4, orbit.period / 4, ABOUT)
-    times, states = orbit.sample(20 * ABOUT)
-    three = np.concatenate([times[:-1] + k * orbit.period for k in range(3)])
-    cycle = _swings(three, np.tile(states[0, :-1], 3), s)[0].mean(axis=0)
+    times, states = orbit.sample(2 * ABOUT)
+    three, place = np.concatenate([times[:-1] + k * orbit.period for k in range(3)]), seen_by(servo)
+    cycle = _swings(three, np.tile(states[place, :-1], 3), s)[0].mean(axis=0)
     drive = replace(first.drive.quiet(), encoder=2 * math.pi / first.count if first.count else 0.0)
     seen = simulate_sampled(
         servo, first.gain, drive, model=model, set_point=0.0, position=-orbit.amplitude, time=whole,
     )  # fmt: skip
+    read = seen.states[seen.names.index(seen.loop.system.states[place])]
     if seen.verdict.kind != "hunting":
         raise InputError(
             f"{first.name}: the drive that is described does not hunt with the friction that would explain it: "
             f"{seen.verdict.sentence}; are its sample time, delay and filter right?"
         )
     later = seen.times > SETTLING * orbit.period
-    swings, lasts = _swings(seen.times[later], seen.states[0, later], s)
+    swings, lasts = _swings(seen.times[later], read[later], s)
     swing, period = swings.mean(axis=0), 2 * float(lasts.mean())
     apart, unsure = (swings - swing) / math.sqrt(len(swings) - 1), deviation(lasts[1:] + lasts[:-1]) / period
     ratio, at_samples = orbit.period / period, first.times - first.passage

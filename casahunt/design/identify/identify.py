@@ -61,6 +61,10 @@ CYCLE_SHARE = 0.1
 and differently on every mesh."""
 BOUND_FACTOR = 10.0
 """Factor at which an interval that nothing bounds ends in the uncertainty file."""
+STATE_THE_DRIVE = (
+    "a drive that reads counts swings unevenly: state its sample time and encoder (drive, [drive] of a servo file)"
+)
+"""What may explain a record of counts that no continuous loop does."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -357,6 +361,7 @@ def _cut_off(data: Data, end: float, beyond: float) -> Exception:
     return InputError(
         f"{data.name}: its positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly: "
         f"the model explains the others, and goes {beyond:.2g} rad beyond; {LARGER_RANGE}"
+        f"{'' if data.drive is not None or not data.quantum else f'; or, if it rests there, {STATE_THE_DRIVE}'}"
     )
 
 
@@ -366,10 +371,7 @@ def _what_else(data: Data) -> str:
     if not encoder and data.swings > 2:
         return f"it {in_a_pattern(data.swings)}"
     told = data.drive is not None or not data.quantum
-    else_ = "are gain, servo and units right?" if told else (
-        "are gain, servo and units right? A drive that reads counts swings unevenly: state its sample time and encoder "
-        "(drive, [drive] of a servo file)"
-    )  # fmt: skip
+    else_ = "are gain, servo and units right?" if told else f"are gain, servo and units right? Or {STATE_THE_DRIVE}"
     return (f"suspect {encoder}" if encoder else else_) + maybe_cut_off(data)
 
 

@@ -21,11 +21,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...servo.servo import Pid, flatten
-from .fit import Array, Point, Question, state_at
+from ...servo.parts.loop import Loop
+from ...servo.servo import Servo, flatten
+from .fit import Array, Point, Question, seen_by, state_at
 from .intervals import NORMAL_95, Interval
 from .start import MOTOR_GAIN
 from .torque import torque_of
+
+GAINS, GAIN, MOTOR_OF_A_LOOP = 3, "gain", "motor_gain"
+"""Of a controller; the factor of all of them that a record is taken at; and that which one by times needs besides."""
 
 
 def unread(question: Question, point: Point) -> Array:
@@ -37,11 +41,11 @@ def unread(question: Question, point: Point) -> Array:
         own = [next(rows) for _ in range(1 + (data.passage is not None) + (data.torque is not None))]
         if not data.count and data.apart is None:
             continue
-        servo = orbit.servo
-        names = (*(() if isinstance(servo.controller, Pid) else (MOTOR_GAIN,)), *servo.controller_names)
+        given = _controller(question.servo if isinstance(question.servo, Loop) else orbit.servo)
+        names, seen = tuple(given), seen_by(question.servo)
         laid, with_period, _ = state_at(orbit, data, point.z[question.own(i)][0], names, stretched=False)
         log_period = laid.period_derivatives / orbit.period
-        moved = [laid.derivatives[:, 0] + log_period[:, None] * laid.rates[0] * with_period]
+        moved = [laid.derivatives[:, seen] + log_period[:, None] * laid.rates[seen] * with_period]
         if data.passage is not None:
             moved.append(log_period[:, None] / data.period_error)
         if data.torque is not None:
@@ -49,7 +53,7 @@ def unread(question: Question, point: Point) -> Array:
             moved.append(of_motor - of_motor.mean(axis=1)[:, None])
         pull = sum(each.J.T @ (each.weights[:, None] * by.T) for each, by in zip(own, moved, strict=True))
         e = data.count / (data.amplitude * math.sqrt(12))
-        size = e * np.array([flatten(servo)[name] for name in names])
+        size = e * np.array(list(given.values()))
         if data.passage is not None:
             level = point.z[question.own(i)][1] * data.amplitude
             read = own[0].J.T @ (own[0].weights * (point.positions[i] - level))
@@ -60,6 +64,15 @@ def unread(question: Question, point: Point) -> Array:
         dz = np.linalg.lstsq(point.curvature, pull, rcond=None)[0][:k]
         found.append((question.slopes(point.z)[:, None] * dz * size).T)
     return np.concatenate(found)
+
+
+def _controller(servo: Servo | Loop) -> dict[str, float]:
+    """Three numbers of the controller, with which its three gains go, or what stands for them."""
+    if isinstance(servo, Loop):
+        own = [name for part in servo.present if "kp" in part.gives for name in part.parameters if name != GAIN]
+        return {name: servo.value(name) for name in sorted(own, key=MOTOR_OF_A_LOOP.__eq__)[:GAINS]}
+    names = (*servo.controller_names, MOTOR_GAIN)[:GAINS]
+    return {name: flatten(servo)[name] for name in names}
 
 
 def widened(ends: Sequence[Interval], q: Array, off: Array) -> list[Interval]:

@@ -19,9 +19,9 @@ import numpy as np
 
 from ...axis_units import UNITS_TABLE, label, quantity, shown, word
 from ...checks import to_absolute_error
+from ...design.identify.axis import rigid, sought
 from ...design.identify.identify import FREE, Identification, identify, maybe_cut_off
 from ...design.identify.judgement import NEGLIGIBLE
-from ...design.identify.suitable import drive_taken
 from ...design.identify.suspect import suspicion
 from ...design.identify.transient import MORE_AT_FIRST, more_at_first
 from ...design.record.file import read_record
@@ -29,7 +29,8 @@ from ...errors import InputError, NoOrbit
 from ...results import tables_of
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
-from ...servo.servo import LOOP_TABLE, flatten, toml_value
+from ...servo.parts.loop import Loop
+from ...servo.servo import LOOP_TABLE, Servo, flatten, toml_value
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import (
@@ -96,9 +97,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
     gains = [positive("gain", gain, GAIN_UNIT) for gain in options.gain or ()] or [stated_gain(options)]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
-
-    described, drive = drive, drive if model else None
-    built, _ = drive_taken(records, servo, gains, free, drive) if model else (None, 0.0)
+    built = sought(servo, model, gains, free, drive, records)[2]
 
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
@@ -113,27 +112,29 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
                 "fitted, which is a continuous loop"
             ) from None
 
-    taken, as_continuous = [], "the loop is taken as a continuous one: of"
+    taken = []
     if options.servo is None:
         taken.append("without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?")
-    if described is not None and drive is None:
-        ignored = "a loop of parts [drive] is not taken into account, so friction may lie outside what is said of it"
-        taken.append(f"{as_continuous} {ignored}")
     taken += [record.reading.sentence for record in records if record.reading is not None]
     if drive is not None:
-        where = "where friction alone is sought, from positions alone"
-        taken.append(
-            "sampling and delay of [drive] are taken into account, to first order" if built is not None
-            else f"{as_continuous} [drive] sampling and delay are taken into account {where}"
-        )  # fmt: skip
-        time = drive.sample_time + drive.filter_of(servo.controller)
-        shaken = servo.torque_gains(max(gains))[1] * drive.count / time / servo.friction.static
-        if shaken > SHAKEN:
-            taken.append(
-                f"each count of the encoder makes the derivative's torque jump by {shaken:.2g} of static friction, as "
-                "given: that shakes a servo loose, and what is found may be the friction of the shaken one"
-            )
+        taken += _of_drive(servo, max(gains), drive, taken_in=built is not None)
     return fit, [f"  {sentence}" for sentence in taken]
+
+
+def _of_drive(servo: Servo | Loop, gain: float, drive: Drive, *, taken_in: bool) -> Iterator[str]:
+    """What is said of the drive that made records; taken_in: its lags are taken into account."""
+    parts = isinstance(servo, Loop)
+    where = "whose friction is the same both ways" if parts else "where friction alone is sought, from positions alone"
+    left = f"the loop is taken as a continuous one: of [drive] sampling and delay are taken into account {where}"
+    yield "sampling, delay and counts of [drive] are taken into account" if taken_in else left
+    one = rigid(servo) if isinstance(servo, Loop) else servo
+    time = drive.sample_time + drive.filter_of(one.controller)
+    shaken = one.torque_gains(gain)[1] * drive.count / time / one.friction.static
+    if shaken > SHAKEN:
+        yield (
+            f"each count of the encoder makes the derivative's torque jump by {shaken:.2g} of static friction, as "
+            "given: that shakes a servo loose, and what is found may be the friction of the shaken one"
+        )
 
 
 def run(options: argparse.Namespace) -> int:
