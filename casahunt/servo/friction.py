@@ -21,6 +21,8 @@ from ..checks import floated, require, sensible
 
 Model = Literal["switch", "lugre"]
 MODELS: tuple[Model, ...] = ("switch", "lugre")
+BRISTLE = ("friction.stiffness", "friction.damping")
+"""Parameters of the LuGre model alone."""
 
 @dataclass(frozen=True, kw_only=True)
 class Friction:

@@ -28,8 +28,8 @@ from .intervals import NORMAL_95, Interval
 from .start import MOTOR_GAIN
 from .torque import torque_of
 
-GAINS, GAIN, MOTOR_OF_A_LOOP = 3, "gain", "motor_gain"
-"""Of a controller; the factor of all of them that a record is taken at; and that which one by times needs besides."""
+OF_CONTROLLER, GAIN, MOTOR_OF_A_LOOP = 3, "gain", "motor_gain"
+"""Numbers of a controller; the factor of all of them that a record is taken at; and that which one by times needs besides."""
 
 
 def unread(question: Question, point: Point) -> Array:
@@ -70,8 +70,8 @@ def _controller(servo: Servo | Loop) -> dict[str, float]:
     """Three numbers of the controller, with which its three gains go, or what stands for them."""
     if isinstance(servo, Loop):
         own = [name for part in servo.present if "kp" in part.gives for name in part.parameters if name != GAIN]
-        return {name: servo.value(name) for name in sorted(own, key=MOTOR_OF_A_LOOP.__eq__)[:GAINS]}
-    names = (*servo.controller_names, MOTOR_GAIN)[:GAINS]
+        return {name: servo.value(name) for name in sorted(own, key=MOTOR_OF_A_LOOP.__eq__)[:OF_CONTROLLER]}
+    names = (*servo.controller_names, MOTOR_GAIN)[:OF_CONTROLLER]
     return {name: flatten(servo)[name] for name in names}
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...checks import choice_of, of_kind, require
 from ...errors import InputError
 from ...servo.drive import ENCODER_BORDER, Drive
-from ...servo.friction import Model
+from ...servo.friction import BRISTLE, Model
 from ...servo.linear.sampled_loop import as_continuous, lag_of
 from ...servo.servo import Servo
 from ..record.file import Record
@@ -29,8 +29,6 @@ MOST_DRIFT = 0.1
 """Change of the mean position over the record, in units of the amplitude, above which the set point drifts."""
 MOVED_STEPS = 50.0
 """Range of a position that moves, in units of its usual step from sample to sample: noise reaches ten."""
-BRISTLE = ("friction.stiffness", "friction.damping")
-"""Parameters of the LuGre model alone."""
 FRICTION = "friction."
 """Of which parameters begin that lags leave as they are."""
 MOST_LEFT_OUT = 0.1

@@ -24,13 +24,14 @@ Parts by what a file calls them: a name, or a table of what a part is made of.
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any
 
-from ...axis_units import UNITS_TABLE, units_of_table
+from ...axis_units import UNITS_TABLE, Units, units_of_table
 from ...checks import choice_of, quoted
 from ...errors import InputError
 from ..drive import DRIVE_TABLE, Drive, drive_of_table
@@ -155,6 +156,7 @@ def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
 
     what: the beginning of a refusal. Raises InputError: as `load_loop`.
     """
+    units = Units()
     try:
         for table in tree:
             choice_of("table", table, (LOOP_TABLE, "values", DRIVE_TABLE, UNITS_TABLE))
@@ -165,13 +167,25 @@ def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
         if not isinstance(names, list) or not names:
             raise InputError('[loop]: must say parts = ["one inertia", "Switch friction", ...]')
         given = {units.own_name(name): value for name, value in values.items()}
+        if units.linear:
+            _check_complete([name for name in names if isinstance(name, str)], given)
         loop = Loop(parts_of(names), {name: value_of(name, x, units) for name, x in given.items()}, units=units)
         check_motor_gain(given, loop.parameters.get("motor_gain", 1.0))
         return loop
     except InputError as error:
-        raise InputError(f"{what}: {error}") from None
+        raise InputError(f"{what}: {units.word(str(error))}") from None
 
 
+def _check_complete(names: Sequence[str], given: Mapping[str, Any]) -> None:
+    """Refuse a linear axis of which something is left to its parts, whose numbers are those of a rotary one."""
+    usual = {name: value for part in parts_of(names) for name, value in part.parameters.items()}
+    missing = [name for name, value in usual.items() if name not in (*given, *SHAPES_OF_ANY) and value not in DOES_NOTHING]
+    if missing:
+        raise InputError(f"{', '.join(missing)}: must be given, of a linear axis nothing is taken from Table 1")
+
+
+SHAPES_OF_ANY, DOES_NOTHING = ("enter_ratio", "stribeck_exponent"), (0.0, 1.0, math.inf)
+"""Shapes that are those of any axis; and values with which a part does nothing."""
 MAKERS: dict[str, Callable[..., Part]] = {
     "friction table": friction_table,
     "series": series,

@@ -19,7 +19,7 @@ from ...orbits import Options
 from ...quantities import with_its_unit
 from ...servo.controller import Pid
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table, drive_value
-from ...servo.friction import MODELS, Model
+from ...servo.friction import BRISTLE, MODELS, Model
 from ...servo.servo import LOOP_TABLE, Servo, read_toml, servo_of_tables, with_overrides
 from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
@@ -188,7 +188,7 @@ def model_of(options: argparse.Namespace) -> Model:
         from ...servo.parts import LUGRE
 
         return "lugre" if LUGRE in loop.present else "switch"
-    return choice_of("model", options.model or MODELS[0], MODELS)  # type: ignore[return-value]
+    return _with_its_bristle(options, [choice_of("model", options.model or MODELS[0], MODELS)])[0]
 
 
 def how_of(options: argparse.Namespace) -> Options:
@@ -205,7 +205,20 @@ def models_of(options: argparse.Namespace) -> list[Any]:
     models = [choice_of("model", model, MODELS) for model in options.model or MODELS]
     if len(set(models)) != len(models):
         raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
-    return models if loop_of(options) is None else [None]
+    return _with_its_bristle(options, models) if loop_of(options) is None else [None]
+
+
+def _with_its_bristle(options: argparse.Namespace, models: list[Any]) -> list[Any]:
+    """Friction models.  Raises InputError: one has a bristle, of which the file of a linear axis says nothing."""
+    if "lugre" in models and options.servo is not None and shown().linear:
+        given = {*tables_in(options).get("friction", {}), *(text.partition("=")[0].strip() for text in options.set)}
+        missing = [key for key in BRISTLE if not {key, key.partition(".")[2]} & given]
+        if missing:
+            raise InputError(
+                f"{', '.join(missing)}: must be given for the lugre model, of a linear axis nothing is taken from "
+                "Table 1; --model switch needs no bristle"
+            )
+    return models
 
 
 def servo_of(options: argparse.Namespace) -> Servo:

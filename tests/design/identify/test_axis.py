@@ -10,9 +10,11 @@ import pytest
 from belt_support import recorded
 from command_line import is_picture, one_json, run
 
-from casahunt import Drive, InputError, Record, Servo, identify, load_uncertainty
-from casahunt.design.identify.axis import check_axis, rigid
+from casahunt import Drive, InputError, Record, Servo, identify, load_uncertainty, simulate_sampled
+from casahunt.design.identify.axis import check_axis, lags_taken, rigid
 from casahunt.servo.parts import (
+    BY_DIRECTION,
+    INERTIA,
     INTEGRATOR,
     P_PI,
     SWITCH,
@@ -87,7 +89,6 @@ def test_one_inertia_has_the_gains_of_the_loop(belt):
 @pytest.mark.parametrize(("parts", "asked", "sentence"), [
     (None, {"free": ["kp"]}, "free = kp: must be one of static, .*the friction of 'Switch friction'"),
     (None, {"free": []}, "must be at least one parameter, each once"),
-    (None, {"drive": Drive(sample_time=1e-3)}, "drive: must be left out, a loop of parts is fitted as a continuous"),
     (None, {"torque": True}, "torque: must be left out, of a loop of parts positions alone are fitted"),
     ((TWO_MASSES, SWITCH, transfer_function([0.16, 2.0, 6.28], [0.001, 1.0, 0.0])), {},
      "'linear controller': gives no kd"),
@@ -97,9 +98,55 @@ def test_what_cannot_be_sought_says_why(belt, parts, asked, sentence):
     still = Record(np.arange(100.0), np.zeros(100))
     still = replace(still, torque=np.zeros(100)) if asked.pop("torque", False) else still
     with pytest.raises(InputError, match=sentence):
-        check_axis(loop, **{"free": ["static"], "drive": None, "records": [still], **asked})
+        check_axis(loop, **{"free": ["static"], "records": [still], **asked})
     with pytest.raises(InputError, match="model = 'switch': must be left out"):
         identify([still], belt, model="switch")
+
+
+SLIDE = {
+    "inertia": 8.81, "load_inertia": 10.2, "shaft_stiffness": 2.13e6, "shaft_damping": 685.0, "motor_gain": 1.0, "gain": 1.0,
+    "position_gain": 33.6, "velocity_gain": 901.0, "reset_time": 0.0338, "static": 57.3, "coulomb": 29.2,
+    "stribeck_velocity": 1.86e-3, "viscous": 582.0,
+}  # fmt: skip
+"""A linear axis [kg, m, N, s] of 0.29 mm and 0.8 s."""
+DRIVE = Drive(sample_time=4.8e-4, delay=6.7e-4, encoder=2 * np.pi / 1e-6)
+"""Counts of a micrometre."""
+
+
+def as_read(loop: Loop, seen: str, every: int) -> Record:
+    """Every so many readings of its drive, two periods behind the start."""
+    motion = simulate_sampled(loop, None, DRIVE, set_point=0.0, position=-3e-4, time=9.0)
+    kept = np.flatnonzero(motion.times[:-1] > 2.0)[::every]
+    x = motion.states[motion.names.index(seen)][kept]
+    return Record(motion.times[kept], DRIVE.count * np.floor(x / DRIVE.count + 0.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("plant", "seen", "every"), [(TWO_MASSES, "x1", 1), (TWO_MASSES_LOAD_SEEN, "load_angle", 4)])
+def test_friction_of_an_axis_as_its_drive_runs_it(plant, seen, every):
+    """Sampling, delay and counts are followed; without them what is found is the friction of no such axis."""
+    loop = Loop((plant, SWITCH, P_PI, INTEGRATOR), SLIDE)
+    record, stated = as_read(loop, seen, every), loop.replace(static=70.0, coulomb=40.0, viscous=300.0)
+    found = identify([record], stated, drive=DRIVE)
+    assert found.status.ok and found.judgement.explained and found.records[0].drive is DRIVE
+    for name, (low, high) in found.intervals.items():
+        assert low < SLIDE[name] < high and found.values[name] == pytest.approx(SLIDE[name], rel=0.05)
+    try:
+        low, high = identify([record], stated).intervals["viscous"]
+    except InputError:  # it does not explain it
+        return
+    assert not low < SLIDE["viscous"] < high
+
+
+def test_where_friction_differs_by_direction_no_drive_is_taken():
+    """Its swings to and fro differ, and are compared as one."""
+    values = {name: SLIDE[name] for name in SLIDE if name[:4] not in ("load", "shaf")}
+    loop = Loop((INERTIA, BY_DIRECTION, P_PI, INTEGRATOR), values)
+    assert lags_taken(loop, [1.0], DRIVE) == (None, 0.0) and lags_taken(loop, [1.0], None) == (None, 0.0)
+    plain = Loop((INERTIA, SWITCH, P_PI, INTEGRATOR), values)
+    drive, left_out = lags_taken(plain, [1.0], DRIVE)
+    kp = 901.0 * (33.6 + 1 / 0.0338)
+    assert drive is DRIVE and left_out == pytest.approx(np.sqrt(kp / 8.81) * (4.8e-4 + 6.7e-4), rel=1e-9)
 
 
 @pytest.mark.slow
