@@ -1,7 +1,7 @@
 """Friction from records of random servos, made by an integrator of another kind: are the true values in the intervals?
 
     python scripts/identify.py [--count N] [--seed S] [--model switch|lugre] [--only I ...] [--counts LOW HIGH]
-                               [--as-built] [--no-drive] [--out FILE.jsonl]
+                               [--as-built] [--no-drive] [--parts] [--out FILE.jsonl]
 
 Each servo is drawn as in scripts/random_servos.py and records so many periods at a part of its fold's gain, with noise
 of 1 % of its amplitude, on an encoder of 2000 to 20000 counts a revolution (scripts/peers/hunting_record.py; where that
@@ -19,7 +19,7 @@ As built, records are those of a drive that moves by a step before it hunts (scr
 the encoder, so many of the amplitude, stand in its loop and in the record, which holds one of some samples; controllers
 are PID or P-PI, their derivative a difference or filtered.  The fit is told of the drive, and starts once.  Answers are
 those that say that the model holds; all others are refused, with the reason.  A P-PI whose velocity is filtered sums
-what is filtered: `Drive` has no such controller, and a fit is told of another one then.  These stand by themselves.
+what is filtered: it is a loop of parts, and stands by itself.  With --parts all are.
 
 Prints a line per servo and the sums.  The file holds one line of JSON per servo; a run adds those that it does not
 hold yet, and sums over all of them.
@@ -41,8 +41,19 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from casahunt import Drive, InputError, NoOrbit, Record, find_fold, find_orbit, identify  # noqa: E402
+from casahunt import Drive, InputError, NoOrbit, Record, Servo, find_fold, find_orbit, identify  # noqa: E402
 from casahunt.design.identify.identify import FREE, Identification  # noqa: E402
+from casahunt.servo.parts import (  # noqa: E402
+    DERIVATIVE_FILTER,
+    INERTIA,
+    INTEGRATOR,
+    LUGRE,
+    P_PI,
+    P_PI_FILTERED,
+    PID_BY_GAINS,
+    SWITCH,
+    Loop,
+)
 from casahunt.servo.problem import HuntingOrbit  # noqa: E402
 from casahunt.servo.servo import flatten, unflatten  # noqa: E402
 from scripts.peers.drive_record import DriveServo  # noqa: E402
@@ -137,7 +148,26 @@ class AsBuilt(Made):
         samples = round(rng.uniform(*HUNTED) * orbit.period / T)
         self.every = every = min(max(every, samples // MOST_LOGGED), EVERY[1])
         self.cascade, self.filter_time = cascade, filter_time
+        self.gains = {"kp": kp, "kd": kd, "ki": ki}
+        if cascade:
+            self.gains = {"velocity_gain": kd, "position_gain": built.proportional,
+                          "reset_time": built.proportional * kd / ki}  # fmt: skip
         return Record(*built.record(a * rng.uniform(*STEPS), samples, every), "drive")
+
+    def in_parts(self, start: Servo, model: str) -> tuple[Loop, Drive]:
+        """A servo to start from, and its drive, by the parts of its loop."""
+        f = start.friction
+        controller = (P_PI_FILTERED if self.filter_time else P_PI) if self.cascade else PID_BY_GAINS
+        parts = [INERTIA, LUGRE if model == "lugre" else SWITCH, controller, INTEGRATOR]
+        parts += [DERIVATIVE_FILTER] if self.filter_time and not self.cascade else []
+        numbers = {"inertia": start.inertia, "static": f.static, "coulomb": f.coulomb, "viscous": f.viscous,
+                   "stribeck_velocity": f.stribeck_velocity, "stiffness": f.stiffness, "damping": f.damping,
+                   "derivative_filter": self.filter_time, "velocity_filter": self.filter_time, **self.gains,
+                   "motor_gain": 1.0, "gain": 1.0}  # fmt: skip
+        known = {name for part in parts for name in part.parameters}
+        return Loop(parts, {n: x for n, x in numbers.items() if n in known}), Drive(
+            sample_time=self.drive.sample_time, encoder=self.drive.encoder
+        )
 
 
 def same(a: Identification, b: Identification) -> bool:
@@ -153,20 +183,24 @@ def same(a: Identification, b: Identification) -> bool:
 
 
 def examined(
-    number: int, seed: int, model: str, counts: tuple[float, float], as_built: bool, told: bool
+    number: int, seed: int, model: str, counts: tuple[float, float], as_built: bool, told: bool, parts: bool
 ) -> dict[str, Any]:
     """The row of one servo."""
     row: dict[str, Any] = {"seed": seed, "number": number, "model": model, "counts": list(counts), "refused": [],
-                           "as_built": as_built, "told": told}  # fmt: skip
+                           "as_built": as_built, "told": told, "parts": parts}  # fmt: skip
     try:
         made = (AsBuilt if as_built else Made)(number, seed, model, counts)
     except NoOrbit as error:
         return row | {"record": False, "refused": [str(error)]}
     answers, seconds = [], []
     for start in made.starts[: 1 if as_built else 2]:
-        began, asked = time.process_time(), {"drive": made.drive if told else None, "advise": not seconds}
+        began, drive, question = time.process_time(), made.drive, (start, made.gain, model)
+        if isinstance(made, AsBuilt) and (parts or (made.cascade and made.filter_time)):
+            loop, drive = made.in_parts(start, model)
+            question = loop, None, None
+        asked = {"drive": drive if told else None, "advise": not seconds}
         try:
-            answers.append(identify([made.record], start, made.gain, model, **asked))  # type: ignore[arg-type]
+            answers.append(identify([made.record], *question, **asked))
         except (InputError, NoOrbit) as error:
             row["refused"].append(f"{type(error).__name__}: {error}")
         seconds.append(time.process_time() - began)
@@ -179,7 +213,8 @@ def examined(
     return row | {
         "counts_of_amplitude": found.orbits[0].amplitude * made.counts / 2 / math.pi,
         "parameters": {
-            name: {"true": truth[name], "value": found.values[name], "low": low, "high": high}
+            name: {"true": truth.get(name, truth.get(f"friction.{name}")), "value": found.values[name], "low": low,
+                   "high": high}
             for name, (low, high) in found.intervals.items()
         },
         "settled": [answer.status.ok for answer in answers], "same": len(answers) == 2 and same(*answers),
@@ -254,11 +289,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", type=int, nargs="+")
     parser.add_argument("--as-built", action="store_true", help="records of drives, from a step on")
     parser.add_argument("--no-drive", action="store_true", help="whose drive the fit is not told of")
+    parser.add_argument("--parts", action="store_true", help="the fit is told of each by the parts of its loop")
     parser.add_argument("--counts", type=float, nargs=2, default=(2000.0, 20000.0))
     parser.add_argument("--out", type=Path)
     options = parser.parse_args(arguments)
     asked = {"seed": options.seed, "model": options.model, "counts": list(options.counts),
-             "as_built": options.as_built, "told": not options.no_drive}  # fmt: skip
+             "as_built": options.as_built, "told": not options.no_drive, "parts": options.parts}  # fmt: skip
     rows = {}
     if options.out and options.out.exists():
         kept = [json.loads(text) for text in options.out.read_text().splitlines()]
@@ -266,7 +302,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in options.only or range(options.count):
         if number not in rows:
             rows[number] = examined(number, options.seed, options.model, tuple(options.counts), options.as_built,
-                                    not options.no_drive)
+                                    not options.no_drive, options.parts)
             print(line(rows[number]), flush=True)
             if options.out:
                 with options.out.open("a") as file:

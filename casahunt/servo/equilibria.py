@@ -53,7 +53,7 @@ from ..roots import boundary
 from .basin import let_go, pull_on
 from .friction import Model
 from .linear.open_loop import linear_stable
-from .parts.cascade import P_PI
+from .parts.cascade import P_PI, P_PI_FILTERED
 from .parts.inertia import INERTIA
 from .parts.loop import Loop, breakaway_of, torque_gain
 from .parts.lugre import LUGRE
@@ -72,7 +72,7 @@ FARTHEST_HELD = 1e9
 """Distance [rad] beyond which friction is not asked whether it holds the servo."""
 HALVED_TO_ROUNDING = 50
 """Halvings of what is between two of them: to rounding."""
-OF_A_PID = {INERTIA, SWITCH, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR}
+OF_A_PID = {INERTIA, SWITCH, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, P_PI_FILTERED, INTEGRATOR}
 """Parts of one inertia with a PID."""
 PROVES = (
     "what it proves: the eigenvalues of the linearisations at the equilibria. What it does not: left half-plane "

@@ -29,7 +29,7 @@ from .start import MOTOR_GAIN
 from .torque import torque_of
 
 OF_CONTROLLER, GAIN, MOTOR_OF_A_LOOP = 3, "gain", "motor_gain"
-"""Numbers of a controller; the factor of all of them that a record is taken at; and that which one by times needs besides."""
+"""Numbers of a controller; the factor of them that a record is taken at; and what one by times needs besides."""
 
 
 def unread(question: Question, point: Point) -> Array:

@@ -24,7 +24,7 @@ from ...servo.find_orbit import find_orbit
 from ...servo.friction import MODELS, Model
 from ...servo.linear.margins import Margins, margins_of_parts
 from ...servo.move import Move, a_move
-from ...servo.parts.cascade import P_PI
+from ...servo.parts.cascade import P_PI, P_PI_FILTERED
 from ...servo.parts.fate import Swing
 from ...servo.parts.filtered_derivative import DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N
 from ...servo.parts.inertia import INERTIA
@@ -57,8 +57,8 @@ LARGER_SIZES = (1.5, 2.0, 3.0)
 """So many times the border is looked at besides: whether a larger size keeps hunting ended."""
 NOT_LINEAR = Margins(math.nan, math.nan, math.nan, math.nan, False)
 """The margins of a loop that has none."""
-RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, INTEGRATOR,
-                      DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
+RESTS_OF_THE_SERVO = {INERTIA, SWITCH, WITH_EXPONENT, LUGRE, PID_BY_TIMES, PID_BY_GAINS, P_PI, P_PI_FILTERED,
+                      INTEGRATOR, DERIVATIVE_FILTER, DERIVATIVE_FILTER_BY_N}  # fmt: skip
 """Parts with which a loop rests where the plain servo does."""
 MOST_FOR_THE_WORST = 10.0
 """By how much more of a remedy than the servo as given needs the worst of a set may need, for it to be sought."""

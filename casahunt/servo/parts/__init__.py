@@ -44,7 +44,7 @@ from typing import TYPE_CHECKING
 from ...lazy import lazily
 
 if TYPE_CHECKING:
-    from .cascade import P_PI
+    from .cascade import P_PI, P_PI_FILTERED
     from .dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS, SHIFTED_DEAD_BAND
     from .dither import DITHERED
     from .error_filter import ERROR_FILTER
@@ -75,8 +75,8 @@ if TYPE_CHECKING:
 __all__ = [
     "BACK_CALCULATION", "BY_DIRECTION", "CLAMPING", "DEAD_BAND", "DERIVATIVE_FILTER", "DERIVATIVE_FILTER_BY_N",
     "DITHERED", "ERROR_DEAD_BAND", "ERROR_FILTER", "FEEDFORWARD", "FREEZE", "HYSTERESIS", "INERTIA", "INTEGRATOR",
-    "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "REMEDIES",
-    "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
+    "LEAK", "LOADS", "LOAD_SWITCH", "LUGRE", "NO_FRICTION", "PID_BY_GAINS", "PID_BY_TIMES", "P_PI", "P_PI_FILTERED",
+    "REMEDIES", "RESET_AT_CENTRE", "RESET_AT_STOP", "RESET_AT_ZERO", "SHIFTED_DEAD_BAND", "SWITCH", "TORQUE_LIMIT",
     "TWO_MASSES", "TWO_MASSES_LOAD_SEEN", "WITH_EXPONENT", "Edge", "Law", "Loop", "Part", "PartMode", "Remedy",
     "friction_table", "from_object", "load_loop", "loop_of", "series", "state_space", "transfer_function",
 ]  # fmt: skip

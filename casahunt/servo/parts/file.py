@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -176,10 +176,11 @@ def loop_of_tables(tree: Mapping[str, Any], what: str) -> Loop:
         raise InputError(f"{what}: {units.word(str(error))}") from None
 
 
-def _check_complete(names: Sequence[str], given: Mapping[str, Any]) -> None:
+def _check_complete(names: Sequence[str], given: Collection[str]) -> None:
     """Refuse a linear axis of which something is left to its parts, whose numbers are those of a rotary one."""
     usual = {name: value for part in parts_of(names) for name, value in part.parameters.items()}
-    missing = [name for name, value in usual.items() if name not in (*given, *SHAPES_OF_ANY) and value not in DOES_NOTHING]
+    given = {*given, *SHAPES_OF_ANY}
+    missing = [name for name, value in usual.items() if name not in given and value not in DOES_NOTHING]
     if missing:
         raise InputError(f"{', '.join(missing)}: must be given, of a linear axis nothing is taken from Table 1")
 

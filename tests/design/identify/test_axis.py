@@ -104,8 +104,8 @@ def test_what_cannot_be_sought_says_why(belt, parts, asked, sentence):
 
 
 SLIDE = {
-    "inertia": 8.81, "load_inertia": 10.2, "shaft_stiffness": 2.13e6, "shaft_damping": 685.0, "motor_gain": 1.0, "gain": 1.0,
-    "position_gain": 33.6, "velocity_gain": 901.0, "reset_time": 0.0338, "static": 57.3, "coulomb": 29.2,
+    "inertia": 8.81, "load_inertia": 10.2, "shaft_stiffness": 2.13e6, "shaft_damping": 685.0, "motor_gain": 1.0,
+    "gain": 1.0, "position_gain": 33.6, "velocity_gain": 901.0, "reset_time": 0.0338, "static": 57.3, "coulomb": 29.2,
     "stribeck_velocity": 1.86e-3, "viscous": 582.0,
 }  # fmt: skip
 """A linear axis [kg, m, N, s] of 0.29 mm and 0.8 s."""

@@ -17,7 +17,7 @@ from casahunt import InputError, NoOrbit, Options, Servo, find_fold, find_orbit
 from casahunt.continuation import follow, special_curve
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle, orbit_ensemble
-from casahunt.servo.parts.cascade import P_PI
+from casahunt.servo.parts.cascade import P_PI, P_PI_FILTERED
 from casahunt.servo.parts.dead_band import DEAD_BAND, ERROR_DEAD_BAND, HYSTERESIS
 from casahunt.servo.parts.error_filter import ERROR_FILTER
 from casahunt.servo.parts.feedforward import FEEDFORWARD
@@ -61,6 +61,17 @@ def same(orbit, other, tol=1e-9):
 @pytest.mark.parametrize("controller", [PID_BY_TIMES, PID_BY_GAINS, P_PI])
 def test_a_controller_in_each_of_its_forms(plain, controller):
     assert same(cycle_of(Loop((INERTIA, SWITCH, controller, INTEGRATOR))), plain)
+
+
+def test_a_cascade_sums_what_its_filter_of_the_velocity_leaves():
+    """m/e = K cm Kv (1 + 1/(Tn s)) (Kp + s/(1 + Tf s)), of one transfer function."""
+    Kp, Kv, Tn, Tf = 5.0, 0.17, 0.12, 6e-3
+    cascade = {"position_gain": Kp, "velocity_gain": Kv, "reset_time": Tn, "gain": 0.05}
+    over = np.polymul([Tn, 0.0], [Tf, 1.0])
+    above = Kv * np.polymul([Tn, 1.0], np.polyadd(Kp * np.array([Tf, 1.0]), [1.0, 0.0]))
+    ours = cycle_of(Loop((INERTIA, SWITCH, P_PI_FILTERED, INTEGRATOR), {**cascade, "velocity_filter": Tf}))
+    assert same(ours, cycle_of(Loop((INERTIA, SWITCH, transfer_function(above, over)), {"gain": 0.05})))
+    assert not same(ours, cycle_of(Loop((INERTIA, SWITCH, P_PI, INTEGRATOR), cascade)), 1e-3)
 
 
 @pytest.mark.parametrize(("part", "absent"), [

@@ -15,6 +15,7 @@ from casahunt.servo.parts import (
     CLAMPING,
     INERTIA,
     INTEGRATOR,
+    P_PI_FILTERED,
     PID_BY_GAINS,
     SWITCH,
     TWO_MASSES,
@@ -72,8 +73,28 @@ def moved(x: np.ndarray, m: float, lasts: float) -> np.ndarray:
     return x
 
 
-def by_hand(drive: Drive, samples: int, x: np.ndarray, ki: float, *, load_seen: bool) -> np.ndarray:
-    """(samples + 1, 5) x1, x2, x3, load angle, load rate at the samples; set point 0."""
+CASCADE = {"position_gain": 30.0, "velocity_gain": 0.06, "reset_time": 0.05, "velocity_filter": 4e-3}
+"""Of a P-PI whose velocity is filtered."""
+
+
+def cascade(T: float, start: float):
+    """The law of a P-PI cascade as it is programmed, m of the error that is read; start: the sum of velocities."""
+    Kp, Kv, Tn, Tf = CASCADE.values()
+    speed, summed, last = 0.0, start, None
+
+    def law(e: float) -> float:
+        nonlocal speed, summed, last
+        speed += T / (T + Tf) * ((0.0 if last is None else (e - last) / T) - speed)
+        last = e
+        u = Kp * e + speed
+        summed += T * u
+        return -Kv * (u + summed / Tn)
+
+    return law
+
+
+def by_hand(drive: Drive, samples: int, x: np.ndarray, ki: float, *, load_seen: bool, law=None) -> np.ndarray:
+    """(samples + 1, 5) x1, x2, x3, load angle, load rate at the samples; set point 0; law: of another controller."""
     T, q, sum_, states = drive.sample_time, drive.count, 0.0, []
     late, part = divmod(drive.delay, T)
     waiting, last = [0.0] * (int(late) + 1), None
@@ -83,7 +104,7 @@ def by_hand(drive: Drive, samples: int, x: np.ndarray, ki: float, *, load_seen: 
         sum_ += T * e
         rate = 0.0 if last is None else (e - last) / T
         last = e
-        waiting.append(-(BELT["kp"] * e + ki * sum_ + BELT["kd"] * rate))
+        waiting.append(law(e) if law else -(BELT["kp"] * e + ki * sum_ + BELT["kd"] * rate))
         before = waiting.pop(0)
         x = moved(moved(x, before, part), waiting[0], T - part)
     return np.array([*states, [x[0], x[1], sum_, x[2], x[3]]])
@@ -99,6 +120,18 @@ def test_another_program_has_the_same_motion(plant):
     sizes = np.abs(theirs).max(axis=0)
     assert (theirs[:, 1] == 0).sum() > 20 and (np.abs(np.diff(theirs[:, 1] != 0)) > 0).sum() >= 3
     assert (np.abs(ours - theirs) / sizes).max() < 1e-8
+
+
+def test_a_cascade_that_filters_its_velocity_is_run_as_it_is_programmed():
+    begins = -391 * DRIVE.count
+    start, law = np.array([begins, 0.0, begins, 0.0]), cascade(DRIVE.sample_time, begins)
+    theirs = by_hand(DRIVE, 400, start, 0.0, load_seen=False, law=law)[:, [0, 1, 3, 4]]
+    shared = {name: value for name, value in BELT.items() if name not in ("kp", "ki", "kd")}
+    loop = Loop((TWO_MASSES, SWITCH, P_PI_FILTERED, INTEGRATOR), {**shared, **CASCADE})
+    motion = simulate_sampled(loop, None, DRIVE, set_point=0.0, position=begins, time=0.4)
+    ours = motion.states[[motion.names.index(name) for name in ("x1", "x2", "load_angle", "load_rate")]].T
+    assert (theirs[:, 1] == 0).sum() > 20
+    assert np.abs(ours - theirs).max(axis=0) == pytest.approx(0, abs=1e-7 * np.abs(theirs).max())
 
 
 def test_its_limit_is_the_continuous_loop():
