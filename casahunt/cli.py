@@ -29,7 +29,7 @@ from .views.commands.arguments import Parser, shown_as_the_file_says
 from .views.commands.console import Outputs, complain, explain_complaints, own_process
 from .views.commands.output import tell_refusal
 from .views.commands.output_paths import keep_inputs
-from .views.commands.progress import over, progress, tell
+from .views.commands.progress import begin, over, tell
 
 COMMANDS = (
     "orbit",
@@ -121,8 +121,10 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         if program:
             own_process()
         options = _parsed(words)
-        name, stream = options.command, progress(options)
-        note = None if name in SAY_THEMSELVES else lambda text: tell(stream, text)
+        name = options.command
+        if not options.quiet:
+            begin(every=getattr(options, "details", False))
+        note = None if name in SAY_THEMSELVES else tell
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         keep_inputs(options)
         try:

@@ -24,7 +24,7 @@ from ...servo.servo import LOOP_TABLE, Servo, read_toml, servo_of_tables, with_o
 from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
-from .progress import progress, say
+from .progress import say
 from .taken import of_the_continuous_loop, servo_of_parts, taken_from_table_1
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ def servo_of(options: argparse.Namespace) -> Servo:
         options.told = True
         taken = taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought"))
         for sentence in (*taken, *of_the_continuous_loop(options.command, tables)):
-            say(progress(options), sentence)
+            say(sentence)
     return servo
 
 
@@ -243,9 +243,9 @@ def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive 
     numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in read.items()}
     if numbers.get("sample_time") == 0:
         dropped = ", ".join(f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time")
-        stream = progress(options) if dropped and not hasattr(options, "continuous") else None
+        if dropped and not hasattr(options, "continuous"):
+            say(f"the loop is taken as a continuous one: {dropped} left out")
         options.continuous = True
-        say(stream, f"the loop is taken as a continuous one: {dropped} left out")
         return None
     stated = {key: given[key] if with_its_unit(given[key]) else value for key, value in numbers.items()}
     return drive_of_table(table, shown(), **stated) if table or stated else None
@@ -312,7 +312,7 @@ def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | No
     if not hasattr(options, "told"):
         options.told = True
         for sentence in of_the_continuous_loop(options.command, tables):
-            say(progress(options), sentence)
+            say(sentence)
     return loop
 
 

@@ -35,7 +35,7 @@ from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
 from .price_options import add_demands, demands_of
-from .progress import progress, tell
+from .progress import tell
 from .remedies import Table, advice_of, judged, table_details, table_lines, table_of
 from .uncertain import say_what_is_left_out
 
@@ -71,8 +71,8 @@ def run(options: argparse.Namespace) -> int:
         complain("casahunt cure", f"the records were not fitted: {found.status.advice}")
         return 1
     gain = found.records[0].gain
-    say_what_is_left_out(options, found.servo, found.uncertainty)
-    tell(progress(options), "computing the fold")
+    say_what_is_left_out(found.servo, found.uncertainty)
+    tell("computing the fold")
     fold = _fold(found, how)
     if found.model is None:  # of a loop of parts sizes are those for the values as found
         table = table_of(options, demands, (found.servo.replace(gain=gain), None, None), options=how, uncertainty=None)

@@ -7,7 +7,6 @@ when it is on disk; the archive is written once, when the branch has ended, howe
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,7 +45,7 @@ from .arguments import (
 from .console import complain, folder, orbit_line
 from .output import draw, give
 from .output_paths import keep_others
-from .progress import Progress, progress, say, tell
+from .progress import each_stays, say, tell
 
 PICTURES = {
     "diagram.png": "branches.diagram",
@@ -97,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
     with folder(options.out, results):
         # What an earlier run has left makes room when this one has its first point, and not before.
         found = _Branches(
-            servo, vary, start, to, how, options.natural, out, dict(results), progress(options), options.details
+            servo, vary, start, to, how, options.natural, out, dict(results), options.details
         )
         try:
             for model in models:
@@ -146,7 +145,6 @@ class _Branches:
     out: Path
     stale: dict[str, bytes]
     """Files that an earlier run may have left, and what stands in each."""
-    stream: Progress | None
     details: bool
     branches: list[Branch[Any]] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
@@ -211,8 +209,7 @@ class _Branches:
                 if not so_far or len(branch.orbits) > len(so_far[-1].orbits) or branch.lopsided:
                     branch.to_csv(files[".csv"])
                 so_far.append(branch)
-                for how, line in _news(branch, so_far[-2:-1], model, self.stream):
-                    how(self.stream, line)
+                _tell_news(branch, so_far[-2:-1], model)
             effort.heard()
 
         asked: Any = {"to": self.to, "options": self.options, "natural": self.natural, "report": report}
@@ -231,25 +228,23 @@ class _Branches:
 
     def lopsided(self, orbit: Orbit) -> None:
         """Say that a cycle of a lopsided pair is there."""
-        tell(self.stream, f"{orbit_line(self.stream, orbit)}  lopsided")
+        tell(f"{orbit_line(orbit)}  lopsided")
         effort.heard()
 
 
-def _news(
-    branch: Branch[Any], before: list[Branch[Any]], model: Model | None, stream: Progress | None
-) -> Iterator[tuple[Callable[[Progress | None, str], None], str]]:
-    """What is said of a branch that has grown, line by line, and how; before: what it was, or nothing."""
+def _tell_news(branch: Branch[Any], before: list[Branch[Any]], model: Model | None) -> None:
+    """Say how a branch has grown; before: what it was, or nothing."""
     orbits, special = max(((len(each.orbits), len(each.special)) for each in before), default=(0, 0))
     met = {id(one.orbit): one for one in branch.special[special:]}
     new = {id(orbit) for orbit in branch.orbits[orbits:]}
-    every, name = stream is not None and stream.every, model or "loop"
+    every, name = each_stays(), model or "loop"
     for orbit, _ in branch.along():
         one = met.get(id(orbit))
         if one is not None and (every or one.kind == FOLD.kind):  # where hunting ends is a milestone to everybody
             at = f"gain {short(one.value)} V/rad" if model else f"{branch.vary} {short(one.value)}"
-            yield say, f"{name:7s} {one.meaning}" if every else f"{name}: cycles of one kind end at {at}"
+            say(f"{name:7s} {one.meaning}" if every else f"{name}: cycles of one kind end at {at}")
         if id(orbit) in new:
-            yield tell, orbit_line(stream, orbit, vary=branch.vary)
+            tell(orbit_line(orbit, vary=branch.vary))
 
 
 def _shortfall(branch: Branch[Any], to: float | None, *, natural: bool) -> str:

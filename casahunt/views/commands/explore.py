@@ -17,7 +17,7 @@ from ...servo.drive import Drive
 from ...servo.units import GAIN_UNIT
 from ..explore.state import State, state_of_loop, state_of_servo
 from .arguments import add_command, count_of, drive_of, loop_of, model_of, positive, servo_of
-from .progress import progress, say
+from .progress import say
 
 
 def add(commands: Any) -> None:
@@ -41,14 +41,13 @@ def run(options: argparse.Namespace) -> int:
         )
     port = None if options.port is None else count_of("port", options.port, 1, 65535)
     server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
-    stream = progress(options)
     if opened := server.opened():
-        say(stream, opened)
+        say(opened)
     if options.json:
         print(json.dumps({"address": server.address}), flush=True)
     else:
         print(server.address, flush=True)
-        say(stream, "the page is served until Ctrl-C")
+        say("the page is served until Ctrl-C")
     if not options.no_browser:
         webbrowser.open(server.address)
     server.run()

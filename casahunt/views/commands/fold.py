@@ -24,7 +24,7 @@ from ..answers.fold import WHAT_TO_DO, fold_answer, stability_of, value_of
 from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
 from .console import orbit_line
 from .output import give
-from .progress import progress, tell
+from .progress import tell
 from .sampled import seen_by_encoder
 
 
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     model, how, vary = model_of(options), how_of(options), vary_of(options)
     asked, loop = asked_of(options), loop_of(options)
     fold: Any = find_fold(*asked, vary=vary, options=how)
-    slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
+    slopes, orbit = fold_sensitivities(fold), fold.orbit
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
     ranges, way = stable_ranges(fold, loop), "up" if fold.sense > 0 else "down"
     more["stable"] = stable = stability_of(fold, ranges)
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
             far = angle(float(low)) if low == high else f"{angle(float(low))} to {angle(float(high))}"
             said = f"at {named} {value_of(vary, at)} other hunting, of {far}: casahunt orbit"
             below = [item("beyond it", f"{said}; where that ends is not known"), *below]
-    tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))
+    tell(orbit_line(orbit, mu="+1 (fold)", vary=vary))
     first = value_of(vary, fold.value, short, fold.value_error)
     value, again = (value_of(vary, each, to_error, fold.value_error) for each in (fold.value, fold.confirmed_value))
     head = f"{name}: {possible} {way} to {named} {first}"

@@ -29,7 +29,7 @@ from ..answers.fold import PLAIN_DECIMALS, sensitivity_text
 from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
 from .console import Outputs, complain
 from .output import give
-from .progress import Progress, progress, tell
+from .progress import tell
 
 
 def add(commands: Any) -> None:
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     asked |= {"end": finite("to", options.to, *kinds_of(options.vary))}
     check_range(servo, **asked)
     asked |= {"points": count_of("points", options.points, 2, 1000)}
-    desk = _Desk(servo, asked, how, options.csv, options.outputs, progress(options))
+    desk = _Desk(servo, asked, how, options.csv, options.outputs)
     for model in models:
         desk.follow(model)
     curves, failures = desk.curves, desk.failures
@@ -90,7 +90,6 @@ class _Desk:
     how: Options
     table: Path | None
     outputs: Outputs
-    stream: Progress | None
     curves: list[FoldCurve] = field(default_factory=list)
     failures: list[str | NoOrbit] = field(default_factory=list)
     there: list[FoldPoint] = field(default_factory=list)
@@ -124,7 +123,7 @@ class _Desk:
             wall_s, fold_in = self.outputs.seconds, self.asked["fold_in"]
             ended = "interrupted", Status.NOT_CONVERGED
             self.keep(FoldCurve(model, self.servo, vary, ordered, (), *ended, wall_s, False, fold_in))
-        tell(self.stream, _line(vary, fold_in, point, model))
+        tell(_line(vary, fold_in, point, model))
 
     def keep(self, curve: FoldCurve) -> None:
         """Write what is asked for, `curve` behind the curves before it."""

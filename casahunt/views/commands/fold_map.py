@@ -22,7 +22,7 @@ from ..answers.answer import Answer, called, item, short
 from .arguments import add_command, asked_of, count_of, finite, how_of
 from .console import orbit_line
 from .output import give
-from .progress import Progress, progress, tell, teller
+from .progress import tell, teller
 
 MAP_SIDE = 25
 """Values of each parameter: 625 folds make smooth contours, and take some seconds."""
@@ -47,11 +47,10 @@ def run(options: argparse.Namespace) -> int:
     check_asked(servo, model)
     points = count_of("points", options.points, *SIDES)
     names, axes = _axes(options, points)
-    out = progress(options)
-    tell(out, "computing the fold of the servo itself")
+    tell("computing the fold of the servo itself")
     fold = upper(find_fold(servo, model, options=how))
-    tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
-    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
+    tell(orbit_line(fold.orbit, mu="+1 (fold)"))
+    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(points**2))
     answer = Answer(_plain(found), _details(found))
     give(options, found, answer, table=tables_of([found]), picture=("fold_curve.fold_map", found))
     if not np.isfinite(found.gains).any():
@@ -59,9 +58,9 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.status.ok else 1
 
 
-def _reporter(stream: Progress | None, total: int) -> Callable[[int], None]:
+def _reporter(total: int) -> Callable[[int], None]:
     """Takes the number of folds computed, of a total, and says now and then how long the others will take."""
-    told = teller(stream)
+    told = teller()
     first: list[tuple[int, float]] = []  # what came before the first report is not what follows it
 
     def report(count: int) -> None:

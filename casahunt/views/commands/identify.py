@@ -47,7 +47,7 @@ from .arguments import (
 from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
-from .progress import progress, tell
+from .progress import tell
 from .record_options import add_reading, add_torque, later_part, reading_of
 
 SIGN = "# casahunt identify"
@@ -102,7 +102,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
 
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
-        tell(progress(options), f"fitting {len(free)} parameters to {many}")
+        tell(f"fitting {len(free)} parameters to {many}")
         try:
             return identify(records, servo, gains, model, free=free, drive=drive, options=how)
         except InputError as refusal:

@@ -19,7 +19,7 @@ from ...servo.servo import Servo
 from ..answers.answer import Answer, at_gain, item, known, position, short
 from .arguments import add_command, count_of, gain_of, positive, servo_of
 from .output import give
-from .progress import progress, teller
+from .progress import teller
 
 
 def add(commands: Any) -> None:
@@ -54,7 +54,7 @@ def _reporter(
     servo: Servo, gain: float, low: float | None, high: float | None, points: int, options: argparse.Namespace
 ) -> Callable[[int, float], None]:
     """Who says where a map is: in its first grid, then between its neighbours, from the smallest position up."""
-    tell = teller(progress(options))
+    tell = teller()
     began = since = time.monotonic()
 
     def report(motions: int, a: float) -> None:

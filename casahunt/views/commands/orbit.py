@@ -40,7 +40,7 @@ from ..answers.answer import (
 from .arguments import add_command, add_solver, asked_of, gain_of, how_of, left_out
 from .console import orbit_line
 from .output import give
-from .progress import progress, tell
+from .progress import tell
 from .sampled import hunts_on, seen_by_encoder
 
 
@@ -95,8 +95,7 @@ def run(options: argparse.Namespace) -> int:
             "difference": difference(orbit.multipliers, second) if trusted else None,
         }
     record["wall_s"] = options.outputs.seconds
-    stream = progress(options)
-    tell(stream, orbit_line(stream, orbit))
+    tell(orbit_line(orbit))
     if options.save:
         options.outputs.write(save_orbit, orbit, options.save)
     columns = {"model": model, column("gain"): gain} if model else record["parameters"]

@@ -36,7 +36,7 @@ from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, r
 from .arguments import add_command, asked_of, finite, how_of, positive
 from .console import complain
 from .output import give
-from .progress import progress, tell
+from .progress import tell
 from .record_options import add_reading, later_part, reading_of
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
@@ -70,14 +70,13 @@ def run(options: argparse.Namespace) -> int:
     given = options.set_point
     set_point = None if given is None else moderate("set-point", finite("set-point", given, "rad"))
     how, reading = how_of(options), reading_of(options)
-    stream = progress(options)
     with suppress(OSError):
         size = Path(options.file).stat().st_size
         if size >= LARGE:
-            tell(stream, f"reading {size / 1e6:.0f} MB")
+            tell(f"reading {size / 1e6:.0f} MB")
     record = later_part(read_record(options.file, **reading), options)
     if record.times.size >= MANY:
-        tell(stream, f"{record.times.size} samples read, looking for the period")
+        tell(f"{record.times.size} samples read, looking for the period")
     found = measured(record)
     orbit: Orbit | None = None
     failure = None
@@ -86,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
             orbit = find_orbit(servo, model, gain, options=how)
     except NoOrbit as error:
         failure = str(error)
-    suspect = _suspect(record, found, orbit, stream) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
+    suspect = _suspect(record, found, orbit) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
     rows = _rows(found, orbit)
     give(
         options,
@@ -106,11 +105,11 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.hunting and failure is None else 1
 
 
-def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -> str:
+def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit) -> str:
     """What to suspect where the frequency is not the predicted one."""
 
     def fit() -> Identification:
-        tell(stream, "far from the predicted frequency: looking for a friction that explains the record")
+        tell("far from the predicted frequency: looking for a friction that explains the record")
         return identify([record], orbit.servo, orbit.gain, orbit.model, advise=False)
 
     step = float(np.median(np.diff(record.times)))

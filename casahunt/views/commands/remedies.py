@@ -42,7 +42,7 @@ from .output import give
 from .output_paths import write_results
 from .pool import processes
 from .price_options import DEMANDS, add_demands, demands_of
-from .progress import progress, tell
+from .progress import tell
 from .sampled import checked_lines
 from .uncertain import uncertainty_of
 
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
         table = table_of(options, demands, asked, options=how, uncertainty=uncertainty, margin=margin)
         found = table.found
         if out is not None:
-            tell(progress(options), "drawing")
+            tell("drawing")
             record = _record(table, options, servo.parameters if model is None else flatten(servo))
             from ..pictures import remedies as pictures_remedies
 
@@ -125,10 +125,10 @@ def table_of(
 
     demands: as of `demands_of`; asked: servo, model and gain; more: arguments of `remedies`.
     """
-    (what, limits, jobs), (servo, model, gain), stream = demands, asked, progress(command)
+    (what, limits, jobs), (servo, model, gain) = demands, asked
     with processes(jobs) as pool:
         found = remedies(
-            servo, model, gain, progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool,
+            servo, model, gain, progress=lambda row: tell(as_it_is_found(row)), executor=pool,
             **what, **limits, **more,
         )  # fmt: skip
     run_by_drive = servo if model is None else parts_of(servo, "switch", gain)

@@ -35,7 +35,7 @@ from .arguments import add_command, add_out, asked_of, drive_of, finite, how_of,
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
-from .progress import progress, tell, teller
+from .progress import tell, teller
 from .sampled import checked_lines
 from .uncertain import uncertainty_of
 
@@ -73,19 +73,17 @@ def run(options: argparse.Namespace) -> int:
     servo, model = asked_of(options)
     uncertainty = uncertainty_of(options, servo)
     bounds = bounds_of(options.bounds)
-
-    stream = progress(options)
     with folder(options.out, FILES) as out:
         tuning = tune(
             servo, model, demands=demands, uncertainty=uncertainty, free=options.free, bounds=bounds, cost=cost,
-            options=how, report=teller(stream),
+            options=how, report=teller(),
         )  # fmt: skip
         drive = drive_of(options)
         built = None if drive is None else as_built(tuning.servo, tuning.gain, drive)
         record = evidence_record(tuning) | {"tol": how.tol, "made": made(options.servo, options.set)}
         record |= {} if built is None else {"as_built": built.to_dict()}
         if out is not None:
-            tell(stream, "drawing")
+            tell("drawing")
             from ..pictures.tune import evidence_images
 
             texts = evidence_page(record, evidence_images(tuning)), json.dumps(record, indent=1) + "\n"

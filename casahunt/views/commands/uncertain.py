@@ -7,7 +7,7 @@ import argparse
 from ...design.uncertainty.set import Uncertainty, load_uncertainty, part_without_servos
 from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
-from .progress import progress, say
+from .progress import say
 
 
 def uncertainty_of(options: argparse.Namespace, servo: Servo | Loop) -> Uncertainty | None:
@@ -15,11 +15,11 @@ def uncertainty_of(options: argparse.Namespace, servo: Servo | Loop) -> Uncertai
     if options.uncertainty is None:
         return None
     uncertainty = load_uncertainty(options.uncertainty, servo)
-    say_what_is_left_out(options, servo, uncertainty)
+    say_what_is_left_out(servo, uncertainty)
     return uncertainty
 
 
-def say_what_is_left_out(options: argparse.Namespace, servo: Servo | Loop, uncertainty: Uncertainty) -> None:
+def say_what_is_left_out(servo: Servo | Loop, uncertainty: Uncertainty) -> None:
     """Say which part of an uncertainty is left out, where one is."""
     if said := part_without_servos(servo, uncertainty):
-        say(progress(options), said)
+        say(said)

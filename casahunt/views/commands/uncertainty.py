@@ -20,7 +20,7 @@ from .arguments import add_command, asked_of, count_of, how_of
 from .console import orbit_line
 from .output import give
 from .pool import jobs_of, processes
-from .progress import progress, say, tell, teller
+from .progress import say, tell, teller
 from .uncertain import uncertainty_of
 
 DEFAULT_SAMPLES = 200
@@ -53,19 +53,17 @@ def run(options: argparse.Namespace) -> int:
     uncertainty = uncertainty_of(options, servo)
     assert uncertainty is not None  # the command requires it
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
-    out = progress(options)
-
-    tell(out, "computing the fold of the servo itself")
+    tell("computing the fold of the servo itself")
     fold = upper(find_fold(servo, model, options=how))
-    tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
-    tell(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
-    told, since = teller(out), time.monotonic()
+    tell(orbit_line(fold.orbit, mu="+1 (fold)"))
+    tell(f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
+    told, since = teller(), time.monotonic()
     with processes(jobs) as pool:
         samples = sample(
             servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold,
             report=lambda i: told(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
         )  # fmt: skip
-    tell(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
+    tell(f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
     low, high = uncertainty.box(servo)
     sampled = [] if samples.worst is None else [samples.parameters[samples.worst]]
     worst = worst_corner(
@@ -90,9 +88,9 @@ def run(options: argparse.Namespace) -> int:
     picture = "uncertainty.histogram", fold, samples, worst, seen
     give(options, record, answer, table=tables_of([samples]), picture=picture)
     for i, sentence in samples.failures:
-        say(out, f"sample {i + 1} was not computed: {sentence}")
+        say(f"sample {i + 1} was not computed: {sentence}")
     for sentence in worst.failures:
-        say(out, f"in the search for the worst corner: {sentence}")
+        say(f"in the search for the worst corner: {sentence}")
     if not samples.computed.any():
         raise NoOrbit(f"none of the {n} samples was computed: {samples.failures[0][1]}", Status.NOT_CONVERGED)
     return 0
