@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +11,7 @@ from ...results import tables_of
 from ...servo.basin import OFFSET, Basin, basin
 from ...servo.outcome import Kind
 from ..answers.answer import Answer, angle, at_gain, called, complex_text, item, known, parts_of, record_of, short
-from .arguments import add_command, asked_of, drive_of, finite, how_of
+from .arguments import Asked, add_command, finite
 from .console import complain
 from .output import give
 
@@ -30,11 +29,11 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    how, offset, asked = how_of(options), finite("offset", options.offset), asked_of(options, gain=True)
+    how, offset, asked = options.how(), finite("offset", options.offset), options.subject(gain=True)
     found = basin(*asked, options=how, offset=offset)
-    drive = drive_of(options)
+    drive = options.drive()
     answer = basin_answer(found, how.tol, drive.count if drive else 0.0)
     record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, answer, table=tables_of([found]), picture=("event_map.basin", found))

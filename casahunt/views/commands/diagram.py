@@ -6,7 +6,6 @@ when it is on disk; the archive is written once, when the branch has ended, howe
 
 from __future__ import annotations
 
-import argparse
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,20 +27,7 @@ from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT, kinds_of
 from ..answers.answer import parts_of, record_of, short
 from ..answers.diagram import diagram_answer
-from .arguments import (
-    add_command,
-    add_models,
-    add_out,
-    add_solver,
-    add_vary,
-    finite,
-    how_of,
-    loop_of,
-    models_of,
-    positive,
-    servo_of,
-    vary_of,
-)
+from .arguments import Asked, add_command, add_models, add_out, add_solver, add_vary, finite, positive
 from .console import complain, folder, orbit_line
 from .output import draw, give
 from .output_paths import keep_others
@@ -81,17 +67,17 @@ def add(commands: Any) -> None:
     add_out(picture, _results, default="casahunt-diagram", help="folder to write into")
 
 
-def _results(options: argparse.Namespace) -> dict[str, bytes]:
+def _results(options: Asked) -> dict[str, bytes]:
     """The files that are written into --out, and what stands in each."""
-    tables = {f"{model or 'loop'}{end}": sign for model in models_of(options) for end, sign in SIGNS.items()}
+    tables = {f"{model or 'loop'}{end}": sign for model in options.friction_models() for end, sign in SIGNS.items()}
     return dict.fromkeys(PICTURES, PICTURE_SIGN) | tables
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
-    models, loop, vary, how = models_of(options), loop_of(options), vary_of(options), how_of(options)
+    models, loop, vary, how = options.friction_models(), options.loop(), options.varied(), options.how()
     start, to = _number(options, "from", loop, vary), _number(options, "to", loop, vary)
-    servo = loop or servo_of(options)
+    servo = loop or options.servo()
     results, out = _results(options), Path(options.out)
     with folder(options.out, results):
         # What an earlier run has left makes room when this one has its first point, and not before.
@@ -124,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
     return 1 if found.failures else 0
 
 
-def _number(options: argparse.Namespace, key: str, loop: Loop | None, vary: str) -> float | None:
+def _number(options: Asked, key: str, loop: Loop | None, vary: str) -> float | None:
     """The value of an option, in the parameter that is varied; None where it is not given."""
     text = options.start if key == "from" else options.to
     if text is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -12,7 +11,7 @@ from ...results import tables_of
 from ...servo.equilibria import PROVES, Equilibria, equilibria
 from ...servo.parts.loop import breakaway_of
 from ..answers.answer import Answer, angle, at_gain, called, item, parts_of, record_of, short
-from .arguments import add_command, asked_of
+from .arguments import Asked, add_command
 from .output import give
 
 
@@ -24,9 +23,9 @@ def add(commands: Any) -> None:
     )  # fmt: skip
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    asked = asked_of(options, gain=True)
+    asked = options.subject(gain=True)
     found = equilibria(*asked)
     record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, equilibria_answer(found), table=tables_of([found]), picture=("equilibria.equilibria", found))

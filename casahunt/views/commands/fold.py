@@ -7,7 +7,6 @@ higher gains, or null.  Of a loop of parts: the border of hunting in any paramet
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from ...servo.parts.verbs import beyond_fold, hunting_beyond
 from ...servo.stable_up_to import stable_ranges
 from ..answers.answer import angle, called, item, parts_of, record_of, runs_away, short
 from ..answers.fold import WHAT_TO_DO, fold_answer, stability_of, value_of
-from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
+from .arguments import Asked, add_command, add_solver, add_vary
 from .console import orbit_line
 from .output import give
 from .progress import tell
@@ -40,10 +39,10 @@ WAS_FOLLOWED = "the hunting that was followed goes"
 """Said where other hunting may go on."""
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    model, how, vary = model_of(options), how_of(options), vary_of(options)
-    asked, loop = asked_of(options), loop_of(options)
+    model, how, vary = options.friction_model(), options.how(), options.varied()
+    asked, loop = options.subject(), options.loop()
     fold: Any = find_fold(*asked, vary=vary, options=how)
     slopes, orbit = fold_sensitivities(fold), fold.orbit
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}

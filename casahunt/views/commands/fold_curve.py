@@ -5,7 +5,6 @@ Of a loop of parts: the border of hunting in any parameter; its JSON object says
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +25,7 @@ from ...servo.servo import Servo
 from ...servo.units import kinds_of
 from ..answers.answer import Answer, called, named, parts_of, record_of, short
 from ..answers.fold import PLAIN_DECIMALS, sensitivity_text
-from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
+from .arguments import Asked, add_command, add_models, count_of, finite
 from .console import Outputs, complain
 from .output import give
 from .progress import tell
@@ -48,14 +47,14 @@ def add(commands: Any) -> None:
     command.add_argument("--points", default=RANGE_POINTS, metavar="N", help=points)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
-    loop = loop_of(options)
+    loop = options.loop()
     if loop is None:
-        left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    models = models_of(options)
-    how = how_of(options)
-    servo = loop or servo_of(options)
+        options.leave_out("a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
+    models = options.friction_models()
+    how = options.how()
+    servo = loop or options.servo()
     asked: dict[str, Any] = {"vary": options.vary, "fold_in": options.fold_in or "gain"}
     asked |= {"start": finite("from", options.start, *kinds_of(options.vary))}
     asked |= {"end": finite("to", options.to, *kinds_of(options.vary))}

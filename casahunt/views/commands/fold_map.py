@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -19,7 +18,7 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.units import kinds_of
 from ..answers.answer import Answer, called, item, short
-from .arguments import add_command, asked_of, count_of, finite, how_of
+from .arguments import Asked, add_command, count_of, finite
 from .console import orbit_line
 from .output import give
 from .progress import tell, teller
@@ -41,9 +40,9 @@ def add(commands: Any) -> None:
     command.add_argument("--points", default=MAP_SIDE, metavar="N", help=points)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
-    how, (servo, model) = how_of(options), asked_of(options)
+    how, (servo, model) = options.how(), options.subject()
     check_asked(servo, model)
     points = count_of("points", options.points, *SIDES)
     names, axes = _axes(options, points)
@@ -72,7 +71,7 @@ def _reporter(total: int) -> Callable[[int], None]:
     return report
 
 
-def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
+def _axes(options: Asked, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
     names, axes = [], []
     for which in ("vary", "and"):
         called, *ends = getattr(options, which)

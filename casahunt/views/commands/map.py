@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +16,7 @@ from ...servo.event_map.data import FixedPoint, FixedPoints
 from ...servo.event_map.fixed_points import MAP_POINTS, default_range, fixed_points
 from ...servo.servo import Servo
 from ..answers.answer import Answer, at_gain, item, known, position, short
-from .arguments import add_command, count_of, gain_of, positive, servo_of
+from .arguments import Asked, add_command, count_of, positive
 from .output import give
 from .progress import teller
 
@@ -33,13 +32,13 @@ def add(commands: Any) -> None:
     command.add_argument("--points", default=MAP_POINTS, help=f"motions of the first grid (default {MAP_POINTS})")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    gain = gain_of(options)
+    gain = options.at_gain()
     low = None if options.start is None else positive("from", options.start, "rad")
     high = None if options.to is None else positive("to", options.to, "rad")
     points = count_of("points", options.points, 2, 1000)
-    servo = servo_of(options)
+    servo = options.servo()
     report = _reporter(servo, gain, low, high, points, options)
     seen = fixed_points(servo, gain, low, high, points=points, report=report)
     if not seen.points:
@@ -51,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _reporter(
-    servo: Servo, gain: float, low: float | None, high: float | None, points: int, options: argparse.Namespace
+    servo: Servo, gain: float, low: float | None, high: float | None, points: int, options: Asked
 ) -> Callable[[int, float], None]:
     """Who says where a map is: in its first grid, then between its neighbours, from the smallest position up."""
     tell = teller()

@@ -6,7 +6,6 @@ of its encoder, or null.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -37,7 +36,7 @@ from ..answers.answer import (
     runs_away,
     short,
 )
-from .arguments import add_command, add_solver, asked_of, gain_of, how_of, left_out
+from .arguments import Asked, add_command, add_solver
 from .console import orbit_line
 from .output import give
 from .progress import tell
@@ -60,14 +59,14 @@ def add(commands: Any) -> None:
     orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
     branch: Any = choice_of("branch", options.branch, BRANCHES)
     route = choice_of("multipliers", options.multipliers, ("collocation", "integrator"))
-    asked, gain = asked_of(options, gain=True), gain_of(options)
-    servo, model, how = asked[0], asked[1], replace(how_of(options), half=not options.full)
+    asked, gain = options.subject(gain=True), options.at_gain()
+    servo, model, how = asked[0], asked[1], replace(options.how(), half=not options.full)
     if model is None:
-        left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")
+        options.leave_out("a loop's cycle is computed by its symmetry where it has one", "full")
     try:
         orbit = find_orbit(*asked, branch=branch, options=how)
     except HuntsIrregularly as irregular:

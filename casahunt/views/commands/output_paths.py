@@ -18,7 +18,9 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import protected, together, whole_text
 
-READ = {"servo": "the servo file", "uncertainty": "the uncertainty file", "file": "the record", "records": "the record"}
+READ = {"servo_file": "the servo file", "uncertainty": "the uncertainty file"} | dict.fromkeys(
+    ("file", "records"), "the record"
+)
 """By the names of arguments: what is read."""
 WRITTEN = {"csv": (".csv",), "save": (".npz",), "plot": (".png", ".pdf", ".svg")}
 """Arguments that name a file to be written, and how its name may end; `out` names a folder, in which `options.results`

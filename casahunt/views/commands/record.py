@@ -10,7 +10,6 @@ at an end; wall_s.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from contextlib import suppress
@@ -33,7 +32,7 @@ from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
 from ...servo.units import GAIN_UNIT
 from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, rhythm
-from .arguments import add_command, asked_of, finite, how_of, positive
+from .arguments import Asked, add_command, finite, positive
 from .console import complain
 from .output import give
 from .progress import tell
@@ -61,15 +60,15 @@ def add(commands: Any) -> None:
     command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Measure, compute and print; returns the exit code."""
     if options.file.endswith(".toml"):
         raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
-    servo, model = asked_of(options)
+    servo, model = options.subject()
     gain = None if options.gain is None else positive("gain", options.gain, GAIN_UNIT)
     given = options.set_point
     set_point = None if given is None else moderate("set-point", finite("set-point", given, "rad"))
-    how, reading = how_of(options), reading_of(options)
+    how, reading = options.how(), reading_of(options)
     with suppress(OSError):
         size = Path(options.file).stat().st_size
         if size >= LARGE:

@@ -9,7 +9,6 @@ command, made {date, casahunt (version), servo_file, set}.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import shlex
@@ -36,7 +35,7 @@ from ..answers.answer import PLAIN_DIGITS, Answer, at_gain
 from ..answers.remedy_columns import columns_meant, today
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
-from .arguments import add_command, add_out, asked_of, drive_of, how_of, left_out, positive
+from .arguments import Asked, add_command, add_out, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
@@ -44,7 +43,6 @@ from .pool import processes
 from .price_options import DEMANDS, add_demands, demands_of
 from .progress import tell
 from .sampled import checked_lines
-from .uncertain import uncertainty_of
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -75,13 +73,13 @@ def add(commands: Any) -> None:
     add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; the exit code: 1 where no remedy is within the limits, or does in the loop as built."""
-    asked = (servo, model, _) = asked_of(options, gain=True)
+    asked = (servo, model, _) = options.subject(gain=True)
     if model is None:
-        left_out(options, "of a loop of parts it is not known", "uncertainty")
-    demands, how = demands_of(options), how_of(options)
-    margin, uncertainty = positive("margin", options.margin), uncertainty_of(options, servo)
+        options.leave_out("of a loop of parts it is not known", "uncertainty")
+    demands, how = demands_of(options), options.how()
+    margin, uncertainty = positive("margin", options.margin), options.uncertainty_of(servo)
     with folder(options.out, FILES) as out:
         table = table_of(options, demands, asked, options=how, uncertainty=uncertainty, margin=margin)
         found = table.found
@@ -119,7 +117,7 @@ class Table:
 
 
 def table_of(
-    command: argparse.Namespace, demands: tuple[dict[str, Any], dict[str, Any], int], asked: Any, **more: Any
+    command: Asked, demands: tuple[dict[str, Any], dict[str, Any], int], asked: Any, **more: Any
 ) -> Table:
     """The table of what is asked about, its best the cheapest that comes to rest in the loop as built, where one does.
 
@@ -138,12 +136,12 @@ def table_of(
     return replace(table, found=replace(found, best=best or found.best))
 
 
-def remedies_as_built(options: argparse.Namespace, found: Cures, loop: Loop) -> dict[str, AsBuilt | str]:
+def remedies_as_built(options: Asked, found: Cures, loop: Loop) -> dict[str, AsBuilt | str]:
     """Remedies that end hunting, with the size to choose, in the loop as built; {} where the servo file has none.
 
     loop: which the drive runs. Of those that a drive's controller does not have, or not of this size, a sentence.
     """
-    drive = drive_of(options)
+    drive = options.drive()
     if drive is None:
         return {}
     checked: dict[str, AsBuilt | str] = {}
@@ -171,14 +169,14 @@ def _built_lines(table: Table, *, in_full: bool = False) -> Iterator[str]:
         yield from checked_lines(seen, name, "", in_full=in_full)
 
 
-def _record(table: Table, options: argparse.Namespace, own: dict[str, float]) -> dict[str, Any]:
+def _record(table: Table, options: Asked, own: dict[str, float]) -> dict[str, Any]:
     """The object beside the page; own: values of the servo or the loop."""
     found, built = table.found, table.built
     record: dict[str, Any] = plain(found)
     for row, cure in zip(record["remedies"], found.remedies, strict=True):
         said = _why_not(cure) if not cure.ends_hunting else "" if cure.keeps_it_ended else _not_kept(cure)
         row |= {"ends_hunting": cure.ends_hunting, "keeps_it_ended": cure.keeps_it_ended, "said": said}
-    words = [options.servo] if options.servo else []
+    words = [options.servo_file] if options.servo_file else []
     for name in ("gain", "model", "max_error", "max_torque", "margin", "uncertainty", "only", "set"):
         given = getattr(options, name, None)
         for value in given if isinstance(given, list) else [given]:
@@ -186,7 +184,7 @@ def _record(table: Table, options: argparse.Namespace, own: dict[str, float]) ->
     return record | {
         "advice": advice_of(table), "limits": table.limits, "task": found.task,
         "uncertain": table.of_a_set, "parts": [part.name for part in found.loop.present], "servo": own,
-        "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
+        "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo_file, options.set),
         **({"as_built": plain(built)} if built else {}), **({} if shown().plain else {"units": shown().record()}),
     }  # fmt: skip
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import Any
 
@@ -16,12 +15,11 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ..answers.answer import called, record_of
 from ..answers.uncertainty import uncertainty_answer
-from .arguments import add_command, asked_of, count_of, how_of
+from .arguments import Asked, add_command, count_of
 from .console import orbit_line
 from .output import give
 from .pool import jobs_of, processes
 from .progress import say, tell, teller
-from .uncertain import uncertainty_of
 
 DEFAULT_SAMPLES = 200
 """The 5 and 95 % quantiles are then known to a fiftieth of the distribution: sqrt(0.05 0.95 / 200) = 0.015."""
@@ -43,14 +41,14 @@ def add(commands: Any) -> None:
     command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    how = how_of(options)
+    how = options.how()
     n, jobs = count_of("samples", options.samples, 1), jobs_of(options)
     seed = count_of("seed", options.seed, 0)
-    servo, model = asked_of(options)
+    servo, model = options.subject()
     check_asked(servo, model)
-    uncertainty = uncertainty_of(options, servo)
+    uncertainty = options.uncertainty_of(servo)
     assert uncertainty is not None  # the command requires it
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
     tell("computing the fold of the servo itself")
