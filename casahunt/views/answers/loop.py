@@ -35,7 +35,10 @@ def loop_answer(
         plain.append(f"gain {_stated(loop.gain)}{kind}{_way(loop)}: {'stable' if loop.stable else 'unstable'}")
         for c in loop.gain_crossovers:
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
-        plain.append(item("gain margin", _gain_margin(loop)))
+        becomes, stays = ("unstable", "stable") if loop.stable else ("stable", "unstable")
+        factors = [short(x) for x in (loop.lowest_factor, loop.highest_factor) if 0 < x < math.inf]
+        ends = "; ".join(f"{becomes} where the gain is multiplied by {x}" for x in factors)
+        plain.append(item("gain margin", ends or f"none: {stays} at every gain"))
     for loop, margins in zip(loops, built, strict=bool(built)):
         plain.append(f"gain {_stated(loop.gain)} as built{_way(loop)}: {_as_built(margins)}")
     if within:
@@ -62,16 +65,6 @@ def _stable_from(gain: float) -> str:
     if not math.isfinite(gain):
         return "stable at no gain"
     return f"stable at every gain above {volts_per(gain)}"
-
-
-def _gain_margin(loop: LinearLoop) -> str:
-    becomes = "unstable" if loop.stable else "stable"
-    limits = [
-        f"{becomes} where the gain is multiplied by {short(factor)}"
-        for factor in (loop.lowest_factor, loop.highest_factor)
-        if 0 < factor < math.inf
-    ]
-    return "; ".join(limits) or f"none: {'stable' if loop.stable else 'unstable'} at every gain"
 
 
 def stable_between(low: float, high: float, written: Callable[[float], str] = short) -> str:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from ...axis_units import word
-from ...checks import to_error
 from ...design.sensitivity import fold_sensitivities
 from ...results import tables_of
 from ...servo.find_fold import find_fold
@@ -68,17 +67,11 @@ def run(options: Asked) -> int:
             below = [item("beyond it", f"{said}; where that ends is not known"), *below]
     tell(orbit_line(orbit, mu="+1 (fold)", vary=vary))
     first = value_of(vary, fold.value, short, fold.value_error)
-    value, again = (value_of(vary, each, to_error, fold.value_error) for each in (fold.value, fold.confirmed_value))
     head = f"{name}: {possible} {way} to {named} {first}"
     if last is not None and last != fold.value:
         ends = value_of(vary, last)
         head = f"{name}: {WAS_FOLLOWED} {way} to {named} {ends}; its cycles go on, unstable, to their fold at {first}"
-    answer = fold_answer(
-        head, fold, slopes, ranges, to_do="" if loop else WHAT_TO_DO, below=below, value=value, again=again,
-        solver=how.solver, tol=how.tol,
-    )  # fmt: skip
-    give(
-        options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),
-        picture=("fold_curve.elasticities", [fold], [slopes]),
-    )  # fmt: skip
+    answer = fold_answer(head, fold, slopes, ranges, how, "" if loop else WHAT_TO_DO, below)
+    picture = "fold_curve.elasticities", [fold], [slopes]
+    give(options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]), picture=picture)
     return 0

@@ -195,7 +195,10 @@ def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterato
 def _multipliers(m: Multipliers, *, half: bool) -> Iterator[str]:
     """Multipliers of the whole period, and of half of one where that is what was computed."""
     if not m.trusted:
-        yield item("multipliers", f"not to be trusted: {_doubt(m)}")
+        why = f"that of a shift in time, which is 1 exactly, was computed with an error of {m.trivial_error:.1e}"
+        if m.trivial_trusted:
+            why = f"the error of the largest one but the shift in time may be {error_text(m.error)}"
+        yield item("multipliers", f"not to be trusted: {why}")
         return
     if half:
         yield item("half multiplier", complex_text(m.leading, m.error, m.leading_floor))
@@ -203,13 +206,6 @@ def _multipliers(m: Multipliers, *, half: bool) -> Iterator[str]:
     yield item("multipliers", ", ".join(each))
     exact = "the multiplier of a shift in time is 1 exactly, and was computed with an error of"
     yield item("their accuracy", f"{exact} {m.trivial_error:.1e}")
-
-
-def _doubt(m: Multipliers) -> str:
-    """Why they are not trusted."""
-    if m.trivial_trusted:
-        return f"the error of the largest one but the shift in time may be {error_text(m.error)}"
-    return f"that of a shift in time, which is 1 exactly, was computed with an error of {m.trivial_error:.1e}"
 
 
 def difference(one: Multipliers, other: Multipliers) -> float:

@@ -86,14 +86,12 @@ def run(options: Asked) -> int:
         failure = str(error)
     suspect = _suspect(record, found, orbit) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
     rows = _rows(found, orbit)
+    seen = _record(options.file, record, found, orbit, failure, set_point)
+    lines = [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])]
     give(
         options,
-        _record(options.file, record, found, orbit, failure, set_point)
-        | {"wall_s": options.outputs.seconds, "suspect": suspect or None},
-        Answer(
-            [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
-            _details(found, orbit),
-        ),
+        seen | {"wall_s": options.outputs.seconds, "suspect": suspect or None},
+        Answer(lines, _details(found, orbit)),
         table={name: [row[name] for row in rows] for name in CSV_COLUMNS} if found.periods.size else None,
         picture=("simulation.folded_record", found, orbit) if found.periods.size else (),
     )

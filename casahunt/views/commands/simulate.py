@@ -29,7 +29,6 @@ from ...servo.parts.plain_loop import loop_of as loop_of_servo
 from ...servo.parts.table import remedies_for, with_remedy
 from ...servo.sampled.plant import DRIVE_PARTS
 from ...servo.simulate import simulate
-from ...servo.trajectory import Trajectory
 from ...servo.units import assigned, numbers_of
 from ..answers.simulate import simulation_answer
 from .arguments import Asked, add_command, finite, positive
@@ -110,8 +109,16 @@ def run(options: Asked) -> int:
         other = OtherEnd(None, str(error))
     wall_s = options.outputs.seconds
     sure = found.status.ok or kind == "growing"  # as what errors are relative to, they grow with it
-    advice = None if sure else _advice(found)
-    record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
+    known = f"the event times to {error_text(found.time_error)} s and the final state to {error_text(found.end_error)}"
+    known = known if math.isfinite(found.time_error) else "not even its sequence of events"
+    advice = None if sure else (
+        f"the motion is computed, but not to the tolerance {found.tol:g}: known are {known}; ask for a larger "
+        "tolerance or a shorter time"
+    )  # fmt: skip
+    record = {**found.to_dict(table=False), "other_end": None, "other_end_reason": (other and other.reason) or None}
+    if other is not None and other.orbit is not None:
+        record["other_end"] = {**other.orbit.to_dict(table=False), "start": other.start or None}
+    record |= {"advice": advice, "wall_s": wall_s}
     answer, picture = simulation_answer(found, other, wall_s), ("simulation.motion", found)
     times = None  # dense where the motion is fast
     if step is not None:
@@ -123,24 +130,6 @@ def run(options: Asked) -> int:
     if cut:
         complain("casahunt simulate", f"the motion was followed only until {found.ended}, not to {length:g} s")
     return 0 if sure and not cut else 1
-
-
-def _advice(found: Trajectory) -> str:
-    what = f"the event times to {error_text(found.time_error)} s and the final state to {error_text(found.end_error)}"
-    if not math.isfinite(found.time_error):
-        what = "not even its sequence of events"
-    return (
-        f"the motion is computed, but not to the tolerance {found.tol:g}: known are {what}; ask for a larger "
-        "tolerance or a shorter time"
-    )
-
-
-def _other_record(other: OtherEnd | None) -> dict[str, Any]:
-    """The cycle that it has not come to, and why there is none; None where the motion does not rest."""
-    if other is None or other.orbit is None:
-        return {"other_end": None, "other_end_reason": (other and other.reason) or None}
-    record = {**other.orbit.to_dict(table=False), "start": other.start or None}
-    return {"other_end": record, "other_end_reason": other.reason or None}
 
 
 def remedies_given(options: Asked) -> dict[str, float]:

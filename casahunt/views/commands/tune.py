@@ -22,10 +22,10 @@ from typing import Any
 
 from ...checks import choice_of
 from ...design.tune.demands import COSTS, NUMBERS, Demands
-from ...design.tune.tuning import Tuning, tune
+from ...design.tune.tuning import tune
 from ...errors import InputError
 from ...export import columns_from
-from ...servo.sampled.check import AsBuilt, as_built
+from ...servo.sampled.check import as_built
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.tune import known_to, loop_name, numbers_in, tuning_answer
 from ..evidence.page import TITLE, evidence_page
@@ -92,11 +92,6 @@ def run(options: Asked) -> int:
     )
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, answer, table=table)
-    return _judged(tuning, built)
-
-
-def _judged(tuning: Tuning, built: AsBuilt | None) -> int:
-    """The exit code, with what speaks against the gain."""
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
