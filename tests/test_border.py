@@ -274,5 +274,3 @@ def test_lines_come_every_few_seconds(capsys, monkeypatch):
         clock[0] = i * 0.1
         tell(f"{i}")
     assert [float(line) for line in capsys.readouterr().err.split()] == [20, 40]
-    progress.over()
-    progress.teller()("nothing")

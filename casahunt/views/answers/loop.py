@@ -40,7 +40,9 @@ def loop_answer(
         ends = "; ".join(f"{becomes} where the gain is multiplied by {x}" for x in factors)
         plain.append(item("gain margin", ends or f"none: {stays} at every gain"))
     for loop, margins in zip(loops, built, strict=bool(built)):
-        plain.append(f"gain {_stated(loop.gain)} as built{_way(loop)}: {_as_built(margins)}")
+        between = stable_between(margins.lowest_factor, margins.highest_factor)
+        said = f"phase margin {short(margins.phase_margin)} degrees, stable {between}" if margins.stable else "unstable"
+        plain.append(f"gain {_stated(loop.gain)} as built{_way(loop)}: {said}")
     if within:
         plain.append(item("within", f"its {' and '.join(within)}; larger motions are others: casahunt simulate"))
     if drive is not None:
@@ -72,13 +74,6 @@ def stable_between(low: float, high: float, written: Callable[[float], str] = sh
     falls = f"down to {written(low)} times the gain" if low else "at any lower gain"
     rises = f"up to {written(high)} times" if math.isfinite(high) else "at any higher one"
     return f"{falls} and {rises}"
-
-
-def _as_built(found: Margins) -> str:
-    if not found.stable:
-        return "unstable"
-    limits = stable_between(found.lowest_factor, found.highest_factor)
-    return f"phase margin {short(found.phase_margin)} degrees, stable {limits}"
 
 
 def _details(loops: Sequence[LinearLoop], limits: tuple[float, float] | None) -> Iterator[str]:
