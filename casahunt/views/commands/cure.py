@@ -36,7 +36,7 @@ from .output import give
 from .output_paths import keep_others, write_results
 from .price_options import add_demands, demands_of
 from .progress import say, tell
-from .remedies import advice_of, judged, table_details, table_lines, table_of
+from .remedies import Table, advice_of, judged, table_details, table_lines, table_of
 
 FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -101,6 +101,11 @@ def run(options: Asked) -> int:
              *table_lines(table)]  # fmt: skip
     answer = Answer(lines, [*identification.identified_details(found), *table_details(table)])
     give(options, record, answer, table=tables_of([table.found]), picture=("identify.fitted_records", found))
+    return _judged(found, table)
+
+
+def _judged(found: Identification, table: Table) -> int:
+    """The exit code, with what speaks against the answer."""
     if not found.judgement.explained:
         complain("casahunt cure", identification.not_explained(found))
     return judged("casahunt cure", table) or int(not found.judgement.explained)
