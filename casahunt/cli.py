@@ -25,11 +25,11 @@ from . import effort, interrupts
 from .axis_units import Units, shown_in
 from .checks import choice_of
 from .errors import InputError, NoOrbit
-from .views.commands.arguments import Parser, shown_as_the_file_says
+from .views.commands.arguments import Asked, Parser
 from .views.commands.console import Outputs, complain, explain_complaints, own_process
 from .views.commands.output import tell_refusal
 from .views.commands.output_paths import keep_inputs
-from .views.commands.progress import over, progress, tell
+from .views.commands.progress import begin, over, tell
 
 COMMANDS = (
     "orbit",
@@ -121,13 +121,15 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         if program:
             own_process()
         options = _parsed(words)
-        name, stream = options.command, progress(options)
-        note = None if name in SAY_THEMSELVES else lambda text: tell(stream, text)
+        name = options.command
+        if not options.quiet:
+            begin(every=getattr(options, "details", False))
+        note = None if name in SAY_THEMSELVES else tell
         limit = MOST_WORK if name in ONE_ANSWER else math.inf
         keep_inputs(options)
         try:
             with Outputs() as options.outputs, effort.counting_work(note, limit=limit):
-                shown_as_the_file_says(options)
+                options.show()
                 return _module(name).run(options)
         except (NoOrbit, effort.GivenUp) as error:
             interrupts.check()
@@ -153,7 +155,7 @@ def _run(command: str, words: list[str], *, program: bool) -> int:
         raise
 
 
-def _parsed(words: list[str]) -> argparse.Namespace:
+def _parsed(words: list[str]) -> Asked:
     """The options of a command line, with a suggestion for every misspelt word."""
     if not words:
         raise InputError(f"a command must be given: {', '.join(COMMANDS)} (see casahunt --help)")
@@ -170,16 +172,16 @@ def _parsed(words: list[str]) -> argparse.Namespace:
             if word.startswith("--") and word != "--help":
                 _known(word.partition("=")[0], names)
     try:
-        options, unknown = parser.parse_known_args(words)
+        options, unknown = parser.parse_known_args(words, Asked())
     except InputError:
         _keys_known(words)  # a misspelt key too, but of a file, whose loop has names of its own
         raise
     if unknown:
         if unknown[0].startswith("-"):
             raise InputError(f"unknown option {unknown[0]!r} (see casahunt {words[0]} --help)")
-        if len(unknown) > 1 or getattr(options, "servo", "") is not None:
+        if len(unknown) > 1 or getattr(options, "servo_file", "") is not None:
             raise InputError(f"{unknown[-1]!r}: must be left out, one servo file is enough")
-        options.servo = unknown[0]  # behind a file and options, where argparse no longer looks for it
+        options.servo_file = unknown[0]  # behind a file and options, where argparse no longer looks for it
     return options
 
 

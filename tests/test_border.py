@@ -268,9 +268,9 @@ def test_tune_says_where_it_is(capsys, tmp_path, telling_at_once):
 def test_lines_come_every_few_seconds(capsys, monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
-    tell = progress.teller(progress.Progress(sys.stderr, every=True))
+    progress.begin(every=True)
+    tell = progress.teller()
     for i in range(50):
         clock[0] = i * 0.1
         tell(f"{i}")
     assert [float(line) for line in capsys.readouterr().err.split()] == [20, 40]
-    progress.teller(None)("nothing")

@@ -31,7 +31,7 @@ from ..files import bounded
 from ..results import html_table
 from .controller import BY_GAINS, BY_TIMES, Controller, Pid, controller_of
 from .drive import DRIVE_TABLE, drive_of_table
-from .friction import Friction
+from .friction import BRISTLE, Friction
 from .units import assigned, check_motor_gain, numbers_of, unit_of, value_of
 
 LOOP_TABLE = "loop"
@@ -297,6 +297,20 @@ def _check_complete(given: Mapping[str, Any]) -> None:
     missing = [key for key in NEEDED if key not in own]
     if missing:
         raise InputError(f"{', '.join(missing)}: must be given, of a linear axis nothing is taken from Table 1")
+
+
+def check_bristle(tree: Mapping[str, Any], changed: Iterable[str]) -> None:
+    """Refuse LuGre friction of a linear axis whose bristle is left to Table 1.
+
+    tree, changed: the tables of its file, and what is given besides, as "friction.stiffness=1e6". Raises InputError.
+    """
+    given = [*(f"friction.{name}" for name in tree.get("friction", {})), *changed]
+    missing = [key for key in BRISTLE if not any(text.partition("=")[0].strip() == key for text in given)]
+    if missing and units_of_table(tree.get(UNITS_TABLE, {})).linear:
+        raise InputError(
+            f"{', '.join(missing)}: must be given for the lugre model, of a linear axis nothing is taken from Table 1; "
+            "--model switch needs no bristle"
+        )
 
 
 def _given(tree: Mapping[str, Any], units: Units) -> dict[str, Any]:

@@ -186,7 +186,7 @@ def test_the_servo_file_stands_alone_or_behind_its_option_once(capsys, tmp_path)
 
 def test_a_servo_file_may_stand_behind_the_options_of_a_record(capsys):
     for words in (["mine.toml", "--gain", "1"], ["--gain", "1", "mine.toml"], ["--gain", "1", "--servo", "mine.toml"]):
-        assert cli._parsed(["record", "drive.csv", *words]).servo == "mine.toml"
+        assert cli._parsed(["record", "drive.csv", *words]).servo_file == "mine.toml"
     code, out, err = run(capsys, "record", "drive.csv", "--gain", 1, "mine.toml", "yours.toml")
     assert (code, out) == (2, "") and "'yours.toml': must be left out, one servo file is enough" in err
 

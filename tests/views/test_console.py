@@ -139,7 +139,8 @@ def test_a_fold_map_says_how_long_it_will_still_take(capsys, monkeypatch, tellin
     """From the first report on: what came before it is not what follows."""
     now = 100.0
     monkeypatch.setattr(effort.time, "monotonic", lambda: now)
-    report = command_fold_map._reporter(progress.Progress(sys.stderr, every=True), 100)
+    progress.begin(every=True)
+    report = command_fold_map._reporter(100)
     for count in (40, 60, 100):
         report(count)
         now += 10.0

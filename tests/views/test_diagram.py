@@ -17,7 +17,6 @@ from casahunt.design.diagram import diagram, starting_gain
 from casahunt.orbits.batched_multipliers import ORBITS_AHEAD
 from casahunt.orbits.orbit import Complaint
 from casahunt.servo.saved import load_branch
-from casahunt.views.answers.diagram import diagram_answer
 from casahunt.views.commands import diagram as command_diagram
 from casahunt.views.commands import fold as command_fold
 from casahunt.views.commands import orbit as command_orbit
@@ -69,7 +68,7 @@ def test_diagram(capsys, tmp_path):
     assert plain.startswith("switch: the servo can hunt up to gain 0.6473 V/rad") and plain.split()[-1] == str(out)
     assert details.startswith(f"switch: {len(points)} points; ")
     other = find_orbit(Servo().replace(**{"friction.static": 0.6}), "switch", 0.7)  # as if beyond the fold
-    head, *_ = diagram_answer([replace(branch, orbits=(*branch.orbits, other))], [], "").plain
+    head, *_ = command_diagram.diagram_answer([replace(branch, orbits=(*branch.orbits, other))], [], "").plain
     assert "where that ends was not met" in head
 
     files, gains = set(contents(out)), [float(row["gain"]) for row in rows]

@@ -37,7 +37,7 @@ DRIVE = "[drive]\nsample_time = 0.001\nencoder = 2000\n"
 
 
 def parsed(*words):
-    return cli.build_parser(words[:1]).parse_args([str(word) for word in words])
+    return cli._parsed([str(word) for word in words])
 
 
 @pytest.fixture

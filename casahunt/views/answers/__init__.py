@@ -4,6 +4,5 @@
     details   multipliers, fixed points, residuals, iterations, and every digit that is known: with --details, below it
 
 answer.py     the form of all of them; what one command alone says stands in its module
-remedy_columns.py what the columns of the remedies mean
-simulate.py, diagram.py, fold.py, loop.py, tune.py, uncertainty.py
+simulate.py, fold.py, loop.py, tune.py
 """

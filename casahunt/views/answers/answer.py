@@ -14,6 +14,7 @@ from ...axis_units import label, quantity
 from ...checks import error_text, to_absolute_error, to_error
 from ...orbits import Orbit
 from ...servo.linear.open_loop import linear_stable
+from ...servo.outcome import Kind
 from ...servo.parts.loop import Loop
 from ...servo.parts.table import unit_of
 from ...servo.servo import Servo
@@ -27,6 +28,24 @@ MULTIPLIER_DIGITS = 8
 """Digits of a multiplier, at most."""
 LEFT_BY_ROUNDING = 1e-12
 """Relative error of a multiplier that is left by rounding alone."""
+
+
+class Told(NamedTuple):
+    """What a motion is said to be, to do, and to have done."""
+
+    state: str
+    does: str
+    did: str
+
+
+ENDS: dict[Kind, Told] = {
+    "at rest": Told("at rest", "comes to rest", "it came to rest"),
+    "decaying": Told("on its way to rest", "is on its way to rest", "it came to rest"),
+    "hunting": Told("hunting", "hunts", "it hunted on"),
+    "growing": Told("leaves the set point for good", "leaves the set point for good", "it swung ever farther away"),
+    "undecided": Told("not certain where it ends", "was not followed to its end", "its end was not certain"),
+}
+"""What becomes of a motion, in words."""
 
 
 class Answer(NamedTuple):

@@ -15,6 +15,7 @@ from ...axis_units import quantity, word
 from ...checks import error_text, known_decimals, to_error
 from ...continuation import Fold
 from ...design.sensitivity import Sensitivities
+from ...orbits import Options
 from ...servo.parts.table import unit_of
 from ...servo.stable_up_to import SET_TO, Ranges
 from .answer import Answer, angle, item, known, rhythm, short
@@ -30,13 +31,12 @@ WHAT_TO_DO = (
 
 
 def fold_answer(
-    title: str, fold: Fold[Any], slopes: Sensitivities, ranges: Ranges, *, to_do: str, below: Sequence[str],
-    value: str, again: str, solver: str, tol: float,
-) -> Answer:  # fmt: skip
+    title: str, fold: Fold[Any], slopes: Sensitivities, ranges: Ranges, how: Options, to_do: str, below: Sequence[str]
+) -> Answer:
     """What is said of a fold.
 
-    title: the first line; ranges: of stable cycles in front of it; to_do: what to do; below: lines of its own; value,
-    again: the parameter at the fold, and as it was confirmed, in all digits and with the unit.
+    title: the first line; ranges: of stable cycles in front of it; how: it was computed; to_do: what to do; below:
+    lines of its own.
     """
     orbit, vary = fold.orbit, fold.parameter
     plain = [
@@ -49,7 +49,7 @@ def fold_answer(
         f"  one per cent more of        changes that {word(vary)} by",
         *_sensitivities(slopes, PLAIN_DECIMALS, NAMED_FROM),
     ]
-    return Answer([line for line in plain if line], _details(fold, slopes, ranges, value, again, solver, tol))
+    return Answer([line for line in plain if line], _details(fold, slopes, ranges, how))
 
 
 def value_of(vary: str, value: float, text: Any = short, *error: float) -> str:
@@ -99,17 +99,18 @@ def sensitivity_text(value: float, tol: float, most: int = MOST_DECIMALS) -> str
     return f"{value:+.{known_decimals(tol, most)}f}"
 
 
-def _details(
-    fold: Fold[Any], slopes: Sensitivities, ranges: Ranges, value: str, again: str, solver: str, tol: float
-) -> Iterator[str]:  # fmt: skip
+def _details(fold: Fold[Any], slopes: Sensitivities, ranges: Ranges, how: Options) -> Iterator[str]:
     orbit = fold.orbit
+    value, again = (
+        value_of(fold.parameter, each, to_error, fold.value_error) for each in (fold.value, fold.confirmed_value)
+    )
     yield item(f"{fold.parameter} there", value)
     yield item("estimated error", f"{error_text(fold.value_error)} (relative, of the {fold.parameter})")
     yield item("amplitude there", known(orbit.amplitude, orbit.amplitude_error))
     yield item("period there", f"{to_error(orbit.period, orbit.period_error)} s")
     yield item("it hunts", hunts(fold, ranges, to_error, SET_TO))
-    way = {"ipopt": "optimum (IPOPT)", "newton": "turning point (Newton)"}.get(solver, "turning point")
+    way = {"ipopt": "optimum (IPOPT)", "newton": "turning point (Newton)"}.get(how.solver, "turning point")
     yield item("on a finer mesh", f"{way}: {again}")
     yield "  one per cent more of, to the tolerance"
-    yield from _sensitivities(slopes, MOST_DECIMALS, tol=tol)
+    yield from _sensitivities(slopes, MOST_DECIMALS, tol=how.tol)
     yield item("computed in", f"{fold.wall_s:.2f} s")

@@ -35,9 +35,14 @@ def loop_answer(
         plain.append(f"gain {_stated(loop.gain)}{kind}{_way(loop)}: {'stable' if loop.stable else 'unstable'}")
         for c in loop.gain_crossovers:
             plain.append(item("phase margin", f"{short(c.margin)} degrees at {short(c.frequency)} rad/s"))
-        plain.append(item("gain margin", _gain_margin(loop)))
+        becomes, stays = ("unstable", "stable") if loop.stable else ("stable", "unstable")
+        factors = [short(x) for x in (loop.lowest_factor, loop.highest_factor) if 0 < x < math.inf]
+        ends = "; ".join(f"{becomes} where the gain is multiplied by {x}" for x in factors)
+        plain.append(item("gain margin", ends or f"none: {stays} at every gain"))
     for loop, margins in zip(loops, built, strict=bool(built)):
-        plain.append(f"gain {_stated(loop.gain)} as built{_way(loop)}: {_as_built(margins)}")
+        between = stable_between(margins.lowest_factor, margins.highest_factor)
+        said = f"phase margin {short(margins.phase_margin)} degrees, stable {between}" if margins.stable else "unstable"
+        plain.append(f"gain {_stated(loop.gain)} as built{_way(loop)}: {said}")
     if within:
         plain.append(item("within", f"its {' and '.join(within)}; larger motions are others: casahunt simulate"))
     if drive is not None:
@@ -64,28 +69,11 @@ def _stable_from(gain: float) -> str:
     return f"stable at every gain above {volts_per(gain)}"
 
 
-def _gain_margin(loop: LinearLoop) -> str:
-    becomes = "unstable" if loop.stable else "stable"
-    limits = [
-        f"{becomes} where the gain is multiplied by {short(factor)}"
-        for factor in (loop.lowest_factor, loop.highest_factor)
-        if 0 < factor < math.inf
-    ]
-    return "; ".join(limits) or f"none: {'stable' if loop.stable else 'unstable'} at every gain"
-
-
 def stable_between(low: float, high: float, written: Callable[[float], str] = short) -> str:
     """Between which factors of the gain a loop is stable; 0 and infinity where nothing limits it."""
     falls = f"down to {written(low)} times the gain" if low else "at any lower gain"
     rises = f"up to {written(high)} times" if math.isfinite(high) else "at any higher one"
     return f"{falls} and {rises}"
-
-
-def _as_built(found: Margins) -> str:
-    if not found.stable:
-        return "unstable"
-    limits = stable_between(found.lowest_factor, found.highest_factor)
-    return f"phase margin {short(found.phase_margin)} degrees, stable {limits}"
 
 
 def _details(loops: Sequence[LinearLoop], limits: tuple[float, float] | None) -> Iterator[str]:

@@ -12,25 +12,17 @@ from ...axis_units import quantity, several, shown, word
 from ...checks import error_text, to_absolute_error, to_error
 from ...servo.move import told
 from ...servo.other_end import OtherEnd
-from ...servo.outcome import SETTLES, Outcome
+from ...servo.outcome import SETTLES
 from ...servo.simulate import NAMED
 from ...servo.trajectory import Trajectory
 from ...servo.units import kinds_of
-from .answer import Answer, angle, at_gain, called, item, known, parts_of, position, rhythm, short, within
+from .answer import ENDS, Answer, angle, at_gain, called, item, known, parts_of, position, rhythm, short, within
 
 if TYPE_CHECKING:
     from ...servo.drive import Drive
     from ...servo.sampled.check import Cause
     from ...servo.sampled.motion import SampledMotion
 
-HEADS = {
-    "hunting": "hunting",
-    "at rest": "at rest",
-    "decaying": "on its way to rest",
-    "growing": "leaves the set point for good",
-    "undecided": "not certain where it ends",
-}
-"""What is said first, by verdict."""
 EVENT_WORDS = {
     "stop": "stops", "breakaway+": "breakaways forwards", "breakaway-": "breakaways backwards",
     "reversal": "reversals", "centre": "times the bristle slack",
@@ -42,11 +34,6 @@ OF_A_SWING = ", half of its largest swing"
 """What the amplitude of a motion is: of an orbit it is the largest distance from the set point."""
 AT = 1e-6
 """Part of its largest distance from the set point within which a servo is at it."""
-
-
-def head_of(seen: Outcome) -> str:
-    """What is said first of a motion."""
-    return HEADS[seen.kind] + (", irregularly" if seen.irregular else "")
 
 
 def simulation_answer(found: Trajectory, other: OtherEnd | None, wall_s: float) -> Answer:
@@ -61,8 +48,10 @@ def _plain(found: Trajectory, other: OtherEnd | None) -> Iterator[str]:
     move = "" if found.move is None else f", {told(found.move, found.distance)}"
     where = f"{_way(found)}{move}, {found.duration:.10g} s"
     waits = "" if seen.kind != "decaying" or math.isnan(seen.waits) else "stuck for now, "
-    yield f"{name}, {where}: {waits}{head_of(seen)}{partly}"
-    yield item("because", _because(found))
+    yield f"{name}, {where}: {waits}{ENDS[seen.kind].state}{', irregularly' if seen.irregular else ''}{partly}"
+    stuck = f"; at the end it is stuck {_near(found)} the set point, and the growing integral breaks it away again"
+    later = "" if math.isnan(seen.waits) else f"{stuck} about {short(seen.waits)} s later"
+    yield item("because", f"{seen.sentence}{later}")
     if seen.kind == "hunting":
         yield item("amplitude", angle(seen.amplitude) + OF_A_SWING)
         yield item("period", rhythm(seen.period))
@@ -102,15 +91,6 @@ def _near(found: Trajectory) -> str:
     if abs(x) <= max(float(found.state_errors[0]), AT * float(np.abs(found.states[0]).max())):
         return "at"
     return f"{quantity(abs(x), 'rad', within, found.state_errors[0])} {'beyond' if x > 0 else 'short of'}"
-
-
-def _because(found: Trajectory) -> str:
-    """What supports the verdict, in plain words."""
-    seen = found.verdict
-    if math.isnan(seen.waits):
-        return seen.sentence
-    stuck = f"it is stuck {_near(found)} the set point, and the growing integral breaks it away again about"
-    return f"{seen.sentence}; at the end {stuck} {short(seen.waits)} s later"
 
 
 def elsewhere(other: OtherEnd, duration: float) -> str:
@@ -175,7 +155,7 @@ def plain_as_built(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
     verdict, q = found.verdict, found.drive.count
     name = f"{called(found.loop)} as built {at_gain(found.gain)}"
     where = f"{_way(found)}, {found.duration:.10g} s"
-    yield f"{name}, {where}: {HEADS[verdict.kind]}"
+    yield f"{name}, {where}: {ENDS[verdict.kind].state}"
     yield item("because", verdict.sentence)
     yield from parts_of(found.loop)
     yield item("drive", "; ".join(drive_said(found.drive)))
@@ -189,19 +169,16 @@ def plain_as_built(found: SampledMotion, cause: Cause | None) -> Iterator[str]:
         yield item("period", f"{short(verdict.period)} s ({of}), frequency {short(1 / verdict.period)} Hz")
     if cause is not None:
         yield item("cause", f"{cause.kind}: {cause.sentence}")
-        yield item("what ends it", _cure(cause, q))
+        ends = "no dead band of the integrator that was tried"
+        if not math.isnan(cause.dead_band):
+            counts = f", {cause.dead_band / q:.4g} counts" if q else ""
+            beyond = "just enough for this motion; casahunt remedies gives one with a margin, for other starts too"
+            ends = f"a dead band of the integrator of {quantity(cause.dead_band, 'rad')}{counts}, {beyond}"
+        yield item("what ends it", ends)
     x, v = found.states[:2, -1]
     yield item("at the end", f"{position(x)} from the set point, velocity {quantity(v, 'rad/s', short)}")
     by = f", by {short(found.peak_torque / gain)} V" if (gain := found.loop.parameters.get("motor_gain")) else ""
     yield item(word("largest torque"), f"{quantity(found.peak_torque, 'N m', short)}{by}")
-
-
-def _cure(cause: Cause, count: float) -> str:
-    if math.isnan(cause.dead_band):
-        return "no dead band of the integrator that was tried"
-    counts = f", {cause.dead_band / count:.4g} counts" if count else ""
-    beyond = "just enough for this motion; casahunt remedies gives one with a margin, for other starts too"
-    return f"a dead band of the integrator of {quantity(cause.dead_band, 'rad')}{counts}, {beyond}"
 
 
 def drive_said(drive: Drive) -> Iterator[str]:

@@ -15,14 +15,9 @@ from ...checks import to_error
 from ...design.tune.demands import NUMBERS
 from ...servo.outcome import SETTLES
 from ...servo.units import unit_of
-from .answer import Answer, item, short
+from .answer import ENDS, Answer, item, short
 from .loop import stable_between
 
-DOES = {
-    "at rest": "comes to rest", "decaying": "is on its way to rest",
-    "hunting": "hunts", "growing": "leaves the set point for good", "undecided": "was not followed to its end",
-}  # fmt: skip
-"""What a motion does, by its verdict."""
 BINDS = {"hunting margin": "the distance that is kept from the gain where hunting ends"}
 """What keeps the cost from being less, where its name does not say it."""
 NO_PARTS = "flexibility, noise, backlash, saturation"
@@ -71,7 +66,9 @@ def _plain(record: Mapping[str, Any], tol: float, out: str | None, as_built: Seq
     which = "the continuous loop is " if unless(record) else ""
     yield item("checked", f"{which}{check['result']}, in ways that the search for it did not use")
     yield item("linear loop", ("as built, " if record["demands"]["sample_time"] else "") + _loops(check))
-    yield item("simulated", f"it {_tasks(check['tasks'])}")
+    ends = [task["verdict"] for task in check["tasks"]]
+    seen = ", ".join(f"{told.does} in {ends.count(kind)}" for kind, told in ENDS.items() if kind in ends)
+    yield item("simulated", f"it {seen} of {len(ends)} motions; {_peak(check['tasks'])}")
     for sentence in check["against"]:
         yield item("against it", sentence)
     for sentence in check["unverified"]:
@@ -100,7 +97,7 @@ def unless(record: Mapping[str, Any]) -> str:
         return ""
     if kind == "undecided":
         return "; whether it comes to rest in the loop as built was not seen, see below"
-    return f", but not alone: in the loop as built it {DOES[kind]} there, see below"
+    return f", but not alone: in the loop as built it {ENDS[kind].does} there, see below"
 
 
 def _hunting(record: Mapping[str, Any]) -> str:
@@ -125,13 +122,6 @@ def _loops(check: Mapping[str, Any]) -> str:
     least = short(min(loop["phase_margin"] for loop in loops))
     no_licence = "with dry friction lower gains may hunt all the same"
     return f"phase margin {least} degrees; without dry friction it is stable {limits}, {no_licence}"
-
-
-def _tasks(tasks: Sequence[Mapping[str, Any]]) -> str:
-    """How many motions do what, and what they ask of the motor."""
-    seen = [task["verdict"] for task in tasks]
-    said = ", ".join(f"{DOES[kind]} in {seen.count(kind)}" for kind in DOES if kind in seen)
-    return f"{said} of {len(tasks)} motions; {_peak(tasks)}"
 
 
 def _peak(tasks: Sequence[Mapping[str, Any]]) -> str:
@@ -167,9 +157,12 @@ def _details(record: Mapping[str, Any], tol: float) -> Iterator[str]:
             at = worst_values(corners.get(name, {}))
             what = loop_name(name, corners)
             where = f"{what} ({at})" if at else what
-            yield item("linear loop", f"{where}: phase margin {loop['phase_margin']:.5g} degrees, {_factors(loop)}")
+            low, high = loop["lowest_factor"] or 0.0, loop["highest_factor"]
+            limits = stable_between(low, math.inf if high is None else high, "{:.5g}".format)
+            stable = f"stable {limits}" if loop["stable"] else "unstable"
+            yield item("linear loop", f"{where}: phase margin {loop['phase_margin']:.5g} degrees, {stable}")
     for task in check["tasks"]:
-        said = f"{task['friction']} friction, {task['start']}: {DOES[task['verdict']].rstrip(',')}, {_peak([task])}"
+        said = f"{task['friction']} friction, {task['start']}: {ENDS[task['verdict']].does}, {_peak([task])}"
         yield item("simulated", said)
     yield "not proved by this"
     for sentence in record["proves_not"]:
@@ -181,10 +174,3 @@ def worst_values(corner: Mapping[str, float]) -> str:
     """The values of a corner, in the units of the axis."""
     each = ((word(name), quantity(value, unit_of(name), ".6g")) for name, value in corner.items())
     return ", ".join(f"{name} = {value}".rstrip() for name, value in each)
-
-
-def _factors(loop: Mapping[str, Any]) -> str:
-    low, high = loop["lowest_factor"], loop["highest_factor"]
-    if not loop["stable"]:
-        return "unstable"
-    return f"stable {stable_between(low or 0.0, math.inf if high is None else high, '{:.5g}'.format)}"

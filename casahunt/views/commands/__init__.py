@@ -12,7 +12,6 @@ pool.py        processes that a command shares its work out to
 price_options.py the options of what a remedy costs, and of a move
 record_options.py those by which they read a record
 console.py     what else they share: files, how numbers are shown
-uncertain.py   what is uncertain of a servo, and what of it is left out
 sampled.py     what simulate does with the loop as built
 orbit.py, diagram.py, fold.py, fold_curve.py, fold_map.py, loop.py, equilibria.py, map.py, basin.py, simulate.py,
 record.py, identify.py, uncertainty.py, remedies.py, cure.py, tune.py, explore.py, glossary.py

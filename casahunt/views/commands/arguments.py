@@ -1,4 +1,4 @@
-"""The arguments of the commands: what they share, read and checked before anything is computed.
+"""The arguments of the commands: what they share, and what they ask, read and checked before anything is computed.
 
 What is wrong is refused in one sentence (errors.InputError).
 """
@@ -8,8 +8,9 @@ from __future__ import annotations
 import argparse
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ...axis_units import UNITS_TABLE, show_in, shown, units_of_table
@@ -19,15 +20,16 @@ from ...orbits import Options
 from ...quantities import with_its_unit
 from ...servo.controller import Pid
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, DRIVE_WORDS, Drive, drive_of_table, drive_value
-from ...servo.friction import BRISTLE, MODELS, Model
-from ...servo.servo import LOOP_TABLE, Servo, read_toml, servo_of_tables, with_overrides
+from ...servo.friction import MODELS, Model
+from ...servo.servo import LOOP_TABLE, Servo, check_bristle, read_toml, servo_of_tables, with_overrides
 from ...servo.units import GAIN_UNIT, assigned, check_motor_gain, numbers_of
 from .output import LINE_WIDTH, meanings, wrapped
 from .output_paths import Signs
-from .progress import progress, say
+from .progress import say
 from .taken import of_the_continuous_loop, servo_of_parts, taken_from_table_1
 
 if TYPE_CHECKING:
+    from ...design.uncertainty.set import Uncertainty
     from ...servo.parts import Loop
 
 OF_DRIVE = f"{DRIVE_TABLE}."
@@ -129,9 +131,9 @@ def add_command(
         command.add_argument("records", nargs="+", metavar="F.csv", help=records)
     file_of: dict[str, Any] = {"metavar": "SERVO.toml", "help": "servo file; default: Table 1 of the report"}
     if not records:
-        command.add_argument("servo", nargs="?", action=_Once, **file_of | {"default": argparse.SUPPRESS})
+        command.add_argument("servo_file", nargs="?", action=_Once, **file_of | {"default": argparse.SUPPRESS})
         file_of["help"] = "the same, as an option"
-    command.add_argument("--servo", dest="servo", action=_Once, **file_of)
+    command.add_argument("--servo", dest="servo_file", action=_Once, **file_of)
     if tol:
         command.add_argument("--tol", default=1e-6, help=f"relative tolerance, {low:g} to {high:g} (default 1e-6)")
     command.add_argument(
@@ -157,16 +159,6 @@ def add_vary(command: Parser, what: str) -> None:
     command.add_argument("--vary", metavar="NAME", help=f"the parameter {what}, of a loop of parts (default gain)")
 
 
-def vary_of(options: argparse.Namespace) -> str:
-    """The parameter that is varied: of a servo the gain, of a loop one of its own.  Raises InputError: it is not."""
-    if options.vary not in (None, "gain") and loop_of(options) is None:
-        raise InputError(
-            f"vary = {options.vary}: must be gain, or a parameter of a loop of parts, which SERVO.toml then holds "
-            "(docs/howto/parts.md)"
-        )
-    return options.vary or "gain"
-
-
 def add_models(command: Parser) -> None:
     """The choice of one friction model, or of both."""
     command.add_argument("--model", action="append", help="switch or lugre; repeat for both (default both)")
@@ -179,171 +171,6 @@ def add_solver(command: argparse.ArgumentParser) -> None:
         help="auto (default: Newton, and IPOPT where a start is far off), or ipopt or newton: that one alone makes "
         "every solve; ipopt takes 2 to 4 times as long, down the unstable LuGre branch 10 times",
     )  # fmt: skip
-
-
-def model_of(options: argparse.Namespace) -> Model:
-    """The one friction model of the command line, or of a loop of parts that has a bristle."""
-    loop = loop_of(options)
-    if loop is not None:
-        from ...servo.parts import LUGRE
-
-        return "lugre" if LUGRE in loop.present else "switch"
-    return _with_its_bristle(options, [choice_of("model", options.model or MODELS[0], MODELS)])[0]
-
-
-def how_of(options: argparse.Namespace) -> Options:
-    """The tolerance of the command line, and the solver where there is a choice."""
-    solver: Any = choice_of("solver", getattr(options, "solver", "auto"), Options.SOLVERS)
-    return Options(tol=finite("tol", options.tol), solver=solver)
-
-
-def models_of(options: argparse.Namespace) -> list[Any]:
-    """The friction models of a command that may have several: each once, all where none is named; [None] of a loop.
-
-    Raises InputError: an unknown model, or one that is named twice.
-    """
-    models = [choice_of("model", model, MODELS) for model in options.model or MODELS]
-    if len(set(models)) != len(models):
-        raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
-    return _with_its_bristle(options, models) if loop_of(options) is None else [None]
-
-
-def _with_its_bristle(options: argparse.Namespace, models: list[Any]) -> list[Any]:
-    """Friction models.  Raises InputError: one has a bristle, of which the file of a linear axis says nothing."""
-    if "lugre" in models and options.servo is not None and shown().linear:
-        given = {*tables_in(options).get("friction", {}), *(text.partition("=")[0].strip() for text in options.set)}
-        missing = [key for key in BRISTLE if not {key, key.partition(".")[2]} & given]
-        if missing:
-            raise InputError(
-                f"{', '.join(missing)}: must be given for the lugre model, of a linear axis nothing is taken from "
-                "Table 1; --model switch needs no bristle"
-            )
-    return models
-
-
-def servo_of(options: argparse.Namespace) -> Servo:
-    """The servo of the command line: file or Table 1, with the overrides."""
-    of_servo = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
-    if options.servo is None:
-        return with_overrides(Servo(), of_servo)
-    tables, what = tables_in(options), f"servo file {options.servo!r}"
-    if loop := loop_of(options):
-        return servo_of_parts(what, loop)
-    servo = with_overrides(servo_of_tables(tables, what), of_servo)
-    if not hasattr(options, "told"):
-        options.told = True
-        taken = taken_from_table_1(servo, tables, of_servo, sought=hasattr(options, "sought"))
-        for sentence in (*taken, *of_the_continuous_loop(options.command, tables)):
-            say(progress(options), sentence)
-    return servo
-
-
-def drive_of(options: argparse.Namespace, *, by_options: bool = False) -> Drive | None:
-    """The drive of the command line, [drive] of the file and overrides; None without any, or with a sample time of 0.
-
-    by_options: also by the options of the command that are called like its keys. Raises InputError: one is wrong.
-    """
-    table = {} if options.servo is None else tables_in(options).get(DRIVE_TABLE, {})
-    given: dict[str, Any] = {}
-    for text in options.set:
-        key, _, value = text.strip().partition("=")
-        if key.startswith(OF_DRIVE):
-            own = shown().own_name(key.strip())
-            name = choice_of("key", own, [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
-            given[name.removeprefix(OF_DRIVE)] = value.strip()
-    given |= {key: value for key in DRIVE_KEYS if by_options and (value := getattr(options, key)) is not None}
-    read = {key: drive_value(key, value, shown()) for key, value in given.items()}
-    numbers = {key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in read.items()}
-    if numbers.get("sample_time") == 0:
-        dropped = ", ".join(f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time")
-        stream = progress(options) if dropped and not hasattr(options, "continuous") else None
-        options.continuous = True
-        say(stream, f"the loop is taken as a continuous one: {dropped} left out")
-        return None
-    stated = {key: given[key] if with_its_unit(given[key]) else value for key, value in numbers.items()}
-    return drive_of_table(table, shown(), **stated) if table or stated else None
-
-
-def shown_as_the_file_says(options: argparse.Namespace) -> None:
-    """Show numbers, and take them with their units, as the servo file of a command says.
-
-    What is wrong with it is told where the command reads it.
-    """
-    if getattr(options, "servo", None) is not None:
-        with suppress(InputError):
-            tables_in(options)
-    for key in ("vary", "fold_in"):
-        if isinstance(named := getattr(options, key, None), str):
-            setattr(options, key, shown().own_name(named))
-
-
-def tables_in(options: argparse.Namespace) -> dict[str, Any]:
-    """The tables of the servo file, which is read once: it may be a pipe.  Numbers are shown in its units from then on.
-
-    Raises InputError: it cannot be read, or its units are wrong.
-    """
-    if not hasattr(options, "tables"):
-        options.tables = _read(options.servo)
-    if isinstance(options.tables, InputError):
-        raise options.tables
-    tables: dict[str, Any] = options.tables
-    return tables
-
-
-def _read(path: str) -> dict[str, Any] | InputError:
-    """The tables of a servo file, or what is wrong with it."""
-    what = f"servo file {path!r}"
-    try:
-        tables = read_toml(path, what)
-    except InputError as error:
-        return error
-    try:
-        show_in(units_of_table(tables.get(UNITS_TABLE, {})))
-    except InputError as error:
-        return InputError(f"{what}: {error}")
-    return tables
-
-
-def loop_of(options: argparse.Namespace, gain: float | None = None) -> Loop | None:
-    """The loop of parts of the command line: file, overrides and gain; None where there is no such file.
-
-    Raises InputError: the file or an override is wrong, or a friction model is asked for, which is one of its parts.
-    """
-    if options.servo is None or LOOP_TABLE not in (tables := tables_in(options)):
-        return None
-    from ...servo.parts.file import loop_of_tables
-
-    if hasattr(options, "model"):
-        left_out(options, "the friction of a loop is one of its parts", "model")
-    loop = loop_of_tables(tables, f"loop file {options.servo!r}")
-    given = [text for text in options.set if not text.strip().startswith(OF_DRIVE)]
-    texts = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
-    if gain is None and not isinstance(getattr(options, "gain", None), list | None):  # of records there is a list
-        gain = gain_of(options)
-    loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
-    check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
-    if not hasattr(options, "told"):
-        options.told = True
-        for sentence in of_the_continuous_loop(options.command, tables):
-            say(progress(options), sentence)
-    return loop
-
-
-def asked_of(options: argparse.Namespace, *, gain: bool = False) -> Any:
-    """What a command is asked about, as the verbs take it: a servo and its model, or a loop and None.
-
-    gain: that of the servo too, of a loop None.
-    """
-    model, loop = model_of(options), loop_of(options)
-    asked = (servo_of(options), model) if loop is None else (loop, None)
-    return (*asked, gain_of(options) if loop is None else None) if gain else asked
-
-
-def left_out(options: argparse.Namespace, why: str, *names: str) -> None:
-    """Refuse options that do not go with the others.  Raises InputError: one was given."""
-    for name in names:
-        if getattr(options, name) not in (None, False, []):
-            raise InputError(f"{name.replace('_', '-')}: must be left out, {why}")
 
 
 def finite(key: str, text: Any, *units: str) -> float:
@@ -388,26 +215,206 @@ def add_gain(command: Parser, example: str = "0.1", **keywords: Any) -> None:
     command.set_defaults(example_of_gain=example)
 
 
-def gain_of(options: argparse.Namespace) -> float:
-    """The one gain of a command that must have one [V/rad]: what is given, or what the file states."""
-    return stated_gain(options) if options.gain is None else positive("gain", options.gain, GAIN_UNIT)
-
-
-def stated_gain(options: argparse.Namespace) -> float:
-    """The gain [V/rad] of a loop of parts, or of a file with kp, ki and kd.  Raises InputError: it is left open."""
-    loop = loop_of(options)
-    if loop is not None:
-        return loop.value("gain")
-    if isinstance(servo_of(options).controller, Pid):  # final: no gain multiplies it
-        return 1.0
-    said = f"--gain {options.example_of_gain}; 1 takes kp, ki and kd of a servo file as they stand"
-    raise InputError(f"gain: must be given, for example {said} (see casahunt {options.command} --help)")
-
-
-def add_out(command: Parser, results: Callable[[argparse.Namespace], Signs], **keywords: Any) -> None:
+def add_out(command: Parser, results: Callable[[Asked], Signs], **keywords: Any) -> None:
     """The folder of a command that writes several files.
 
     results: from the parsed command line to what is written there; **keywords: of `add_argument`.
     """
     command.add_argument("--out", **{"metavar": "DIR"} | keywords)
     command.set_defaults(results=results)
+
+
+class Asked(argparse.Namespace):
+    """What a command is asked: its options as they were given, and what they say, read and checked when it is wanted.
+
+    outputs: what it leaves beside its printed result.
+    """
+
+    outputs: Any
+    told = continuous = False
+    """Whether it has been said what is taken from elsewhere, and what is left out of the drive."""
+
+    @cached_property
+    def read(self) -> dict[str, Any] | InputError:
+        """The tables of the servo file, or what is wrong with it; read once: it may be a pipe."""
+        what = f"servo file {self.servo_file!r}"
+        try:
+            tables = read_toml(self.servo_file, what)
+        except InputError as error:
+            return error
+        try:
+            show_in(units_of_table(tables.get(UNITS_TABLE, {})))
+        except InputError as error:
+            return InputError(f"{what}: {error}")
+        return tables
+
+    def tables(self) -> dict[str, Any]:
+        """The tables of the servo file, {} without one.  Numbers are shown in its units from then on.
+
+        Raises InputError: it cannot be read, or its units are wrong.
+        """
+        if self.servo_file is None:
+            return {}
+        if isinstance(self.read, InputError):
+            raise self.read
+        return self.read
+
+    def show(self) -> None:
+        """Show numbers, and take them with their units, as the servo file says.
+
+        What is wrong with it is told where the command reads it.
+        """
+        if getattr(self, "servo_file", None) is not None:
+            with suppress(InputError):
+                self.tables()
+        for key in ("vary", "fold_in"):
+            if isinstance(named := getattr(self, key, None), str):
+                setattr(self, key, shown().own_name(named))
+
+    def tell_once(self, sentences: Iterable[str]) -> None:
+        """Say what of a servo file is not as it may seem, the first time that it is made into something."""
+        if not self.told:
+            self.told = True
+            for sentence in sentences:
+                say(sentence)
+
+    def subject(self, *, gain: bool = False) -> Any:
+        """What it is asked about, as the verbs take it: a servo and its model, or a loop and None.
+
+        gain: that of the servo too, of a loop None.
+        """
+        model, loop = self.friction_model(), self.loop()
+        asked = (self.servo(), model) if loop is None else (loop, None)
+        return (*asked, self.at_gain() if loop is None else None) if gain else asked
+
+    def servo(self) -> Servo:
+        """The servo: file or Table 1, with the overrides."""
+        of_servo = [text for text in self.set if not text.strip().startswith(OF_DRIVE)]
+        if self.servo_file is None:
+            return with_overrides(Servo(), of_servo)
+        tables, what = self.tables(), f"servo file {self.servo_file!r}"
+        if loop := self.loop():
+            return servo_of_parts(what, loop)
+        servo = with_overrides(servo_of_tables(tables, what), of_servo)
+        taken = taken_from_table_1(servo, tables, of_servo, sought=hasattr(self, "sought"))
+        self.tell_once([*taken, *of_the_continuous_loop(self.command, tables)])
+        return servo
+
+    def loop(self, gain: float | None = None) -> Loop | None:
+        """The loop of parts: file, overrides and gain; None where there is no such file.
+
+        Raises InputError: the file or an override is wrong, or a friction model is asked for, which is one of its
+        parts.
+        """
+        tables = self.tables()
+        if LOOP_TABLE not in tables:
+            return None
+        from ...servo.parts.file import loop_of_tables
+
+        if hasattr(self, "model"):
+            self.leave_out("the friction of a loop is one of its parts", "model")
+        loop = loop_of_tables(tables, f"loop file {self.servo_file!r}")
+        given = [text for text in self.set if not text.strip().startswith(OF_DRIVE)]
+        texts = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
+        if gain is None and not isinstance(getattr(self, "gain", None), list | None):  # of records there is a list
+            gain = self.at_gain()
+        loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
+        check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
+        self.tell_once(of_the_continuous_loop(self.command, tables))
+        return loop
+
+    def drive(self, *, by_options: bool = False) -> Drive | None:
+        """The drive: [drive] of the file and overrides; None without any, or with a sample time of 0.
+
+        by_options: also by the options that are called like its keys. Raises InputError: one is wrong.
+        """
+        table = self.tables().get(DRIVE_TABLE, {})
+        given: dict[str, Any] = {}
+        for text in self.set:
+            key, _, value = text.strip().partition("=")
+            if key.startswith(OF_DRIVE):
+                own = shown().own_name(key.strip())
+                name = choice_of("key", own, [f"{OF_DRIVE}{name}" for name in DRIVE_KEYS])
+                given[name.removeprefix(OF_DRIVE)] = value.strip()
+        given |= {key: value for key in DRIVE_KEYS if by_options and (value := getattr(self, key)) is not None}
+        read = {key: drive_value(key, value, shown()) for key, value in given.items()}
+        numbers = {
+            key: value if key in DRIVE_WORDS else finite(f"{OF_DRIVE}{key}", value) for key, value in read.items()
+        }
+        if numbers.get("sample_time") == 0:
+            dropped = ", ".join(f"{OF_DRIVE}{key}" for key in {**table, **numbers} if key != "sample_time")
+            if dropped and not self.continuous:
+                say(f"the loop is taken as a continuous one: {dropped} left out")
+            self.continuous = True
+            return None
+        stated = {key: given[key] if with_its_unit(given[key]) else value for key, value in numbers.items()}
+        return drive_of_table(table, shown(), **stated) if table or stated else None
+
+    def uncertainty_of(self, servo: Servo | Loop) -> Uncertainty | None:
+        """What is uncertain by the file of the command line, a part of it that is no servo said; None without one."""
+        if self.uncertainty is None:
+            return None
+        from ...design.uncertainty.set import load_uncertainty, part_without_servos
+
+        uncertainty = load_uncertainty(self.uncertainty, servo)
+        if said := part_without_servos(servo, uncertainty):
+            say(said)
+        return uncertainty
+
+    def friction_model(self) -> Model:
+        """The one friction model, or that of a loop of parts, by whether it has a bristle."""
+        loop = self.loop()
+        if loop is not None:
+            from ...servo.parts import LUGRE
+
+            return "lugre" if LUGRE in loop.present else "switch"
+        return self._with_its_bristle(choice_of("model", self.model or MODELS[0], MODELS))[0]
+
+    def friction_models(self) -> list[Any]:
+        """Those of a command that may have several: each once, all where none is named; [None] of a loop.
+
+        Raises InputError: an unknown model, or one that is named twice.
+        """
+        models = [choice_of("model", model, MODELS) for model in self.model or MODELS]
+        if len(set(models)) != len(models):
+            raise InputError(f"model = {', '.join(models)}: each model can be asked for once")
+        return [None] if self.loop() else self._with_its_bristle(*models)
+
+    def _with_its_bristle(self, *models: Any) -> list[Any]:
+        if "lugre" in models:
+            check_bristle(self.tables(), self.set)
+        return [*models]
+
+    def how(self) -> Options:
+        """The tolerance, and the solver where there is a choice."""
+        solver: Any = choice_of("solver", getattr(self, "solver", "auto"), Options.SOLVERS)
+        return Options(tol=finite("tol", self.tol), solver=solver)
+
+    def at_gain(self) -> float:
+        """The one gain of a command that must have one [V/rad]: what is given, or what the file states."""
+        return self.stated_gain() if self.gain is None else positive("gain", self.gain, GAIN_UNIT)
+
+    def stated_gain(self) -> float:
+        """The gain [V/rad] of a loop of parts, or of a file with kp, ki and kd.  Raises InputError: it is left open."""
+        loop = self.loop()
+        if loop is not None:
+            return loop.value("gain")
+        if isinstance(self.servo().controller, Pid):  # final: no gain multiplies it
+            return 1.0
+        said = f"--gain {self.example_of_gain}; 1 takes kp, ki and kd of a servo file as they stand"
+        raise InputError(f"gain: must be given, for example {said} (see casahunt {self.command} --help)")
+
+    def varied(self) -> str:
+        """The parameter that is varied: of a servo the gain, of a loop one of its own.  Raises InputError: not so."""
+        if self.vary not in (None, "gain") and self.loop() is None:
+            raise InputError(
+                f"vary = {self.vary}: must be gain, or a parameter of a loop of parts, which SERVO.toml then holds "
+                "(docs/howto/parts.md)"
+            )
+        return self.vary or "gain"
+
+    def leave_out(self, why: str, *names: str) -> None:
+        """Refuse options that do not go with the others.  Raises InputError: one was given."""
+        for name in names:
+            if getattr(self, name) not in (None, False, []):
+                raise InputError(f"{name.replace('_', '-')}: must be left out, {why}")

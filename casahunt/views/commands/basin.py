@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,9 +9,8 @@ from ...axis_units import shown
 from ...checks import error_text, to_error
 from ...results import tables_of
 from ...servo.basin import OFFSET, Basin, basin
-from ...servo.outcome import Kind
-from ..answers.answer import Answer, angle, at_gain, called, complex_text, item, known, parts_of, record_of, short
-from .arguments import add_command, asked_of, drive_of, finite, how_of
+from ..answers.answer import ENDS, Answer, angle, at_gain, called, complex_text, item, known, parts_of, record_of, short
+from .arguments import Asked, add_command, finite
 from .console import complain
 from .output import give
 
@@ -30,11 +28,11 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    how, offset, asked = how_of(options), finite("offset", options.offset), asked_of(options, gain=True)
+    how, offset, asked = options.how(), finite("offset", options.offset), options.subject(gain=True)
     found = basin(*asked, options=how, offset=offset)
-    drive = drive_of(options)
+    drive = options.drive()
     answer = basin_answer(found, how.tol, drive.count if drive else 0.0)
     record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, answer, table=tables_of([found]), picture=("event_map.basin", found))
@@ -50,11 +48,6 @@ def run(options: argparse.Namespace) -> int:
 
 # What `casahunt basin` says of the border between coming to rest and hunting
 
-ENDS: dict[Kind, str] = {
-    "at rest": "it came to rest", "decaying": "it came to rest", "hunting": "it hunted on",
-    "growing": "it swung ever farther away",
-}  # fmt: skip
-"""What a motion did, by its outcome."""
 POSITIONS_SHOWN = 6
 """Positions of a motion that are shown, at most."""
 
@@ -75,22 +68,18 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
         head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
         means = item("what it means", "nearer and farther the servo may come to rest or hunt")
     plain = [head, *parts_of(found.loop), means]
-    inside, outside = (ENDS.get(trial.outcome, "its end was not certain") for trial in (found.inside, found.outside))
+    inside, outside = (ENDS[trial.outcome].did for trial in (found.inside, found.outside))
     tried = f"from just inside {inside}, from just outside {outside}"
     tried += "" if found.unstable else f"; {found.motions} motions from rest, on both sides of the set point"
-    plain += [item("farther away", _outer(found)), item("tried", tried)]
+    beyond = "irregular hunting" if found.irregular else "no hunting cycle was found"
+    if found.outer is not None:
+        beyond = f"a hunting cycle of amplitude {angle(found.outer.amplitude, found.outer.amplitude_error)}"
+        beyond += "" if found.outer.stable else ", which motions leave again, unevenly"
+    plain += [item("farther away", beyond), item("tried", tried)]
     if unseen:
         counts = f"that distance is {short(found.border / count)} counts of the encoder"
         plain.append(item("as built", f"{counts}: the drive cannot tell whether it is within it"))
     return Answer(plain, _details(found, tol))
-
-
-def _outer(found: Basin) -> str:
-    """What waits beyond the border."""
-    if found.outer is None:
-        return "irregular hunting" if found.irregular else "no hunting cycle was found"
-    size = f"a hunting cycle of amplitude {angle(found.outer.amplitude, found.outer.amplitude_error)}"
-    return size if found.outer.stable else f"{size}, which motions leave again, unevenly"
 
 
 def _details(found: Basin, tol: float) -> Iterator[str]:
@@ -106,21 +95,16 @@ def _details(found: Basin, tol: float) -> Iterator[str]:
         yield item("unstable cycle", "not computed: the border is where motions part")
         what = "half of what is between the two motions"
     yield item("estimated error", f"{error_text(found.error_estimate)} (relative, {what})")
-    yield _outer_in_full(found)
+    if found.outer is None:
+        yield item("stable cycle", found.why_no_outer)
+    else:
+        amplitude, m = known(found.outer.amplitude, found.outer.amplitude_error), found.outer.multipliers
+        mu = complex_text(m.leading, m.error, m.leading_floor)
+        leaves = "" if found.outer.stable else f", not stable (half multiplier {mu}): swings next to it leave it"
+        kind = "stable cycle" if found.outer.stable else "symmetric cycle"
+        yield item(kind, f"amplitude max |x1| = {amplitude}{leaves}")
     for name, trial in (("inside", found.inside), ("outside", found.outside)):
         named = shown().near(max(map(abs, trial.positions), default=0.0), "rad")
         a = [to_error(shown().number(position, "rad", named), tol, most=4) for position in trial.positions]
         path = ", ".join(a if len(a) <= POSITIONS_SHOWN else [*a[: POSITIONS_SHOWN - 2], "...", a[-1]])
         yield item(f"from {name}", f"{trial.outcome} after {len(a) - 1} turns: {path} {named}")
-
-
-def _outer_in_full(found: Basin) -> str:
-    """The line of the cycle beyond the border."""
-    if found.outer is None:
-        return item("stable cycle", found.why_no_outer)
-    amplitude = f"amplitude max |x1| = {known(found.outer.amplitude, found.outer.amplitude_error)}"
-    if found.outer.stable:
-        return item("stable cycle", amplitude)
-    m = found.outer.multipliers
-    mu = complex_text(m.leading, m.error, m.leading_floor)
-    return item("symmetric cycle", f"{amplitude}, not stable (half multiplier {mu}): swings next to it leave it")

@@ -22,7 +22,7 @@ from ...servo.problem import HuntingOrbit
 from ..answers.answer import short
 from .output import meanings, wrapped
 from .output_paths import Signs, keep_others
-from .progress import Progress, clear
+from .progress import clear, each_stays
 
 COLLECT_EVERY = 10_000
 """New objects after which rings among them are looked for: with Python's own 700 it takes a twentieth of a diagram."""
@@ -167,24 +167,22 @@ def folder(path: str | None, results: Signs) -> Iterator[Path | None]:
         yield out
 
 
-def orbit_line(stream: Progress | None, orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
-    """A computed point, for progress: in short, or where each is a line that stays as `progress_line`."""
-    if stream is not None and stream.every:
-        # A computed point as a line of progress: gain, amplitude, period, multiplier and iterations. mu: text for the
-        # multiplier; default: mu, or lambda of a full cycle; vary: the parameter that is told, for the gain
+def orbit_line(orbit: Orbit, mu: str = "", vary: str = "gain") -> str:
+    """A computed point, for progress: in short, or where each is a line that stays with its multiplier and iterations.
+
+    mu: text for the multiplier; default: mu, or lambda of a full cycle; vary: the parameter that is told, for the gain.
+    """
+    whose = orbit.model if isinstance(orbit, HuntingOrbit) else "loop"
+    if each_stays():
         if not mu:
             mu = f"{orbit.multipliers.leading.real:+.4g}" if orbit.multipliers.trusted else "not trusted"
         at = to_error(orbit.problem.value(vary), max(orbit.parameter_error, 1e-8))
         size = quantity(orbit.amplitude, "rad", lambda x: to_error(x, orbit.amplitude_error, most=6))
         return (
-            f"{_whose(orbit):7s} {'K' if vary == 'gain' else vary} = {at}  amplitude = {size}  "
+            f"{whose:7s} {'K' if vary == 'gain' else vary} = {at}  amplitude = {size}  "
             f"period = {to_error(orbit.period, orbit.period_error, most=6)} s  "
             f"{'mu' if orbit.half else 'lambda'} = {mu}  iterations = {orbit.iterations}"
         )
     value, amplitude, period = orbit.problem.value(vary), orbit.amplitude, orbit.period
     size = quantity(amplitude, "rad", short)
-    return f"{_whose(orbit)}: {vary} {short(value)}, amplitude {size}, period {short(period)} s"
-
-
-def _whose(orbit: Orbit) -> str:
-    return orbit.model if isinstance(orbit, HuntingOrbit) else "loop"
+    return f"{whose}: {vary} {short(value)}, amplitude {size}, period {short(period)} s"

@@ -11,7 +11,6 @@ parameter; gain, of the first record, at which remedies are looked for; limits; 
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -20,6 +19,7 @@ from ... import effort
 from ...checks import to_error
 from ...design.identify.identify import BOUND_FACTOR, Identification
 from ...design.nearby import upper
+from ...design.uncertainty.set import part_without_servos
 from ...design.uncertainty.worst_corner import worst_corner
 from ...errors import NoOrbit
 from ...export import plain
@@ -30,14 +30,13 @@ from ..answers.answer import Answer
 from ..evidence.cure_page import TITLE, cure_page
 from ..evidence.record import made
 from . import identify as identification
-from .arguments import add_command, add_out, how_of
+from .arguments import Asked, add_command, add_out
 from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
 from .price_options import add_demands, demands_of
-from .progress import progress, tell
+from .progress import say, tell
 from .remedies import Table, advice_of, judged, table_details, table_lines, table_of
-from .uncertain import say_what_is_left_out
 
 FILES = {**identification.FILES, "cure.html": TITLE.encode(), "cure.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -60,10 +59,10 @@ def add(commands: Any) -> None:
     add_out(command, lambda _: FILES, help="write the page cure.html, cure.json, friction.toml and servo.toml")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code: 1 where the records tell no servo, or no remedy ends its hunting."""
     fit, read = identification.fit_of(options)
-    how, demands = how_of(options), demands_of(options)
+    how, demands = options.how(), demands_of(options)
     if options.out is not None:
         keep_others(options.out, FILES)
     found = fit()
@@ -71,8 +70,9 @@ def run(options: argparse.Namespace) -> int:
         complain("casahunt cure", f"the records were not fitted: {found.status.advice}")
         return 1
     gain = found.records[0].gain
-    say_what_is_left_out(options, found.servo, found.uncertainty)
-    tell(progress(options), "computing the fold")
+    if said := part_without_servos(found.servo, found.uncertainty):
+        say(said)
+    tell("computing the fold")
     fold = _fold(found, how)
     if found.model is None:  # of a loop of parts sizes are those for the values as found
         table = table_of(options, demands, (found.servo.replace(gain=gain), None, None), options=how, uncertainty=None)
@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
             from ..pictures.identify import fitted_records
             from ..pictures.plotting import png
 
-            whole = plain(record) | {"made": made(options.servo, options.set)}
+            whole = plain(record) | {"made": made(options.servo_file, options.set)}
             page = cure_page(whole, {"fit": png(fitted_records(found))})
             own = {"cure.html": page, "cure.json": json.dumps(whole, indent=1) + "\n"}
             options.outputs.write(write_results, out, FILES, identification.texts_of(found, options) | own)

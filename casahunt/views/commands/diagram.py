@@ -6,15 +6,15 @@ when it is on disk; the archive is written once, when the branch has ended, howe
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 from ... import effort
-from ...continuation import FOLD, Branch
+from ...axis_units import label
+from ...continuation import FOLD, SYMMETRY_BREAKING, Branch
 from ...design.diagram import diagram, starting_gain
 from ...errors import NoOrbit
 from ...export import MAKER
@@ -27,26 +27,12 @@ from ...servo.parts.loop import Loop
 from ...servo.saved import save_branch
 from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT, kinds_of
-from ..answers.answer import parts_of, record_of, short
-from ..answers.diagram import diagram_answer
-from .arguments import (
-    add_command,
-    add_models,
-    add_out,
-    add_solver,
-    add_vary,
-    finite,
-    how_of,
-    loop_of,
-    models_of,
-    positive,
-    servo_of,
-    vary_of,
-)
+from ..answers.answer import Answer, item, parts_of, position, record_of, short, volts_per
+from .arguments import Asked, add_command, add_models, add_out, add_solver, add_vary, finite, positive
 from .console import complain, folder, orbit_line
 from .output import draw, give
 from .output_paths import keep_others
-from .progress import Progress, progress, say, tell
+from .progress import each_stays, say, tell
 
 PICTURES = {
     "diagram.png": "branches.diagram",
@@ -82,23 +68,20 @@ def add(commands: Any) -> None:
     add_out(picture, _results, default="casahunt-diagram", help="folder to write into")
 
 
-def _results(options: argparse.Namespace) -> dict[str, bytes]:
+def _results(options: Asked) -> dict[str, bytes]:
     """The files that are written into --out, and what stands in each."""
-    tables = {f"{model or 'loop'}{end}": sign for model in models_of(options) for end, sign in SIGNS.items()}
+    tables = {f"{model or 'loop'}{end}": sign for model in options.friction_models() for end, sign in SIGNS.items()}
     return dict.fromkeys(PICTURES, PICTURE_SIGN) | tables
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
-    models, loop, vary, how = models_of(options), loop_of(options), vary_of(options), how_of(options)
+    models, loop, vary, how = options.friction_models(), options.loop(), options.varied(), options.how()
     start, to = _number(options, "from", loop, vary), _number(options, "to", loop, vary)
-    servo = loop or servo_of(options)
+    servo = loop or options.servo()
     results, out = _results(options), Path(options.out)
     with folder(options.out, results):
-        # What an earlier run has left makes room when this one has its first point, and not before.
-        found = _Branches(
-            servo, vary, start, to, how, options.natural, out, dict(results), progress(options), options.details
-        )
+        found = _Branches(options, servo, vary, start, to, how, out, dict(results))
         try:
             for model in models:
                 found.add(model)
@@ -107,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
                 for aside in drop_replaced(found.moved):
                     complain("casahunt diagram", f"{aside} is of an earlier run, which this one has not replaced")
         except KeyboardInterrupt:
-            where = f"the points computed so far are in {out}" if found.computed else "no point was computed"
+            where = "no point was computed" if found.stale else f"the points computed so far are in {out}"
             raise KeyboardInterrupt(f"{word()}; {where}") from None
     summary = {
         "out": str(out) if found.branches else None,
@@ -125,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
     return 1 if found.failures else 0
 
 
-def _number(options: argparse.Namespace, key: str, loop: Loop | None, vary: str) -> float | None:
+def _number(options: Asked, key: str, loop: Loop | None, vary: str) -> float | None:
     """The value of an option, in the parameter that is varied; None where it is not given."""
     text = options.start if key == "from" else options.to
     if text is None:
@@ -137,31 +120,18 @@ def _number(options: argparse.Namespace, key: str, loop: Loop | None, vary: str)
 class _Branches:
     """The branches of a run, and what is missing of them; what is asked for, as in `diagram`, comes first."""
 
+    asked: Asked
     servo: Servo | Loop
     vary: str
     start: float | None
     to: float | None
     options: Options
-    natural: bool
     out: Path
     stale: dict[str, bytes]
     """Files that an earlier run may have left, and what stands in each."""
-    stream: Progress | None
-    details: bool
     branches: list[Branch[Any]] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     moved: dict[Path, Path] = field(default_factory=dict)
-
-    @property
-    def computed(self) -> bool:
-        """Whether the folder holds a point of this diagram."""
-        return not self.stale
-
-    def make_room(self) -> None:
-        """Set aside what an earlier run has left."""
-        keep_others(self.out, self.stale)  # looked at long ago, perhaps
-        self.moved.update(set_aside(self.out / name for name in self.stale))
-        self.stale.clear()
 
     def add(self, model: Model | None) -> None:
         """Compute the branch of a model, or of a loop of parts, and say what is missing of it."""
@@ -175,7 +145,7 @@ class _Branches:
             self.lacks(NoOrbit(f"{error.plain}; it is drawn from gain {start:g}", evidence=error.evidence))
             branch = self.branch(model, start)
         self.branches.append(branch)
-        if failure := _shortfall(branch, self.to, natural=self.natural):
+        if failure := _shortfall(branch, self.to, natural=self.asked.natural):
             self.lacks(failure)
         for gap in (*branch.missed, *(gap for pair in branch.lopsided for gap in pair.missed)):
             complain("casahunt diagram", f"{model}: {gap.meaning}" if model else gap.meaning)
@@ -185,7 +155,7 @@ class _Branches:
     def lacks(self, failure: str | NoOrbit) -> None:
         """Say what is missing."""
         self.failures.append(str(failure))
-        complain("casahunt diagram", failure, details=self.details)
+        complain("casahunt diagram", failure, details=self.asked.details)
 
     def own_start(self, model: Model) -> float:
         """The gain that the servo has for itself."""
@@ -206,16 +176,17 @@ class _Branches:
 
         def report(branch: Branch[Any]) -> None:
             with held():
-                if not so_far:
-                    self.make_room()
+                if not so_far:  # what an earlier run has left makes room
+                    keep_others(self.out, self.stale)  # looked at long ago, perhaps
+                    self.moved.update(set_aside(self.out / name for name in self.stale))
+                    self.stale.clear()
                 if not so_far or len(branch.orbits) > len(so_far[-1].orbits) or branch.lopsided:
                     branch.to_csv(files[".csv"])
                 so_far.append(branch)
-                for how, line in _news(branch, so_far[-2:-1], model, self.stream):
-                    how(self.stream, line)
+                _tell_news(branch, so_far[-2:-1], model)
             effort.heard()
 
-        asked: Any = {"to": self.to, "options": self.options, "natural": self.natural, "report": report}
+        asked: Any = {"to": self.to, "options": self.options, "natural": self.asked.natural, "report": report}
         whose: tuple[Any, Any] = self.servo, model
         try:
             branch: Branch[Any] = diagram(*whose, vary=self.vary, start=start, **asked)
@@ -231,25 +202,23 @@ class _Branches:
 
     def lopsided(self, orbit: Orbit) -> None:
         """Say that a cycle of a lopsided pair is there."""
-        tell(self.stream, f"{orbit_line(self.stream, orbit)}  lopsided")
+        tell(f"{orbit_line(orbit)}  lopsided")
         effort.heard()
 
 
-def _news(
-    branch: Branch[Any], before: list[Branch[Any]], model: Model | None, stream: Progress | None
-) -> Iterator[tuple[Callable[[Progress | None, str], None], str]]:
-    """What is said of a branch that has grown, line by line, and how; before: what it was, or nothing."""
+def _tell_news(branch: Branch[Any], before: list[Branch[Any]], model: Model | None) -> None:
+    """Say how a branch has grown; before: what it was, or nothing."""
     orbits, special = max(((len(each.orbits), len(each.special)) for each in before), default=(0, 0))
     met = {id(one.orbit): one for one in branch.special[special:]}
     new = {id(orbit) for orbit in branch.orbits[orbits:]}
-    every, name = stream is not None and stream.every, model or "loop"
+    every, name = each_stays(), model or "loop"
     for orbit, _ in branch.along():
         one = met.get(id(orbit))
         if one is not None and (every or one.kind == FOLD.kind):  # where hunting ends is a milestone to everybody
             at = f"gain {short(one.value)} V/rad" if model else f"{branch.vary} {short(one.value)}"
-            yield say, f"{name:7s} {one.meaning}" if every else f"{name}: cycles of one kind end at {at}"
+            say(f"{name:7s} {one.meaning}" if every else f"{name}: cycles of one kind end at {at}")
         if id(orbit) in new:
-            yield tell, orbit_line(stream, orbit, vary=branch.vary)
+            tell(orbit_line(orbit, vary=branch.vary))
 
 
 def _shortfall(branch: Branch[Any], to: float | None, *, natural: bool) -> str:
@@ -281,3 +250,55 @@ def _pictures(branches: list[Any], out: Path) -> None:
     firsts = [branch.orbits[0] for branch in branches]
     for name, picture in PICTURES.items():
         draw(out / name, picture, branches if picture.startswith("branches") else firsts)
+
+
+# What `casahunt diagram` says of branches of cycles
+
+
+def diagram_answer(branches: Sequence[Branch[Any]], parts: list[str], out: str) -> Answer:
+    """What is said of the branches of a servo.
+
+    parts: the line of its parts; out: where they are written, "" where they are not.
+    """
+    written = [f"written to {out}"] if out and branches else []
+    return Answer([*(line for branch in branches for line in _plain(branch, parts)), *written], _details(branches))
+
+
+def _plain(branch: Branch[Any], parts: list[str]) -> Iterator[str]:
+    if not hasattr(branch, "model"):
+        yield f"loop: {len(branch.orbits)} cycles along {branch.vary}; {branch.ended}"
+        yield from parts
+        for special in branch.special:
+            if special.kind == FOLD.kind:
+                yield item("they turn back at", f"{branch.vary} = {short(special.value)}")
+        return
+    folds = [special.orbit for special in branch.special if special.kind == FOLD.kind]
+    gains = branch.values
+    last = max(folds, key=lambda orbit: orbit.gain, default=None)
+    if last is not None and last.gain >= gains.max():
+        yield f"{branch.model}: the servo can hunt up to gain {volts_per(last.gain)}, and not above it"
+        yield item("there", f"amplitude {position(last.amplitude)}, period {short(last.period)} s")
+    else:
+        yield f"{branch.model}: the servo can hunt; where that ends was not met ({branch.ended})"
+    first = branch.orbits[0]
+    size = f"amplitude {position(first.amplitude)}, period {short(first.period)} s"
+    yield item(f"at {volts_per(first.gain)}", size)
+    broken = [short(special.orbit.gain) for special in branch.special if special.kind == SYMMETRY_BREAKING.kind]
+    if broken:
+        yield item("uneven swings", f"begin or end at gain {', '.join(broken)} {label(GAIN_UNIT)}")
+    yield item("computed", f"{len(branch.orbits)} cycles from gain {short(gains.min())} to {volts_per(gains.max())}")
+
+
+def _details(branches: Sequence[Branch[Any]]) -> Iterator[str]:
+    for branch in branches:
+        if hasattr(branch, "model"):
+            yield f"{branch.model}: {len(branch.orbits)} points; {branch.ended}"
+        for special in branch.special:
+            yield f"  {special.meaning}"
+        for pair in branch.lopsided:
+            yield (
+                f"  lopsided, one of a pair whose other is its mirror image: {len(pair.orbits)} points from gain "
+                f"{pair.values[0]:.8g}; {pair.ended}"
+            )
+            for special in pair.special:
+                yield f"    {special.meaning}"

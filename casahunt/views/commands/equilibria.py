@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -12,7 +11,7 @@ from ...results import tables_of
 from ...servo.equilibria import PROVES, Equilibria, equilibria
 from ...servo.parts.loop import breakaway_of
 from ..answers.answer import Answer, angle, at_gain, called, item, parts_of, record_of, short
-from .arguments import add_command, asked_of
+from .arguments import Asked, add_command
 from .output import give
 
 
@@ -24,9 +23,9 @@ def add(commands: Any) -> None:
     )  # fmt: skip
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    asked = asked_of(options, gain=True)
+    asked = options.subject(gain=True)
     found = equilibria(*asked)
     record = found.to_dict(table=False) | record_of(asked[0])
     give(options, record, equilibria_answer(found), table=tables_of([found]), picture=("equilibria.equilibria", found))
@@ -44,13 +43,19 @@ def equilibria_answer(found: Equilibria) -> Answer:
     low, high = found.ranges.get("x1", (math.nan, math.nan))
     plain = [f"{called(found.loop)} {at_gain(found.gain)}: {_where(low, high)}", *parts_of(found.loop)]
     if math.isfinite(found.integral_limit):
-        plain.append(item("there", f"with any integral of the error {_up_to(*found.ranges['x3'], 'rad s')}"))
+        least, most = found.ranges["x3"]
+        integral = f"up to {quantity(most, 'rad s', short)}"  # what is the same to both sides is said once
+        if not _alike(-least, most):
+            integral = f"from {several((least, most), 'rad s', short, ' to ')}"
+        plain.append(item("there", f"with any integral of the error {integral}"))
     elif "torque" in found.ranges:
         between = _between(*found.ranges["torque"], "N m")
         plain.append(item("there", f"with a {word('torque')} of the motor of {between}"))
     if max(abs(low), abs(high)) <= AT_THE_SET_POINT and math.isfinite(max(found.position_limits)):
         alone = "friction alone" + ", beside an integral that carries the load," * _carries_a_load(found)
-        held = f"{alone} holds it {_away(*found.position_limits)}, but the integral grows"
+        below, above = map(angle, found.position_limits)
+        away = "away" if _alike(*found.position_limits) else f"below and {above} above"
+        held = f"{alone} holds it up to {below} {away}, but the integral grows"
         plain.append(item("stuck beside it", f"{held} until it breaks away"))
     if math.isinf(high - low):
         held = "as far as friction and the controller go: what was wound up before it stood tells where"
@@ -79,19 +84,6 @@ def _between(low: float, high: float, unit: str = "") -> str:
 
 def _carries_a_load(found: Equilibria) -> bool:
     return any(found.loop.at_rest(0.0).values())
-
-
-def _up_to(low: float, high: float, unit: str) -> str:
-    """An interval in words; what is the same to both sides is said once."""
-    if _alike(-low, high):
-        return f"up to {quantity(high, unit, short)}"
-    return f"from {several((low, high), unit, short, ' to ')}"
-
-
-def _away(below: float, above: float) -> str:
-    if _alike(below, above):
-        return f"up to {angle(below)} away"
-    return f"up to {angle(below)} below and {angle(above)} above"
 
 
 def _alike(below: float, above: float) -> bool:

@@ -5,7 +5,6 @@ Key of the JSON object, which is printed when the page can be loaded: address.
 
 from __future__ import annotations
 
-import argparse
 import json
 import webbrowser
 from dataclasses import replace
@@ -16,8 +15,8 @@ from ...errors import InputError
 from ...servo.drive import Drive
 from ...servo.units import GAIN_UNIT
 from ..explore.state import State, state_of_loop, state_of_servo
-from .arguments import add_command, count_of, drive_of, loop_of, model_of, positive, servo_of
-from .progress import progress, say
+from .arguments import Asked, add_command, count_of, positive
+from .progress import say
 
 
 def add(commands: Any) -> None:
@@ -30,7 +29,7 @@ def add(commands: Any) -> None:
     command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Serve until it is interrupted; returns the exit code."""
     from ..explore.server import THIS_MACHINE, Server  # not for who asks for --help
 
@@ -41,28 +40,27 @@ def run(options: argparse.Namespace) -> int:
         )
     port = None if options.port is None else count_of("port", options.port, 1, 65535)
     server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
-    stream = progress(options)
     if opened := server.opened():
-        say(stream, opened)
+        say(opened)
     if options.json:
         print(json.dumps({"address": server.address}), flush=True)
     else:
         print(server.address, flush=True)
-        say(stream, "the page is served until Ctrl-C")
+        say("the page is served until Ctrl-C")
     if not options.no_browser:
         webbrowser.open(server.address)
     server.run()
     return 0
 
 
-def _first(options: argparse.Namespace) -> State:
+def _first(options: Asked) -> State:
     """The state of the page without an address."""
-    loop = loop_of(options) if options.servo is not None else None
+    loop = options.loop()
     gain = {} if options.first is None else {"gain": positive("gain", options.first, GAIN_UNIT)}
     if loop is not None:
-        state = state_of_loop(options.tables["loop"]["parts"], loop)
+        state = state_of_loop(options.tables()["loop"]["parts"], loop)
     else:
-        state = state_of_servo(servo_of(options)).choose("model", model_of(options))
-    drive = drive_of(options) if loop is None else None
+        state = state_of_servo(options.servo()).choose("model", options.friction_model())
+    drive = options.drive() if loop is None else None
     built = {} if drive is None else {k: v for k, v in vars(drive).items() if v != getattr(Drive, k, None)}
     return replace(state, values={**state.values, **gain}, drive=built)

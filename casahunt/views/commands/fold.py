@@ -7,13 +7,11 @@ higher gains, or null.  Of a loop of parts: the border of hunting in any paramet
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
 
 from ...axis_units import word
-from ...checks import to_error
 from ...design.sensitivity import fold_sensitivities
 from ...results import tables_of
 from ...servo.find_fold import find_fold
@@ -21,10 +19,10 @@ from ...servo.parts.verbs import beyond_fold, hunting_beyond
 from ...servo.stable_up_to import stable_ranges
 from ..answers.answer import angle, called, item, parts_of, record_of, runs_away, short
 from ..answers.fold import WHAT_TO_DO, fold_answer, stability_of, value_of
-from .arguments import add_command, add_solver, add_vary, asked_of, how_of, loop_of, model_of, vary_of
+from .arguments import Asked, add_command, add_solver, add_vary
 from .console import orbit_line
 from .output import give
-from .progress import progress, tell
+from .progress import tell
 from .sampled import seen_by_encoder
 
 
@@ -40,12 +38,12 @@ WAS_FOLLOWED = "the hunting that was followed goes"
 """Said where other hunting may go on."""
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    model, how, vary = model_of(options), how_of(options), vary_of(options)
-    asked, loop = asked_of(options), loop_of(options)
+    model, how, vary = options.friction_model(), options.how(), options.varied()
+    asked, loop = options.subject(), options.loop()
     fold: Any = find_fold(*asked, vary=vary, options=how)
-    slopes, orbit, stream = fold_sensitivities(fold), fold.orbit, progress(options)
+    slopes, orbit = fold_sensitivities(fold), fold.orbit
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
     ranges, way = stable_ranges(fold, loop), "up" if fold.sense > 0 else "down"
     more["stable"] = stable = stability_of(fold, ranges)
@@ -67,19 +65,13 @@ def run(options: argparse.Namespace) -> int:
             far = angle(float(low)) if low == high else f"{angle(float(low))} to {angle(float(high))}"
             said = f"at {named} {value_of(vary, at)} other hunting, of {far}: casahunt orbit"
             below = [item("beyond it", f"{said}; where that ends is not known"), *below]
-    tell(stream, orbit_line(stream, orbit, mu="+1 (fold)", vary=vary))
+    tell(orbit_line(orbit, mu="+1 (fold)", vary=vary))
     first = value_of(vary, fold.value, short, fold.value_error)
-    value, again = (value_of(vary, each, to_error, fold.value_error) for each in (fold.value, fold.confirmed_value))
     head = f"{name}: {possible} {way} to {named} {first}"
     if last is not None and last != fold.value:
         ends = value_of(vary, last)
         head = f"{name}: {WAS_FOLLOWED} {way} to {named} {ends}; its cycles go on, unstable, to their fold at {first}"
-    answer = fold_answer(
-        head, fold, slopes, ranges, to_do="" if loop else WHAT_TO_DO, below=below, value=value, again=again,
-        solver=how.solver, tol=how.tol,
-    )  # fmt: skip
-    give(
-        options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]),
-        picture=("fold_curve.elasticities", [fold], [slopes]),
-    )  # fmt: skip
+    answer = fold_answer(head, fold, slopes, ranges, how, "" if loop else WHAT_TO_DO, below)
+    picture = "fold_curve.elasticities", [fold], [slopes]
+    give(options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]), picture=picture)
     return 0

@@ -5,10 +5,8 @@ Of a loop of parts: the border of hunting in any parameter; its JSON object says
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from ...axis_units import quantity, shown
@@ -26,10 +24,10 @@ from ...servo.servo import Servo
 from ...servo.units import kinds_of
 from ..answers.answer import Answer, called, named, parts_of, record_of, short
 from ..answers.fold import PLAIN_DECIMALS, sensitivity_text
-from .arguments import add_command, add_models, count_of, finite, how_of, left_out, loop_of, models_of, servo_of
-from .console import Outputs, complain
+from .arguments import Asked, add_command, add_models, count_of, finite
+from .console import complain
 from .output import give
-from .progress import Progress, progress, tell
+from .progress import tell
 
 
 def add(commands: Any) -> None:
@@ -48,20 +46,20 @@ def add(commands: Any) -> None:
     command.add_argument("--points", default=RANGE_POINTS, metavar="N", help=points)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
-    loop = loop_of(options)
+    loop = options.loop()
     if loop is None:
-        left_out(options, "a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    models = models_of(options)
-    how = how_of(options)
-    servo = loop or servo_of(options)
+        options.leave_out("a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
+    models = options.friction_models()
+    how = options.how()
+    servo = loop or options.servo()
     asked: dict[str, Any] = {"vary": options.vary, "fold_in": options.fold_in or "gain"}
     asked |= {"start": finite("from", options.start, *kinds_of(options.vary))}
     asked |= {"end": finite("to", options.to, *kinds_of(options.vary))}
     check_range(servo, **asked)
     asked |= {"points": count_of("points", options.points, 2, 1000)}
-    desk = _Desk(servo, asked, how, options.csv, options.outputs, progress(options))
+    desk = _Desk(servo, asked, how, options)
     for model in models:
         desk.follow(model)
     curves, failures = desk.curves, desk.failures
@@ -88,9 +86,7 @@ class _Desk:
     asked: dict[str, Any]
     """vary, start, end, fold_in, points: arguments of `fold_curve`."""
     how: Options
-    table: Path | None
-    outputs: Outputs
-    stream: Progress | None
+    options: Asked
     curves: list[FoldCurve] = field(default_factory=list)
     failures: list[str | NoOrbit] = field(default_factory=list)
     there: list[FoldPoint] = field(default_factory=list)
@@ -106,8 +102,8 @@ class _Desk:
         except NoOrbit as error:
             self.failures.append(error)
         except KeyboardInterrupt:
-            if self.table and (self.curves or self.there):
-                raise KeyboardInterrupt(f"{word()}; the points computed so far are in {self.table}") from None
+            if self.options.csv and (self.curves or self.there):
+                raise KeyboardInterrupt(f"{word()}; the points computed so far are in {self.options.csv}") from None
             raise
         else:
             self.curves.append(curve)
@@ -121,27 +117,23 @@ class _Desk:
         with held():
             there.append(point)
             ordered = tuple(there if there[0].value == self.asked["start"] else there[::-1])
-            wall_s, fold_in = self.outputs.seconds, self.asked["fold_in"]
+            wall_s, fold_in = self.options.outputs.seconds, self.asked["fold_in"]
             ended = "interrupted", Status.NOT_CONVERGED
             self.keep(FoldCurve(model, self.servo, vary, ordered, (), *ended, wall_s, False, fold_in))
-        tell(self.stream, _line(vary, fold_in, point, model))
+        border, period = (
+            to_error(value, point.error_estimate, most=most)
+            for value, most in ((point.border, 8), (point.orbit.period, 6))
+        )
+        amplitude = quantity(point.orbit.amplitude, "rad", lambda x: to_error(x, point.error_estimate, most=6))
+        tell(
+            f"{model or 'loop':7s} {vary} = {point.value:.8g}  {'K' if fold_in == 'gain' else fold_in} = {border}  "
+            f"amplitude = {amplitude}  period = {period} s"
+        )
 
     def keep(self, curve: FoldCurve) -> None:
         """Write what is asked for, `curve` behind the curves before it."""
-        if self.table:
-            write_csv(shown().columns(tables_of([*self.curves, curve])), self.table)
-
-
-def _line(vary: str, fold_in: str, point: FoldPoint, model: Model | None) -> str:
-    """A line of progress."""
-    border, period = (
-        to_error(value, point.error_estimate, most=most) for value, most in ((point.border, 8), (point.orbit.period, 6))
-    )
-    amplitude = quantity(point.orbit.amplitude, "rad", lambda x: to_error(x, point.error_estimate, most=6))
-    return (
-        f"{model or 'loop':7s} {vary} = {point.value:.8g}  {'K' if fold_in == 'gain' else fold_in} = {border}  "
-        f"amplitude = {amplitude}  period = {period} s"
-    )
+        if self.options.csv:
+            write_csv(shown().columns(tables_of([*self.curves, curve])), self.options.csv)
 
 
 # What `casahunt fold-curve` says: where hunting ends, while another parameter runs over a range

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -19,10 +18,10 @@ from ...results import tables_of
 from ...servo.find_fold import find_fold
 from ...servo.units import kinds_of
 from ..answers.answer import Answer, called, item, short
-from .arguments import add_command, asked_of, count_of, finite, how_of
+from .arguments import Asked, add_command, count_of, finite
 from .console import orbit_line
 from .output import give
-from .progress import Progress, progress, tell, teller
+from .progress import tell, teller
 
 MAP_SIDE = 25
 """Values of each parameter: 625 folds make smooth contours, and take some seconds."""
@@ -41,17 +40,16 @@ def add(commands: Any) -> None:
     command.add_argument("--points", default=MAP_SIDE, metavar="N", help=points)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
-    how, (servo, model) = how_of(options), asked_of(options)
+    how, (servo, model) = options.how(), options.subject()
     check_asked(servo, model)
     points = count_of("points", options.points, *SIDES)
     names, axes = _axes(options, points)
-    out = progress(options)
-    tell(out, "computing the fold of the servo itself")
+    tell("computing the fold of the servo itself")
     fold = upper(find_fold(servo, model, options=how))
-    tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
-    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(out, points**2))
+    tell(orbit_line(fold.orbit, mu="+1 (fold)"))
+    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(points**2))
     answer = Answer(_plain(found), _details(found))
     give(options, found, answer, table=tables_of([found]), picture=("fold_curve.fold_map", found))
     if not np.isfinite(found.gains).any():
@@ -59,9 +57,9 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.status.ok else 1
 
 
-def _reporter(stream: Progress | None, total: int) -> Callable[[int], None]:
+def _reporter(total: int) -> Callable[[int], None]:
     """Takes the number of folds computed, of a total, and says now and then how long the others will take."""
-    told = teller(stream)
+    told = teller()
     first: list[tuple[int, float]] = []  # what came before the first report is not what follows it
 
     def report(count: int) -> None:
@@ -73,7 +71,7 @@ def _reporter(stream: Progress | None, total: int) -> Callable[[int], None]:
     return report
 
 
-def _axes(options: argparse.Namespace, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
+def _axes(options: Asked, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
     names, axes = [], []
     for which in ("vary", "and"):
         called, *ends = getattr(options, which)

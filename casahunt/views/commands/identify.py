@@ -10,7 +10,6 @@ wall_s.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -33,22 +32,11 @@ from ...servo.parts.loop import Loop
 from ...servo.servo import LOOP_TABLE, Servo, flatten, toml_value
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
-from .arguments import (
-    add_command,
-    add_gain,
-    add_out,
-    asked_of,
-    drive_of,
-    how_of,
-    positive,
-    servo_of,
-    stated_gain,
-    tables_in,
-)
+from .arguments import Asked, add_command, add_gain, add_out, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import keep_others, write_results
-from .progress import progress, tell
+from .progress import tell
 from .record_options import add_reading, add_torque, later_part, reading_of
 
 SIGN = "# casahunt identify"
@@ -84,7 +72,7 @@ def add_sought(command: Any) -> None:
     command.add_argument("--free", dest="sought", action="append", metavar="NAME", help=free)
 
 
-def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], list[str]]:
+def fit_of(options: Asked) -> tuple[Callable[[], Identification], list[str]]:
     """The fit that the command line asks for, to be called, and how its records were read.
 
     Raises InputError: the command line is wrong, or a record is.
@@ -92,16 +80,16 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
     for path in options.records:
         if path.endswith(".toml"):
             raise InputError(f"record {path!r}: is a servo file by its name; it is given as --servo {path}")
-    (servo, model), how, reading = asked_of(options), how_of(options), reading_of(options)
-    drive = drive_of(options)
-    gains = [positive("gain", gain, GAIN_UNIT) for gain in options.gain or ()] or [stated_gain(options)]
+    (servo, model), how, reading = options.subject(), options.how(), reading_of(options)
+    drive = options.drive()
+    gains = [positive("gain", gain, GAIN_UNIT) for gain in options.gain or ()] or [options.stated_gain()]
     free = tuple(part.strip() for text in options.sought or [",".join(FREE)] for part in text.split(","))
     records = [later_part(read_record(path, **reading), options) for path in options.records]
     built = sought(servo, model, gains, free, drive, records)[2]
 
     def fit() -> Identification:
         many = f"{len(records)} record{'s' * (len(records) > 1)}"
-        tell(progress(options), f"fitting {len(free)} parameters to {many}")
+        tell(f"fitting {len(free)} parameters to {many}")
         try:
             return identify(records, servo, gains, model, free=free, drive=drive, options=how)
         except InputError as refusal:
@@ -113,7 +101,7 @@ def fit_of(options: argparse.Namespace) -> tuple[Callable[[], Identification], l
             ) from None
 
     taken = []
-    if options.servo is None:
+    if options.servo_file is None:
         taken.append("without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?")
     taken += [record.reading.sentence for record in records if record.reading is not None]
     if drive is not None:
@@ -137,7 +125,7 @@ def _of_drive(servo: Servo | Loop, gain: float, drive: Drive, *, taken_in: bool)
         )
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Read, fit and print; returns the exit code."""
     fit, read = fit_of(options)
     if options.out is not None:
@@ -160,13 +148,13 @@ def run(options: argparse.Namespace) -> int:
     return 1
 
 
-def suspected(options: argparse.Namespace, found: Identification) -> str:
+def suspected(options: Asked, found: Identification) -> str:
     """What to suspect where the first record hunts at another frequency than the servo that the command line gives."""
     data = found.records[0]
     if found.model is None:
         return ""
     try:
-        given = find_orbit(servo_of(options), found.model, data.gain, options=how_of(options))
+        given = find_orbit(options.servo(), found.model, data.gain, options=options.how())
     except NoOrbit:
         return ""
     step = float(np.median(np.diff(data.times)))
@@ -178,7 +166,7 @@ def whose(found: Identification) -> str:
     return f"{found.model} model" if found.model else "loop of parts"
 
 
-def texts_of(found: Identification, options: argparse.Namespace) -> dict[str, str]:
+def texts_of(found: Identification, options: Asked) -> dict[str, str]:
     """The intervals as an uncertainty file, and the servo with the values found and the drive that it had, by the names
     of `FILES`."""
     uncertainty = found.uncertainty.intervals
@@ -189,12 +177,12 @@ def texts_of(found: Identification, options: argparse.Namespace) -> dict[str, st
     if not units.plain:
         sections[UNITS_TABLE] = [f"{key} = {toml_value(unit)}" for key, unit in units.table().items()]
     if found.model is None:
-        sections[LOOP_TABLE] = [f"parts = {toml_value(tables_in(options)[LOOP_TABLE]['parts'])}"]
+        sections[LOOP_TABLE] = [f"parts = {toml_value(options.tables()[LOOP_TABLE]['parts'])}"]
     own = flatten(found.servo) if found.model else {f"values.{k}": v for k, v in found.servo.parameters.items()}
     for key, value in own.items():
         section, name = units.word(key).split(".") if found.model else key.split(".")
         sections.setdefault(section, []).append(f"{name} = {value!r}")
-    if (drive := drive_of(options)) is not None:
+    if (drive := options.drive()) is not None:
         given = {key: value for key in DRIVE_KEYS if (value := getattr(drive, key)) != getattr(Drive, key, None)}
         if units.linear and drive.encoder:
             given["encoder"] = f"{drive.count!r} m"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ...results import tables_of
@@ -13,7 +12,7 @@ from ...servo.linear.open_loop import either_way
 from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT
 from ..answers.loop import loop_answer
-from .arguments import add_command, add_gain, drive_of, loop_of, positive, servo_of, stated_gain
+from .arguments import Asked, add_command, add_gain, positive
 from .output import give
 
 
@@ -25,11 +24,11 @@ def add(commands: Any) -> None:
     add_gain(loop, action="append", example="0.1 --gain 0.4", help=help_text)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    gains = [positive("gain", text, GAIN_UNIT) for text in options.gain or ()] or [stated_gain(options)]
-    parts, drive = loop_of(options, gains[0]), drive_of(options)
-    servo = servo_of(options) if parts is None else parts
+    gains = [positive("gain", text, GAIN_UNIT) for text in options.gain or ()] or [options.stated_gain()]
+    parts, drive = options.loop(gains[0]), options.drive()
+    servo = options.servo() if parts is None else parts
     ways = either_way(parts) if parts is not None else {"": servo}
     loops = [linear_loop(servo, gain, back=way == "back") for gain in gains for way in ways]
     built = [margins(ways[loop.direction], loop.gain, drive=drive) for loop in loops] if drive is not None else []

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from ... import effort
@@ -13,13 +12,12 @@ from ...axis_units import quantity, several
 from ...checks import to_absolute_error, to_error
 from ...errors import NoOrbit, Status
 from ...results import tables_of
-from ...servo.event_map.data import FixedPoint, FixedPoints
+from ...servo.event_map.data import FixedPoints
 from ...servo.event_map.fixed_points import MAP_POINTS, default_range, fixed_points
-from ...servo.servo import Servo
 from ..answers.answer import Answer, at_gain, item, known, position, short
-from .arguments import add_command, count_of, gain_of, positive, servo_of
+from .arguments import Asked, add_command, count_of, positive
 from .output import give
-from .progress import progress, teller
+from .progress import teller
 
 
 def add(commands: Any) -> None:
@@ -33,42 +31,34 @@ def add(commands: Any) -> None:
     command.add_argument("--points", default=MAP_POINTS, help=f"motions of the first grid (default {MAP_POINTS})")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    gain = gain_of(options)
+    gain = options.at_gain()
     low = None if options.start is None else positive("from", options.start, "rad")
     high = None if options.to is None else positive("to", options.to, "rad")
     points = count_of("points", options.points, 2, 1000)
-    servo = servo_of(options)
-    report = _reporter(servo, gain, low, high, points, options)
-    seen = fixed_points(servo, gain, low, high, points=points, report=report)
-    if not seen.points:
-        raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
-    give(
-        options, seen, Answer(_plain(seen), _details(seen)), table=tables_of([seen]), picture=("event_map.cobweb", seen)
-    )
-    return 0
-
-
-def _reporter(
-    servo: Servo, gain: float, low: float | None, high: float | None, points: int, options: argparse.Namespace
-) -> Callable[[int, float], None]:
-    """Who says where a map is: in its first grid, then between its neighbours, from the smallest position up."""
-    tell = teller(progress(options))
+    servo = options.servo()
+    told = teller()
     began = since = time.monotonic()
 
     def report(motions: int, a: float) -> None:
+        """Where it is: in the first grid of the map, then between its neighbours, from the smallest position up."""
         nonlocal since
         if motions <= points:
             since = time.monotonic()
-            tell(f"{motions} of {points} motions of the first grid{effort.left(motions, points, began)}")
+            told(f"{motions} of {points} motions of the first grid{effort.left(motions, points, began)}")
             return
         ends = default_range(servo, gain)
         bottom, top = low or ends[0], high or ends[1]
         rest = effort.left(math.log(a / bottom), math.log(top / bottom), since)
-        tell(f"{motions} motions computed, the last one from the stick position {a:.4g} rad{rest}")
+        told(f"{motions} motions computed, the last one from the stick position {a:.4g} rad{rest}")
 
-    return report
+    seen = fixed_points(servo, gain, low, high, points=points, report=report)
+    if not seen.points:
+        raise NoOrbit(f"none of the motions could be computed: {seen.sentence()}", Status.NOT_CONVERGED)
+    answer = Answer(_plain(seen), _details(seen))
+    give(options, seen, answer, table=tables_of([seen]), picture=("event_map.cobweb", seen))
+    return 0
 
 
 # What `casahunt map` says of all cycles in a range of distances from the set point
@@ -83,17 +73,14 @@ def _plain(seen: FixedPoints) -> Iterator[str]:
         head = "no hunting cycle was found that it ends in"
     yield f"switch servo {at_gain(seen.gain)}: {head}"
     for f in seen.fixed:
-        yield item("stable cycle" if f.stable else "unstable cycle", _cycle(f))
+        size = f"amplitude {position(f.amplitude, f.error)}, period {short(f.period, f.period_error)} s"
+        away = "" if f.stable else ": motions near it leave it"
+        yield item("stable cycle" if f.stable else "unstable cycle", f"{size}{away}")
     where = f"stuck {several((seen.low, seen.high), 'rad', short, ' to ')} beside the set point"
     count = f"{len(seen.points)} motions that start {where}"
     yield item("looked at", f"{count}, for cycles that reach equally to both sides")
     if not seen.conclusive:
         yield item("not certain", f"{len(seen.unresolved)} ranges between them, {len(seen.failures)} motions failed")
-
-
-def _cycle(f: FixedPoint) -> str:
-    size = f"amplitude {position(f.amplitude, f.error)}, period {short(f.period, f.period_error)} s"
-    return size if f.stable else f"{size}: motions near it leave it"
 
 
 def _details(seen: FixedPoints) -> Iterator[str]:

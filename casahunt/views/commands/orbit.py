@@ -6,7 +6,6 @@ of its encoder, or null.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -37,10 +36,10 @@ from ..answers.answer import (
     runs_away,
     short,
 )
-from .arguments import add_command, add_solver, asked_of, gain_of, how_of, left_out
+from .arguments import Asked, add_command, add_solver
 from .console import orbit_line
 from .output import give
-from .progress import progress, tell
+from .progress import tell
 from .sampled import hunts_on, seen_by_encoder
 
 
@@ -60,14 +59,14 @@ def add(commands: Any) -> None:
     orbit.add_argument("--save", metavar="F.npz", help="write the orbit")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
     branch: Any = choice_of("branch", options.branch, BRANCHES)
     route = choice_of("multipliers", options.multipliers, ("collocation", "integrator"))
-    asked, gain = asked_of(options, gain=True), gain_of(options)
-    servo, model, how = asked[0], asked[1], replace(how_of(options), half=not options.full)
+    asked, gain = options.subject(gain=True), options.at_gain()
+    servo, model, how = asked[0], asked[1], replace(options.how(), half=not options.full)
     if model is None:
-        left_out(options, "a loop's cycle is computed by its symmetry where it has one", "full")
+        options.leave_out("a loop's cycle is computed by its symmetry where it has one", "full")
     try:
         orbit = find_orbit(*asked, branch=branch, options=how)
     except HuntsIrregularly as irregular:
@@ -95,8 +94,7 @@ def run(options: argparse.Namespace) -> int:
             "difference": difference(orbit.multipliers, second) if trusted else None,
         }
     record["wall_s"] = options.outputs.seconds
-    stream = progress(options)
-    tell(stream, orbit_line(stream, orbit))
+    tell(orbit_line(orbit))
     if options.save:
         options.outputs.write(save_orbit, orbit, options.save)
     columns = {"model": model, column("gain"): gain} if model else record["parameters"]
@@ -197,7 +195,10 @@ def _details(orbit: Orbit, second: Multipliers | None, wall_s: float) -> Iterato
 def _multipliers(m: Multipliers, *, half: bool) -> Iterator[str]:
     """Multipliers of the whole period, and of half of one where that is what was computed."""
     if not m.trusted:
-        yield item("multipliers", f"not to be trusted: {_doubt(m)}")
+        why = f"that of a shift in time, which is 1 exactly, was computed with an error of {m.trivial_error:.1e}"
+        if m.trivial_trusted:
+            why = f"the error of the largest one but the shift in time may be {error_text(m.error)}"
+        yield item("multipliers", f"not to be trusted: {why}")
         return
     if half:
         yield item("half multiplier", complex_text(m.leading, m.error, m.leading_floor))
@@ -205,13 +206,6 @@ def _multipliers(m: Multipliers, *, half: bool) -> Iterator[str]:
     yield item("multipliers", ", ".join(each))
     exact = "the multiplier of a shift in time is 1 exactly, and was computed with an error of"
     yield item("their accuracy", f"{exact} {m.trivial_error:.1e}")
-
-
-def _doubt(m: Multipliers) -> str:
-    """Why they are not trusted."""
-    if m.trivial_trusted:
-        return f"the error of the largest one but the shift in time may be {error_text(m.error)}"
-    return f"that of a shift in time, which is 1 exactly, was computed with an error of {m.trivial_error:.1e}"
 
 
 def difference(one: Multipliers, other: Multipliers) -> float:

@@ -18,7 +18,9 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import protected, together, whole_text
 
-READ = {"servo": "the servo file", "uncertainty": "the uncertainty file", "file": "the record", "records": "the record"}
+READ = {"servo_file": "the servo file", "uncertainty": "the uncertainty file"} | dict.fromkeys(
+    ("file", "records"), "the record"
+)
 """By the names of arguments: what is read."""
 WRITTEN = {"csv": (".csv",), "save": (".npz",), "plot": (".png", ".pdf", ".svg")}
 """Arguments that name a file to be written, and how its name may end; `out` names a folder, in which `options.results`
@@ -124,7 +126,10 @@ def keep_others(folder: str | Path, results: Signs) -> None:
                 continue
             if path.is_dir():
                 raise InputError(f"out = {str(folder)!r}: the folder cannot be written into ({name} is a folder)")
-            ours = path.is_file() and sign in _head(path)
+            ours = path.is_file()
+            if ours:
+                with path.open("rb") as stream:
+                    ours = sign in stream.read(SIGNED)
         except OSError:
             ours = False
         if not ours:
@@ -137,8 +142,3 @@ def keep_others(folder: str | Path, results: Signs) -> None:
                 f"out = {str(folder)!r}: {name} in the folder is protected from being written; move it away, or give "
                 "another folder"
             )
-
-
-def _head(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        return stream.read(SIGNED)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Executor
@@ -10,10 +9,10 @@ from contextlib import contextmanager
 
 from ... import interrupts
 from ...errors import NoOrbit, Status
-from .arguments import count_of
+from .arguments import Asked, count_of
 
 
-def jobs_of(options: argparse.Namespace) -> int:
+def jobs_of(options: Asked) -> int:
     """Of the option --jobs: how many processes; by default all processors that this one may run on.
 
     Raises InputError: it is no whole number above zero.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ...errors import InputError
 from ...servo.move import Move
 from ...servo.parts.table import REMEDY_NAMES, remedy_name
-from .arguments import positive
+from .arguments import Asked, positive
 from .pool import jobs_of
 
 PROFILE = {"speed": "rad/s", "acceleration": "rad/s2", "jerk": "rad/s3"}
@@ -25,7 +24,7 @@ def add_profile(command: Any) -> None:
     group.add_argument("--jerk", metavar="J", help="the largest one in rad/s3 (default: none is the largest)")
 
 
-def move_of(options: argparse.Namespace) -> Move | None:
+def move_of(options: Asked) -> Move | None:
     """The profile that was asked for; None for a step.  Raises InputError: a part of one, or a number out of range."""
     given = {key: positive(key, x, unit) for key, unit in PROFILE.items() if (x := getattr(options, key)) is not None}
     if not given:
@@ -52,7 +51,7 @@ def add_demands(command: Any) -> None:
     command.add_argument("--jobs", metavar="J", help="processes, to which remedies are shared out (default: all cores)")
 
 
-def demands_of(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any], int]:
+def demands_of(options: Asked) -> tuple[dict[str, Any], dict[str, Any], int]:
     """Which remedies are looked at, and the step and move of their price, by `remedies`' names; what they may cost;
     and in how many processes."""
     names = [remedy_name(name.strip()) for text in options.only for name in text.split(",")]

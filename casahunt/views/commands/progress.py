@@ -9,7 +9,6 @@ What is printed besides clears the moving line first (`clear`).
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import sys
@@ -75,16 +74,17 @@ class Progress:
 
 
 _AT: list[Progress] = []
-"""The progress of the command under way."""
+"""The progress of the command under way; none where it goes nowhere."""
 
 
-def progress(options: argparse.Namespace) -> Progress | None:
-    """Where the progress of a command goes; None: nowhere."""
-    if options.quiet:
-        return None
-    if not _AT:
-        _AT.append(Progress(sys.stderr, every=getattr(options, "details", False)))
-    return _AT[0]
+def begin(*, every: bool) -> None:
+    """A command that says where it is begins; every: each state is a line that stays."""
+    _AT[:] = [Progress(sys.stderr, every=every)]
+
+
+def each_stays() -> bool:
+    """Whether each state of the command under way is a line that stays."""
+    return any(each.every for each in _AT)
 
 
 def clear() -> None:
@@ -102,26 +102,26 @@ def over() -> None:
     _AT.clear()
 
 
-def say(stream: Progress | None, text: str) -> None:
-    """A milestone; stream: None: nowhere."""
-    if stream is not None:
-        stream.say(shown().relabelled(text))
+def say(text: str) -> None:
+    """A milestone of the command under way."""
+    for each in _AT:
+        each.say(shown().relabelled(text))
 
 
-def tell(stream: Progress | None, text: str) -> None:
-    """Where the command is; stream: None: nowhere."""
-    if stream is not None:
-        stream.tell(shown().relabelled(text))
+def tell(text: str) -> None:
+    """Where the command under way is."""
+    for each in _AT:
+        each.tell(shown().relabelled(text))
 
 
-def teller(stream: Progress | None) -> Callable[[str], None]:
+def teller() -> Callable[[str], None]:
     """Reports of a computation that makes far too many: one every `TELL_EVERY` seconds is told, more on a terminal."""
     last = time.monotonic()
 
     def told(text: str) -> None:
         nonlocal last
-        if time.monotonic() - last >= (MOVE_EVERY if stream is not None and stream.moves else TELL_EVERY):
+        if time.monotonic() - last >= (MOVE_EVERY if any(each.moves for each in _AT) else TELL_EVERY):
             last = time.monotonic()
-            tell(stream, text)
+            tell(text)
 
     return told

@@ -10,7 +10,6 @@ at an end; wall_s.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from contextlib import suppress
@@ -33,10 +32,10 @@ from ...servo.find_orbit import find_orbit
 from ...servo.problem import HuntingOrbit
 from ...servo.units import GAIN_UNIT
 from ..answers.answer import HARD_SPACE, PLAIN_DIGITS, Answer, angle, exactly, rhythm
-from .arguments import add_command, asked_of, finite, how_of, positive
+from .arguments import Asked, add_command, finite, positive
 from .console import complain
 from .output import give
-from .progress import progress, tell
+from .progress import tell
 from .record_options import add_reading, later_part, reading_of
 
 CSV_COLUMNS = ("quantity", "unit", "measured", "error", "scatter", "predicted", "predicted_error", "ratio")
@@ -61,23 +60,22 @@ def add(commands: Any) -> None:
     command.add_argument("--set-point", help="theta_d in rad, to give the offset of the mean position from it")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Measure, compute and print; returns the exit code."""
     if options.file.endswith(".toml"):
         raise InputError(f"record {options.file!r}: is a servo file by its name; the record stands before it")
-    servo, model = asked_of(options)
+    servo, model = options.subject()
     gain = None if options.gain is None else positive("gain", options.gain, GAIN_UNIT)
     given = options.set_point
     set_point = None if given is None else moderate("set-point", finite("set-point", given, "rad"))
-    how, reading = how_of(options), reading_of(options)
-    stream = progress(options)
+    how, reading = options.how(), reading_of(options)
     with suppress(OSError):
         size = Path(options.file).stat().st_size
         if size >= LARGE:
-            tell(stream, f"reading {size / 1e6:.0f} MB")
+            tell(f"reading {size / 1e6:.0f} MB")
     record = later_part(read_record(options.file, **reading), options)
     if record.times.size >= MANY:
-        tell(stream, f"{record.times.size} samples read, looking for the period")
+        tell(f"{record.times.size} samples read, looking for the period")
     found = measured(record)
     orbit: Orbit | None = None
     failure = None
@@ -86,16 +84,14 @@ def run(options: argparse.Namespace) -> int:
             orbit = find_orbit(servo, model, gain, options=how)
     except NoOrbit as error:
         failure = str(error)
-    suspect = _suspect(record, found, orbit, stream) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
+    suspect = _suspect(record, found, orbit) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
     rows = _rows(found, orbit)
+    seen = _record(options.file, record, found, orbit, failure, set_point)
+    lines = [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])]
     give(
         options,
-        _record(options.file, record, found, orbit, failure, set_point)
-        | {"wall_s": options.outputs.seconds, "suspect": suspect or None},
-        Answer(
-            [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])],
-            _details(found, orbit),
-        ),
+        seen | {"wall_s": options.outputs.seconds, "suspect": suspect or None},
+        Answer(lines, _details(found, orbit)),
         table={name: [row[name] for row in rows] for name in CSV_COLUMNS} if found.periods.size else None,
         picture=("simulation.folded_record", found, orbit) if found.periods.size else (),
     )
@@ -106,11 +102,11 @@ def run(options: argparse.Namespace) -> int:
     return 0 if found.hunting and failure is None else 1
 
 
-def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit, stream: Any) -> str:
+def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit) -> str:
     """What to suspect where the frequency is not the predicted one."""
 
     def fit() -> Identification:
-        tell(stream, "far from the predicted frequency: looking for a friction that explains the record")
+        tell("far from the predicted frequency: looking for a friction that explains the record")
         return identify([record], orbit.servo, orbit.gain, orbit.model, advise=False)
 
     step = float(np.median(np.diff(record.times)))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from .arguments import Parser, count_of, finite, positive
+from .arguments import Asked, Parser, count_of, finite, positive
 
 if TYPE_CHECKING:
     from ...design.record.file import Record
@@ -25,7 +24,7 @@ def add_reading(command: Parser) -> None:
     command.add_argument("--from", dest="start", help="leave out what comes before this time in s")
 
 
-def reading_of(options: argparse.Namespace) -> dict[str, Any]:
+def reading_of(options: Asked) -> dict[str, Any]:
     """How a record is read, as `read_record` takes it."""
     # The columns of the torque, of commands that read it
     given = {name: value for name in TORQUE_OPTIONS if (value := getattr(options, name, None)) is not None}
@@ -47,7 +46,7 @@ def add_torque(command: Parser) -> None:
     )
 
 
-def later_part(record: Record, options: argparse.Namespace) -> Record:
+def later_part(record: Record, options: Asked) -> Record:
     """The record from --from on.  Raises InputError: nothing is left of it."""
     if options.start is None:
         return record

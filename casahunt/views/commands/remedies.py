@@ -9,19 +9,20 @@ command, made {date, casahunt (version), servo_file, set}.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import shlex
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...axis_units import label, quantity, shown, word
 from ...checks import to_absolute_error
 from ...design.remedies.cures import MARGIN_TO_CHOOSE, Cure, Cures
+from ...design.remedies.price import SETTLED_WITHIN, settled_within
 from ...design.remedies.remedies import LARGER_SIZES, cheapest, remedies
-from ...errors import InputError
+from ...errors import InputError, NoOrbit
 from ...export import plain
 from ...results import tables_of
 from ...servo.drive import with_remedy
@@ -32,19 +33,18 @@ from ...servo.parts.table import remedy_of
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.sampled.plant import DRIVE_PARTS
 from ...servo.servo import flatten
-from ..answers.answer import PLAIN_DIGITS, Answer, at_gain
-from ..answers.remedy_columns import columns_meant, today
+from ...servo.simulate import simulate
+from ..answers.answer import PLAIN_DIGITS, Answer, at_gain, short
 from ..evidence.record import made
 from ..evidence.remedies_page import TITLE, remedies_page
-from .arguments import add_command, add_out, asked_of, drive_of, how_of, left_out, positive
+from .arguments import Asked, add_command, add_out, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
 from .pool import processes
 from .price_options import DEMANDS, add_demands, demands_of
-from .progress import progress, tell
+from .progress import tell
 from .sampled import checked_lines
-from .uncertain import uncertainty_of
 
 FILES = {"remedies.html": TITLE.encode(), "remedies.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -60,6 +60,11 @@ OWN = {"gain": "K", "derivative": "kd", "integral": "ki"}
 """Remedies that are numbers of the controller, and which."""
 ROW = "  {:17s} {:>5s} {:>8s} {:5s} {:>8s} {:>9s} {:>9s} {:>8s}"
 """A row: remedy, "from" or "up to", size, unit, recommended size, error at rest, torque, settling time."""
+DITHER_SIZE = (
+    "its size is the root mean square of the velocity that the vibration has at the shaft; the torque for it, root "
+    "mean square too, is the inertia times that times 2 pi times its frequency"
+)
+"""What to set."""
 NOT_FOR_THE_WORST = "not found; the size to choose is for the values as given"
 """What is said of the worst servo of a set where no size was found for it."""
 
@@ -75,18 +80,18 @@ def add(commands: Any) -> None:
     add_out(command, lambda _: FILES, help="write the page: remedies.html and remedies.json")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; the exit code: 1 where no remedy is within the limits, or does in the loop as built."""
-    asked = (servo, model, _) = asked_of(options, gain=True)
+    asked = (servo, model, _) = options.subject(gain=True)
     if model is None:
-        left_out(options, "of a loop of parts it is not known", "uncertainty")
-    demands, how = demands_of(options), how_of(options)
-    margin, uncertainty = positive("margin", options.margin), uncertainty_of(options, servo)
+        options.leave_out("of a loop of parts it is not known", "uncertainty")
+    demands, how = demands_of(options), options.how()
+    margin, uncertainty = positive("margin", options.margin), options.uncertainty_of(servo)
     with folder(options.out, FILES) as out:
         table = table_of(options, demands, asked, options=how, uncertainty=uncertainty, margin=margin)
         found = table.found
         if out is not None:
-            tell(progress(options), "drawing")
+            tell("drawing")
             record = _record(table, options, servo.parameters if model is None else flatten(servo))
             from ..pictures import remedies as pictures_remedies
 
@@ -119,18 +124,19 @@ class Table:
 
 
 def table_of(
-    command: argparse.Namespace, demands: tuple[dict[str, Any], dict[str, Any], int], asked: Any, **more: Any
+    command: Asked, demands: tuple[dict[str, Any], dict[str, Any], int], asked: Any, **more: Any
 ) -> Table:
     """The table of what is asked about, its best the cheapest that comes to rest in the loop as built, where one does.
 
     demands: as of `demands_of`; asked: servo, model and gain; more: arguments of `remedies`.
     """
-    (what, limits, jobs), (servo, model, gain), stream = demands, asked, progress(command)
+    (what, limits, jobs), (servo, model, gain) = demands, asked
+
+    def as_it_is_found(row: Cure) -> None:
+        tell(f"{row.name}: {_exact(row, PLAIN_DIGITS) if math.isfinite(row.size) else row.why}")
+
     with processes(jobs) as pool:
-        found = remedies(
-            servo, model, gain, progress=lambda row: tell(stream, as_it_is_found(row)), executor=pool,
-            **what, **limits, **more,
-        )  # fmt: skip
+        found = remedies(servo, model, gain, progress=as_it_is_found, executor=pool, **what, **limits, **more)
     run_by_drive = servo if model is None else parts_of(servo, "switch", gain)
     table = Table(found, limits, more["uncertainty"] is not None, remedies_as_built(command, found, run_by_drive))
     does = [row for row in found.remedies if row.name in table.resting]
@@ -138,12 +144,12 @@ def table_of(
     return replace(table, found=replace(found, best=best or found.best))
 
 
-def remedies_as_built(options: argparse.Namespace, found: Cures, loop: Loop) -> dict[str, AsBuilt | str]:
+def remedies_as_built(options: Asked, found: Cures, loop: Loop) -> dict[str, AsBuilt | str]:
     """Remedies that end hunting, with the size to choose, in the loop as built; {} where the servo file has none.
 
     loop: which the drive runs. Of those that a drive's controller does not have, or not of this size, a sentence.
     """
-    drive = drive_of(options)
+    drive = options.drive()
     if drive is None:
         return {}
     checked: dict[str, AsBuilt | str] = {}
@@ -171,14 +177,14 @@ def _built_lines(table: Table, *, in_full: bool = False) -> Iterator[str]:
         yield from checked_lines(seen, name, "", in_full=in_full)
 
 
-def _record(table: Table, options: argparse.Namespace, own: dict[str, float]) -> dict[str, Any]:
+def _record(table: Table, options: Asked, own: dict[str, float]) -> dict[str, Any]:
     """The object beside the page; own: values of the servo or the loop."""
     found, built = table.found, table.built
     record: dict[str, Any] = plain(found)
     for row, cure in zip(record["remedies"], found.remedies, strict=True):
         said = _why_not(cure) if not cure.ends_hunting else "" if cure.keeps_it_ended else _not_kept(cure)
         row |= {"ends_hunting": cure.ends_hunting, "keeps_it_ended": cure.keeps_it_ended, "said": said}
-    words = [options.servo] if options.servo else []
+    words = [options.servo_file] if options.servo_file else []
     for name in ("gain", "model", "max_error", "max_torque", "margin", "uncertainty", "only", "set"):
         given = getattr(options, name, None)
         for value in given if isinstance(given, list) else [given]:
@@ -186,7 +192,7 @@ def _record(table: Table, options: argparse.Namespace, own: dict[str, float]) ->
     return record | {
         "advice": advice_of(table), "limits": table.limits, "task": found.task,
         "uncertain": table.of_a_set, "parts": [part.name for part in found.loop.present], "servo": own,
-        "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo, options.set),
+        "command": shlex.join(["casahunt", "remedies", *words]), "made": made(options.servo_file, options.set),
         **({"as_built": plain(built)} if built else {}), **({} if shown().plain else {"units": shown().record()}),
     }  # fmt: skip
 
@@ -201,11 +207,6 @@ def judged(program: str, table: Table) -> int:
     else:
         complain(program, f"{table.found.best} does not do in the loop as built: {seen.plain}")
     return 1
-
-
-def as_it_is_found(row: Cure) -> str:
-    """A row as it is found, for the progress."""
-    return f"{row.name}: {_exact(row, PLAIN_DIGITS) if math.isfinite(row.size) else row.why}"
 
 
 def _exact(row: Cure, most: int = 12) -> str:
@@ -290,7 +291,7 @@ def table_lines(table: Table) -> Iterator[str]:
 
 def table_details(table: Table) -> Iterator[str]:
     """What the columns mean, and the sizes in all digits that are known."""
-    yield from columns_meant(table.found, OWN, of_a_set=table.of_a_set)
+    yield from columns_meant(table)
     for row in table.found.remedies:
         if math.isfinite(row.size):
             yield f"  {row.name:17s}  {_exact(row)}"
@@ -302,15 +303,15 @@ def table_details(table: Table) -> Iterator[str]:
 def _row(row: Cure, of_a_set: bool) -> Iterator[str]:
     units, named = shown(), shown().near(row.size, row.unit)
 
-    def short(x: float, unit: str, label: str = "") -> str:
+    def price(x: float, unit: str, label: str = "") -> str:
         if math.isfinite(x):
             return f"{units.number(x, unit, label):.{PRICE_DIGITS}g}"
         return "unknown" if math.isnan(x) else "any"
 
     yield ROW.format(
-        row.name, "from" if row.recommended > row.size else "up to", short(row.size, row.unit, named), named,
-        short(row.recommended, row.unit, named), short(row.recommended_rest_error, "rad"),
-        short(row.peak_torque, "N m"), _settles(row.settling),
+        row.name, "from" if row.recommended > row.size else "up to", price(row.size, row.unit, named), named,
+        price(row.recommended, row.unit, named), price(row.recommended_rest_error, "rad"),
+        price(row.peak_torque, "N m"), _settles(row.settling),
     ).rstrip()  # fmt: skip
     if not row.keeps_it_ended:
         yield f"    {_not_kept(row)}"
@@ -372,3 +373,39 @@ def advice_of(table: Table) -> str:
     if isinstance(table.built.get(best.name), AsBuilt):
         return f"no remedy{within} that holds in the loop as built was found; of the continuous loop: {named}"
     return f"cheapest remedy{within}: {named}"
+
+
+def columns_meant(table: Table) -> Iterator[str]:
+    """What the columns of the table mean."""
+    found, of_a_set = table.found, table.of_a_set
+    names = [row.name for row in found.remedies if row.ends_hunting]
+    if not names:
+        return
+    set_too, as_given = (", the worst servo of the set too", ", of the servo as given") if of_a_set else ("", "")
+    more = ", or than the worst servo of the set needs" if of_a_set else ""
+    yield "  ends it        the smallest size that does, or where less is more the largest"
+    yield f"  choose         {100 * found.margin:g} % more of the remedy than that{more}"
+    yield f"  error at rest  the largest at which the servo may stand still, with the size to choose{set_too}"
+    yield f"  {word('torque'):13s}  the largest on a {found.task}, with that size{as_given}"
+    small = settled_within(found.amplitude, found.step) < SETTLED_WITHIN * found.step
+    within = "half of the amplitude of the hunting" if small else f"{100 * SETTLED_WITHIN:g} % of the way"
+    since = "" if found.move is None else ", since its start,"
+    yield f"  settles in     from then on{since} the error stays within {within}, or the error at rest"
+    yield f"                 and {100 * SETTLED_WITHIN:g} % of that, along which it may creep"
+    yield "  order          the cheapest first: error at rest, torque and settling time together"
+    if numbers := [f"{name}: {OWN[name]}" for name in names if name in OWN]:
+        yield f"  sizes          of the controller's own numbers, in place of the present ones: {', '.join(numbers)}"
+    if "dither" in names:
+        yield f"  dither         {DITHER_SIZE}"
+
+
+def today(found: Cures, most: float | None) -> str:
+    """What the present controller asks for on the step, where a torque is the limit; "" where that is not known."""
+    if most is None:
+        return ""
+    with suppress(NoOrbit):
+        time = found.period + (0.0 if found.move is None else found.move.time(found.step))
+        peak = simulate(found.loop, set_point=found.step, time=time, move=found.move).peak_torque
+        already = ", which is above that limit already" if peak > most else ""
+        return f"; the present controller asks for {quantity(peak, 'N m', short)} on a {found.task}{already}"
+    return ""

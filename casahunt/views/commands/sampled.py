@@ -8,7 +8,6 @@ verdict without quantisation).
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ from ...servo.drive import Drive, below_border, by_counts
 from ...servo.parts.loop import Loop
 from ..answers.answer import Answer, item
 from ..answers.simulate import details_as_built, plain_as_built
-from .arguments import drive_of, left_out
+from .arguments import Asked
 from .output import give
 from .taken import CONTINUOUS
 
@@ -42,7 +41,7 @@ REMEDIES = {
 
 
 def of_drive(
-    options: argparse.Namespace, loop: Loop, drive: Drive, length: float, numbers: Mapping[str, Any]
+    options: Asked, loop: Loop, drive: Drive, length: float, numbers: Mapping[str, Any]
 ) -> int:
     """Simulate and print; returns the exit code.
 
@@ -51,7 +50,7 @@ def of_drive(
     from ...servo.sampled.check import cause_of  # not read for the continuous loop
     from ...servo.sampled.motion import simulate_sampled
 
-    left_out(options, "of the loop as built --csv has a row for each sample", "step")
+    options.leave_out("of the loop as built --csv has a row for each sample", "step")
     start = {key: number for key, number in numbers.items() if key != "tol"}
     found = simulate_sampled(loop, None, drive, time=length, **start)
     cause = cause_of(found)
@@ -63,13 +62,13 @@ def of_drive(
 
 
 def seen_by_encoder(
-    options: argparse.Namespace, amplitude: float, *, beyond: bool = False
+    options: Asked, amplitude: float, *, beyond: bool = False
 ) -> tuple[list[str], dict[str, str | None]]:
     """What a command says of a cycle where the servo file describes a drive: lines, and for JSON.
 
     amplitude: of the cycle [rad]; beyond: also what the drive may do where there is no cycle any more.
     """
-    drive = drive_of(options)
+    drive = options.drive()
     if drive is None:
         return [], {}
     sentence, further = below_border(amplitude, drive), by_counts(drive) if beyond else ""
@@ -79,9 +78,9 @@ def seen_by_encoder(
     return lines, {"as_built": sentence or None} | ({"beyond": further or None} if beyond else {})
 
 
-def hunts_on(options: argparse.Namespace, refusal: NoOrbit, gain: float) -> NoOrbit:
+def hunts_on(options: Asked, refusal: NoOrbit, gain: float) -> NoOrbit:
     """The refusal of a cycle that there is not, and what the drive of the servo file may do all the same."""
-    drive = drive_of(options)
+    drive = options.drive()
     if drive is None:
         return refusal
     sentence = by_counts(drive) if refusal.status is None else ""

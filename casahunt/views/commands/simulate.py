@@ -11,7 +11,6 @@ Those of the loop as built: sampled.py.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -30,10 +29,9 @@ from ...servo.parts.plain_loop import loop_of as loop_of_servo
 from ...servo.parts.table import remedies_for, with_remedy
 from ...servo.sampled.plant import DRIVE_PARTS
 from ...servo.simulate import simulate
-from ...servo.trajectory import Trajectory
 from ...servo.units import assigned, numbers_of
 from ..answers.simulate import simulation_answer
-from .arguments import add_command, drive_of, finite, gain_of, left_out, loop_of, model_of, positive, servo_of
+from .arguments import Asked, add_command, finite, positive
 from .console import complain
 from .output import give
 from .price_options import PROFILE, add_profile, move_of
@@ -81,10 +79,10 @@ def add(commands: Any) -> None:
         group.add_argument(f"--{key.replace('_', '-')}", metavar=metavar, help=about)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    model, of_file = model_of(options), loop_of(options)
-    gain = gain_of(options)
+    model, of_file = options.friction_model(), options.loop()
+    gain = options.at_gain()
     length = positive("time", options.time, "s")
     numbers: dict[str, Any] = {
         key: moderate(name := key.replace("_", "-"), finite(name, text, unit))
@@ -97,11 +95,11 @@ def run(options: argparse.Namespace) -> int:
     if step is not None and length / step > MOST_ROWS:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     remedies = remedies_given(options)
-    drive = drive_of(options, by_options=True)
-    loop = with_remedies(of_file or loop_of_servo(servo_of(options), model, gain), remedies)
+    drive = options.drive(by_options=True)
+    loop = with_remedies(of_file or loop_of_servo(options.servo(), model, gain), remedies)
     numbers["start"] = numbers_of(assigned(options.state, "state", loop.system.states, "name=value"), loop.units)
     if drive is not None:
-        left_out(options, "moves by a profile are those of the continuous loop", *PROFILE)
+        options.leave_out("moves by a profile are those of the continuous loop", *PROFILE)
         return of_drive(options, loop, drive, length, numbers)
     found = simulate(loop, time=length, move=move_of(options), **numbers)
     kind = found.verdict.kind
@@ -111,8 +109,16 @@ def run(options: argparse.Namespace) -> int:
         other = OtherEnd(None, str(error))
     wall_s = options.outputs.seconds
     sure = found.status.ok or kind == "growing"  # as what errors are relative to, they grow with it
-    advice = None if sure else _advice(found)
-    record = {**found.to_dict(table=False), **_other_record(other), "advice": advice, "wall_s": wall_s}
+    known = f"the event times to {error_text(found.time_error)} s and the final state to {error_text(found.end_error)}"
+    known = known if math.isfinite(found.time_error) else "not even its sequence of events"
+    advice = None if sure else (
+        f"the motion is computed, but not to the tolerance {found.tol:g}: known are {known}; ask for a larger "
+        "tolerance or a shorter time"
+    )  # fmt: skip
+    record = {**found.to_dict(table=False), "other_end": None, "other_end_reason": (other and other.reason) or None}
+    if other is not None and other.orbit is not None:
+        record["other_end"] = {**other.orbit.to_dict(table=False), "start": other.start or None}
+    record |= {"advice": advice, "wall_s": wall_s}
     answer, picture = simulation_answer(found, other, wall_s), ("simulation.motion", found)
     times = None  # dense where the motion is fast
     if step is not None:
@@ -126,37 +132,19 @@ def run(options: argparse.Namespace) -> int:
     return 0 if sure and not cut else 1
 
 
-def _advice(found: Trajectory) -> str:
-    what = f"the event times to {error_text(found.time_error)} s and the final state to {error_text(found.end_error)}"
-    if not math.isfinite(found.time_error):
-        what = "not even its sequence of events"
-    return (
-        f"the motion is computed, but not to the tolerance {found.tol:g}: known are {what}; ask for a larger "
-        "tolerance or a shorter time"
-    )
-
-
-def _other_record(other: OtherEnd | None) -> dict[str, Any]:
-    """The cycle that it has not come to, and why there is none; None where the motion does not rest."""
-    if other is None or other.orbit is None:
-        return {"other_end": None, "other_end_reason": (other and other.reason) or None}
-    record = {**other.orbit.to_dict(table=False), "start": other.start or None}
-    return {"other_end": record, "other_end_reason": other.reason or None}
-
-
-def remedies_given(options: argparse.Namespace) -> dict[str, float]:
+def remedies_given(options: Asked) -> dict[str, float]:
     """The remedies of the options where they are asked of the continuous loop: numbers by key; {} without any.
 
     What is returned is taken out of the options. Raises InputError: one is no number, or there is something beside it
     that only the loop as built has.
     """
     given = {key: text for key in (*DRIVE_PARTS.values(), *SHARES) if (text := getattr(options, key)) is not None}
-    if options.sample_time is None and (not given or drive_of(options) is not None):
+    if options.sample_time is None and (not given or options.drive() is not None):
         return {}
     if options.sample_time is not None and finite("sample-time", options.sample_time, "s") != 0:
         return {}
     why = "it is of the loop as built, and without a sample time the loop is a continuous one"
-    left_out(options, why, *OF_DRIVE_ALONE)
+    options.leave_out(why, *OF_DRIVE_ALONE)
     numbers = {key: finite(key.replace("_", "-"), drive_value(key, text, shown())) for key, text in given.items()}
     for key in given:
         setattr(options, key, None)

@@ -14,7 +14,6 @@ dead_band, sentence); tol; made {date, casahunt (version), servo_file (null: the
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import math
@@ -23,21 +22,20 @@ from typing import Any
 
 from ...checks import choice_of
 from ...design.tune.demands import COSTS, NUMBERS, Demands
-from ...design.tune.tuning import Tuning, tune
+from ...design.tune.tuning import tune
 from ...errors import InputError
 from ...export import columns_from
-from ...servo.sampled.check import AsBuilt, as_built
+from ...servo.sampled.check import as_built
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.tune import known_to, loop_name, numbers_in, tuning_answer
 from ..evidence.page import TITLE, evidence_page
 from ..evidence.record import evidence_record, made
-from .arguments import add_command, add_out, asked_of, drive_of, finite, how_of, positive
+from .arguments import Asked, add_command, add_out, finite, positive
 from .console import complain, folder
 from .output import give
 from .output_paths import write_results
-from .progress import progress, tell, teller
+from .progress import tell, teller
 from .sampled import checked_lines
-from .uncertain import uncertainty_of
 
 FILES = {"tune.html": TITLE.encode(), "tune.json": b'"casahunt": "'}
 """What --out writes, and what stands in each."""
@@ -65,27 +63,25 @@ def add(commands: Any) -> None:
     add_out(command, lambda _: FILES, help="write the evidence: tune.html and tune.json")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Tune, verify and print; returns the exit code."""
     cost = choice_of("cost", options.cost, COSTS)
-    how = how_of(options)
+    how = options.how()
     demands = _demands(options)
-    servo, model = asked_of(options)
-    uncertainty = uncertainty_of(options, servo)
+    servo, model = options.subject()
+    uncertainty = options.uncertainty_of(servo)
     bounds = bounds_of(options.bounds)
-
-    stream = progress(options)
     with folder(options.out, FILES) as out:
         tuning = tune(
             servo, model, demands=demands, uncertainty=uncertainty, free=options.free, bounds=bounds, cost=cost,
-            options=how, report=teller(stream),
+            options=how, report=teller(),
         )  # fmt: skip
-        drive = drive_of(options)
+        drive = options.drive()
         built = None if drive is None else as_built(tuning.servo, tuning.gain, drive)
-        record = evidence_record(tuning) | {"tol": how.tol, "made": made(options.servo, options.set)}
+        record = evidence_record(tuning) | {"tol": how.tol, "made": made(options.servo_file, options.set)}
         record |= {} if built is None else {"as_built": built.to_dict()}
         if out is not None:
-            tell(stream, "drawing")
+            tell("drawing")
             from ..pictures.tune import evidence_images
 
             texts = evidence_page(record, evidence_images(tuning)), json.dumps(record, indent=1) + "\n"
@@ -96,11 +92,6 @@ def run(options: argparse.Namespace) -> int:
     )
     table = columns_from(CSV_COLUMNS, list(_rows(record, how.tol))) if options.csv else None
     give(options, record, answer, table=table)
-    return _judged(tuning, built)
-
-
-def _judged(tuning: Tuning, built: AsBuilt | None) -> int:
-    """The exit code, with what speaks against the gain."""
     for sentence in tuning.verification.unverified:
         complain("casahunt tune", f"not verified: {sentence}")
     if tuning.verification.against:
@@ -112,9 +103,9 @@ def _judged(tuning: Tuning, built: AsBuilt | None) -> int:
     return 1 if tuning.verification.against or hunts_as_built else 0
 
 
-def _demands(options: argparse.Namespace) -> Demands:
+def _demands(options: Asked) -> Demands:
     """What is asked for."""
-    drive = drive_of(options)
+    drive = options.drive()
     times: dict[str, Any] = {}
     for key in ("delay", "sample_time"):
         text = getattr(options, key)

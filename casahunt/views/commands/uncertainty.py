@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
 import time
+from collections.abc import Iterator
 from typing import Any
 
 from ... import effort
-from ...design.nearby import check_asked, upper
-from ...design.uncertainty.samples import draw, sample
-from ...design.uncertainty.summary import summary
-from ...design.uncertainty.worst_corner import worst_corner
+from ...axis_units import quantity, word
+from ...checks import to_error
+from ...design.nearby import AnyFold, check_asked, upper
+from ...design.uncertainty.samples import Samples, draw, sample
+from ...design.uncertainty.summary import Summary, summary
+from ...design.uncertainty.worst_corner import WorstCase, worst_corner
 from ...errors import NoOrbit, Status
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ..answers.answer import called, record_of
-from ..answers.uncertainty import uncertainty_answer
-from .arguments import add_command, asked_of, count_of, how_of
+from ...servo.units import unit_of
+from ..answers.answer import HARD_SPACE, Answer, called, item, record_of, short
+from .arguments import Asked, add_command, count_of
 from .console import orbit_line
 from .output import give
 from .pool import jobs_of, processes
-from .progress import progress, say, tell, teller
-from .uncertain import uncertainty_of
+from .progress import say, tell, teller
 
 DEFAULT_SAMPLES = 200
 """The 5 and 95 % quantiles are then known to a fiftieth of the distribution: sqrt(0.05 0.95 / 200) = 0.015."""
@@ -43,29 +44,27 @@ def add(commands: Any) -> None:
     command.add_argument("--seed", default=0, metavar="S", help="of the samples (default 0)")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    how = how_of(options)
+    how = options.how()
     n, jobs = count_of("samples", options.samples, 1), jobs_of(options)
     seed = count_of("seed", options.seed, 0)
-    servo, model = asked_of(options)
+    servo, model = options.subject()
     check_asked(servo, model)
-    uncertainty = uncertainty_of(options, servo)
+    uncertainty = options.uncertainty_of(servo)
     assert uncertainty is not None  # the command requires it
     draw(servo, uncertainty, n, seed=seed)  # refuse impossible samples before anything is computed
-    out = progress(options)
-
-    tell(out, "computing the fold of the servo itself")
+    tell("computing the fold of the servo itself")
     fold = upper(find_fold(servo, model, options=how))
-    tell(out, orbit_line(out, fold.orbit, mu="+1 (fold)"))
-    tell(out, f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
-    told, since = teller(out), time.monotonic()
+    tell(orbit_line(fold.orbit, mu="+1 (fold)"))
+    tell(f"solving {n} samples in {jobs} process{'es' if jobs > 1 else ''}")
+    told, since = teller(), time.monotonic()
     with processes(jobs) as pool:
         samples = sample(
             servo, model, uncertainty, n, seed=seed, executor=pool, options=how, fold=fold,
             report=lambda i: told(f"{i} of {n} samples solved{effort.left(i, n, since)}"),
         )  # fmt: skip
-    tell(out, f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
+    tell(f"{int(samples.computed.sum())} of {n} computed; searching the worst corner")
     low, high = uncertainty.box(servo)
     sampled = [] if samples.worst is None else [samples.parameters[samples.worst]]
     worst = worst_corner(
@@ -90,9 +89,49 @@ def run(options: argparse.Namespace) -> int:
     picture = "uncertainty.histogram", fold, samples, worst, seen
     give(options, record, answer, table=tables_of([samples]), picture=picture)
     for i, sentence in samples.failures:
-        say(out, f"sample {i + 1} was not computed: {sentence}")
+        say(f"sample {i + 1} was not computed: {sentence}")
     for sentence in worst.failures:
-        say(out, f"in the search for the worst corner: {sentence}")
+        say(f"in the search for the worst corner: {sentence}")
     if not samples.computed.any():
         raise NoOrbit(f"none of the {n} samples was computed: {samples.failures[0][1]}", Status.NOT_CONVERGED)
     return 0
+
+
+# What `casahunt uncertainty` says of a servo whose parameters are not known exactly
+
+
+def uncertainty_answer(
+    title: str, fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
+) -> Answer:
+    """What is said of fold gains over an uncertainty; title: what the servo is called."""
+    gain = short(fold.value, fold.value_error)
+    largest = short(worst.gain, worst.fold.value_error if worst.fold is not None else 0.0)
+    plain = [
+        f"{title}: hunting is possible up to gain {largest} V/rad with the worst values that are "
+        f"allowed, up to {gain} V/rad with those given",
+        item("what to do", f"choose the gain, with a margin, above {largest} V/rad (casahunt tune)"),
+    ]
+    if seen.quantiles:
+        half, most, top = (short(seen.quantiles[key], tol) for key in ("50%", "95%", "max"))
+        said = f"in half of them hunting ends below {half} V/rad, in 95 % below {most}, in the worst at {top}"
+        plain.append(item(f"{len(samples.gains)} samples", said))
+    plain.append("  the worst values")
+    plain += [f"    {word(name):26s} {quantity(value, unit_of(name), '.8g')}" for name, value in worst.corner.items()]
+    return Answer(plain, _details(fold, samples, worst, seen, tol, wall_s))
+
+
+def _details(
+    fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, tol: float, wall_s: float
+) -> Iterator[str]:
+    error = fold.value_error
+    yield item("as given", f"up to gain {to_error(fold.value, error)} V/rad")
+    low, high = (to_error(value, error, most=6) for value in seen.linear)
+    spread = to_error(seen.std, tol, most=3)
+    yield item("linearised", f"{low} to {high} V/rad ({seen.range_name}; standard deviation {spread})")
+    if seen.quantiles:
+        shown = ", ".join(f"{key}{HARD_SPACE}{to_error(value, tol, most=6)}" for key, value in seen.quantiles.items())
+        yield item(f"{len(samples.gains)} samples", shown)
+    largest = to_error(worst.gain, worst.fold.value_error if worst.fold is not None else 0.0)
+    yield item("worst corner", f"{largest} V/rad ({worst.evaluations} folds computed)")
+    yield f"  {seen.misleading}"
+    yield f"  {wall_s:.1f} s"

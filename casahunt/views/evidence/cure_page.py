@@ -20,7 +20,7 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """
     p = Fragments(record)
     rows = record["remedies"]["remedies"]
-    ending = [i for i, row in enumerate(rows) if _ends(row)]
+    ending = [i for i, row in enumerate(rows) if row["stays"] and row["stays"][0] in SETTLES]  # as Cure.ends_hunting
     explained = record["identified"]["explained"]
     verdict = f"the model {'explains' if explained else 'does not explain'} the records"
     return document(TITLE, [
@@ -29,7 +29,8 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         f"<p class=bad>{p.text('doubt')}</p>" if record["doubt"] else "",
         "<h2>What the records tell</h2>",
         table(["parameter", "value", "95 % from", "to"],
-              [_parameter(p, name) for name in record["identified"]["parameters"]]),
+              [[words(name), *[p.with_unit(f"identified/parameters/{name}/{key}", html.escape(unit_of(name)), ".4g")
+                               for key in ("value", "low", "high")]] for name in record["identified"]["parameters"]]),
         f"<p><span class={'good' if explained else 'bad'}>{verdict}</span>: beside noise "
         f"{p.n('identified/systematic', '.2g')} of the amplitude is left.</p>",
         f"<p class=bad>{p.text('suspect')}</p>" if record["suspect"] else "",
@@ -52,16 +53,6 @@ def cure_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         "and pictures. The files <a href='servo.toml'>servo.toml</a> and <a href='friction.toml'>friction.toml</a> are "
         "beside this page; all numbers are in <a href='cure.json'>cure.json</a>.</p>",
     ])  # fmt: skip
-
-
-def _ends(row: Mapping[str, Any]) -> bool:
-    """As `Cure.ends_hunting`."""
-    return bool(row["stays"]) and row["stays"][0] in SETTLES
-
-
-def _parameter(p: Fragments, name: str) -> list[str]:
-    at, unit = f"identified/parameters/{name}", html.escape(unit_of(name))
-    return [words(name), *[p.with_unit(f"{at}/{key}", unit, ".4g") for key in ("value", "low", "high")]]
 
 
 def _row(p: Fragments, i: int) -> list[str]:

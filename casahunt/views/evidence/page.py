@@ -13,8 +13,8 @@ from typing import Any
 from ...checks import known_decimals
 from ...servo.outcome import SETTLES
 from ...servo.units import GAIN_UNIT, unit_of
-from ..answers.answer import PLAIN_DIGITS
-from ..answers.tune import BINDS, DOES, form_of, known_to, loop_name, numbers_in, unless
+from ..answers.answer import ENDS, PLAIN_DIGITS
+from ..answers.tune import BINDS, form_of, known_to, loop_name, numbers_in, unless
 from .fragments import Fragments, built_section, document, figure, made_line, margins, table, value_at, words
 
 TITLE = "<title>casahunt tune: evidence</title>"
@@ -85,7 +85,7 @@ def _seen(name: str, record: Mapping[str, Any]) -> str:
         bars = ", ".join(f"{key.replace('_', ' ').replace('.', ': ')} {value:+.3g} %" for key, value in ranked if value)
         return f"Bars: change of the largest gain that hunts, {fold}, for one per cent more of each parameter: {bars}."
     after = [task for task in record["verification"]["tasks"] if task["friction"] == "nominal"]
-    said = "; ".join(f"{task['start']}: {DOES[task['verdict']]}" for task in after)
+    said = "; ".join(f"{task['start']}: {ENDS[task['verdict']].does}" for task in after)
     return f"Distance from the set point against time, at gain {gain}. {said[:1].upper()}{said[1:]}."
 
 
@@ -101,6 +101,11 @@ def _answer(p: _Page) -> list[str]:
         )
     form, friction = form_of(record), f", {p.text('model')} friction" if record["model"] else ""
     unit = html.escape(record["cost_unit"])
+    colour, said = {
+        "verified": ("good", "Verified"),
+        "not everything verified": ("open", "Not everything is verified"),
+        "speaks against it": ("bad", "The verification speaks against it"),
+    }[check["result"]]
     only = ""
     if record["cost_gain_only"] is not None:
         only = f" ({p.known('cost_gain_only', unit, p.tol)} with the {form} as given)"
@@ -109,7 +114,7 @@ def _answer(p: _Page) -> list[str]:
         made_line(p),
         f"<p class=answer>{p.known('gain', '', p.gain_error, most=PLAIN_DIGITS)} <small>V/rad, the recommended gain"
         f"{html.escape(unless(record))}</small></p>",
-        f"<p>{_result(check)}: {above}</p>",
+        f'<p><span class="{colour}">{said}</span>: {above}</p>',
         *[f"<p class=bad>{p.text(f'verification/against/{i}')}</p>" for i in range(len(check["against"]))],
         *[f"<p class=open>Not verified: {p.text(f'verification/unverified/{i}')}</p>"
           for i in range(len(check["unverified"]))],
@@ -210,15 +215,6 @@ def _limits(p: _Page) -> list[str]:
     ]
 
 
-def _result(check: Mapping[str, Any]) -> str:
-    colour, said = {
-        "verified": ("good", "Verified"),
-        "not everything verified": ("open", "Not everything is verified"),
-        "speaks against it": ("bad", "The verification speaks against it"),
-    }[check["result"]]
-    return f'<span class="{colour}">{said}</span>'
-
-
 def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:
     """What servos are called that have the same margins; the extreme ones of the set by what is extreme, and where."""
     corners = p.record["verification"]["loop_corners"]
@@ -237,9 +233,9 @@ def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:
 
 
 def _task_row(p: _Page, key: str) -> list[str]:
-    hunts = value_at(p.record, f"{key}/verdict") in ("hunting", "growing")
-    colour = "bad" if hunts else "good" if value_at(p.record, f"{key}/verdict") in SETTLES else "dim"
-    verdict = f'<span class="{colour} said">{DOES[value_at(p.record, f"{key}/verdict")]}</span>'
+    kind = value_at(p.record, f"{key}/verdict")
+    colour = "bad" if kind in ("hunting", "growing") else "good" if kind in SETTLES else "dim"
+    verdict = f'<span class="{colour} said">{ENDS[kind].does}</span>'
     shown = p.known("gain", "", p.gain_error, most=6)
     torque, voltage = (p.n(f"{key}/peak_{what}", ".3g") for what in ("torque", "voltage"))
     return [shown, p.text(f"{key}/friction"), p.text(f"{key}/start"), torque, voltage, verdict, p.text(f"{key}/reason")]

@@ -94,18 +94,15 @@ def _row(p: Fragments, i: int) -> list[str]:
     """A remedy that ends hunting."""
     at, row = f"remedies/{i}", p.record["remedies"][i]
     way = "from" if row["recommended"] > row["size"] else "up to"
+    error = abs((row["size_error"] or 0.0) / row["size"]) if row["size"] else 0.0
     larger = "<span class=good>keep it ended</span>" if row["keeps_it_ended"] else p.text(f"{at}/said")
     return [
         p.text(f"{at}/name"),
-        f"{way} {p.known(f'{at}/size', html.escape(row['unit']), _relative(row))} ({p.text(f'{at}/kind')})",
+        f"{way} {p.known(f'{at}/size', html.escape(row['unit']), error)} ({p.text(f'{at}/kind')})",
         _sized(p, i, "recommended"), p.with_unit(f"{at}/recommended_rest_error", "rad", ".4g"),
         p.with_unit(f"{at}/peak_torque", "N m", ".4g"), p.with_unit(f"{at}/peak_voltage", "V", ".4g"),
         p.with_unit(f"{at}/settling", "s", ".3g"), larger,
     ]  # fmt: skip
-
-
-def _relative(row: Mapping[str, Any]) -> float:
-    return abs((row["size_error"] or 0.0) / row["size"]) if row["size"] else 0.0
 
 
 def _worst(p: Fragments, ending: list[int]) -> list[str]:

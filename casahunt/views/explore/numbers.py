@@ -131,13 +131,12 @@ def ratio_shown(border: float, present: float, relative_error: float, verdict: s
 
 def margins_shown(found: Margins) -> dict[str, Any]:
     """The margins of the linear loop."""
-    shown: dict[str, Any] = {
+    return {
         "stable": found.stable,
         "phase_margin": {"value": found.phase_margin, "text": to_error(found.phase_margin, 1e-3)},
         "crossover": {"value": found.frequency, "text": brief(found.frequency)},
-    }  # fmt: skip
-    limits = [f"{brief(x)}" for x in (found.lowest_factor, found.highest_factor) if 0 < x < math.inf]
-    return {**shown, "factors": limits}
+        "factors": [brief(x) for x in (found.lowest_factor, found.highest_factor) if 0 < x < math.inf],
+    }
 
 
 def sentence_of(parts: Sequence[str]) -> str:

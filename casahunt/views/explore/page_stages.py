@@ -33,7 +33,7 @@ from ...servo.servo import Servo
 from ...servo.simulate import simulate
 from ...servo.trajectory import Trajectory
 from ...servo.units import GAIN_UNIT
-from ..answers.simulate import HEADS
+from ..answers.answer import ENDS
 from .numbers import (
     HUNTING,
     ROUNDING_OF_A_SUM,
@@ -148,9 +148,8 @@ class Stages:
 
     def _bare_at(self, gain: float) -> Orbit | None:
         """The cycle of the servo without load and remedy at a gain; None where none is found."""
-        servo, model = self.problem[:2]
         with suppress(NoOrbit):
-            return None if servo is None else find_orbit(servo, model, gain)
+            return find_orbit(cast(Servo, self.problem.servo), self.problem.model, gain)
         return None
 
     @cached_property
@@ -194,7 +193,7 @@ class Stages:
     def _end_of(self, motion: Trajectory) -> dict[str, Any]:
         """Where a step ends; and where it comes to rest though the servo can hunt, from which start that does."""
         kind = motion.verdict.kind
-        ends = f"the step ends: {HEADS[kind]}" if kind != "undecided" else "where the step ends is not seen yet"
+        ends = f"the step ends: {ENDS[kind].state}" if kind != "undecided" else "where the step ends is not seen yet"
         if self.verdict not in HUNTING or kind not in SETTLES:
             return {"ends": ends}
         assert self.orbit is not None

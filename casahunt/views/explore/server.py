@@ -340,8 +340,10 @@ class Conversation:
             state = self._state(message)
             begun = state_message(state)
         except InputError as why:
-            key = _key_in(str(why), str(message.get("moved", "")))
-            self.tell({"kind": "refused", "n": self.number, "key": key, "sentence": str(why)})
+            # Said at the control that was moved where it is named, or the first one named
+            said, moved = str(why), str(message.get("moved", ""))
+            key = moved if moved and moved in said else said.partition(" = ")[0].partition(":")[0]
+            self.tell({"kind": "refused", "n": self.number, "key": key, "sentence": said})
             return
         self.said = []
         self._say({**begun, "n": self.number})
@@ -375,8 +377,3 @@ class Conversation:
         if isinstance(choose, list) and len(choose) == 2:
             state = state.choose(str(choose[0]), str(choose[1]))
         return state
-
-
-def _key_in(sentence: str, moved: str) -> str:
-    """The control at which a refusal is said: the one that was moved where it is named, or the first one named."""
-    return moved if moved and moved in sentence else sentence.partition(" = ")[0].partition(":")[0]

@@ -76,16 +76,11 @@ def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any
     ('amplitude max |x₁| [10⁻³ rad]', 'period [s]')
     """
     # One cycle of each lopsided pair, thin; the other one has the same amplitude and period
-    result = []
-    for branch in branches:
-        for pair in branch.lopsided:
-            curve = _curve(pair)
-            look = curve.look._replace(
-                width=THIN * curve.look.width, marker=LOPSIDED_MARKER, zorder=curve.look.zorder + 2
-            )
-            result.append(curve._replace(look=look, name=f"{curve.name}, lopsided"))
-    curves = [*_curves(branches), *result]
-    markers = _special_markers([*branches, *(pair for branch in branches for pair in branch.lopsided)])
+    curves, pairs = _curves(branches), [pair for branch in branches for pair in branch.lopsided]
+    for curve in map(_curve, pairs):
+        look = curve.look._replace(width=THIN * curve.look.width, marker=LOPSIDED_MARKER, zorder=curve.look.zorder + 2)
+        curves.append(curve._replace(look=look, name=f"{curve.name}, lopsided"))
+    markers = _special_markers([*branches, *pairs])
     handles = _legend(curves, markers)
     figure, both = stacked(ax, (1.35, 1), legend_rows=_rows(handles))
     above, below = both
@@ -152,8 +147,7 @@ def multipliers(branches: Sequence[Branch[Any]], *, ax: Axes | None = None) -> A
             axes.axhline(level, color=NEUTRAL, linewidth=1.0, zorder=2)
         axes.text(1.015, level, text, transform=beside, va="center", fontsize=SMALL, color="black")
     axes.margins(x=0.04)
-    axes.set_xlabel(_label(branches))
-    axes.set_ylabel("leading half multiplier μ [–]")
+    axes.set(xlabel=_label(branches), ylabel="leading half multiplier μ [–]")
     axes.grid(True, which="major", color="0.85", linewidth=0.6)
     legend(figure, axes, handles, ncols=LEGEND_COLUMNS)
     return axes

@@ -71,10 +71,8 @@ def _strip(found: Equilibria, given: Any) -> Array:
         axes.annotate("", (start, 0.85 * side - start), (start, -0.85 * side - start),
                       arrowprops={"arrowstyle": "->", "color": NEUTRAL, "linewidth": 0.9})  # fmt: skip
     axes.plot([0, 0], [-1, 1], color=LOOKS["switch"].colour, linewidth=5, solid_capstyle="butt", label="equilibria")
-    axes.set_xlim(-3, 3)
-    axes.set_ylim(-4, 4)
-    axes.set_xlabel(f"x₁ / (Fs/kp), Fs/kp = {quantity(a, 'rad')}")
-    axes.set_ylabel(f"x₃ / (Fs/ki), Fs/ki = {quantity(b, 'rad s')}")
+    x, y = f"x₁ / (Fs/kp), Fs/kp = {quantity(a, 'rad')}", f"x₃ / (Fs/ki), Fs/ki = {quantity(b, 'rad s')}"
+    axes.set(xlim=(-3, 3), ylim=(-4, 4), xlabel=x, ylabel=y)
     axes.set_title(f"stick region of the Switch servo, K = {found.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.95", linewidth=0.6)
     axes.legend(fontsize=SMALL, loc="upper right")
@@ -89,8 +87,7 @@ def _eigenvalues(found: Equilibria, given: Any) -> Array:
     logarithmic(left, "x")
     logarithmic(left, "y", linear=1e-3)
     left.grid(True, color="0.9", linewidth=0.6)
-    left.set_xlabel("c of the member; ends of the segment: c → 0")
-    left.set_ylabel("largest real part beside the 0 [1/s]")
+    left.set(xlabel="c of the member; ends of the segment: c → 0", ylabel="largest real part beside the 0 [1/s]")
     stable = {None: "not linear", True: "stable", False: "unstable"}[found.linear_stable]
     left.set_title(f"without dry friction {stable}", fontsize=10)
     looks = [LOOKS["switch"], LOOKS["lugre"], *MORE_LOOKS]
@@ -100,8 +97,7 @@ def _eigenvalues(found: Equilibria, given: Any) -> Array:
                    markeredgecolor="black", markeredgewidth=0.4, label=f"c = {level:g}")  # fmt: skip
     right.axvline(0, color=NEUTRAL, linewidth=0.9)
     logarithmic(right, "x", "y", linear=1.0)
-    right.set_xlabel("real part [1/s]")
-    right.set_ylabel("imaginary part [1/s]")
+    right.set(xlabel="real part [1/s]", ylabel="imaginary part [1/s]")
     right.set_title("c = 1 − (2α − 1) σ₀z/Fs", fontsize=10)
     right.grid(True, color="0.9", linewidth=0.6)
     right.legend(fontsize=SMALL)

@@ -76,10 +76,8 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
             axes.plot(x, y, color=more.colour, linewidth=1.1, linestyle=more.dashes, zorder=5,
                       label=f"motion from 2 % {word} the innermost")  # fmt: skip
     logarithmic(axes, "x", "y")
-    axes.set_xlim(seen.low, seen.high)
-    axes.set_ylim(seen.low, seen.high)
-    axes.set_xlabel("stick position a [rad]")
-    axes.set_ylabel("next stick position P(a) [rad]")
+    axes.set(xlim=(seen.low, seen.high), ylim=(seen.low, seen.high))
+    axes.set(xlabel="stick position a [rad]", ylabel="next stick position P(a) [rad]")
     axes.set_title(f"event map of the Switch servo, K = {seen.gain:.6g}", fontsize=10)
     axes.grid(True, color="0.9", linewidth=0.6)
     legend(figure, axes, frameon=False, ncols=2)

@@ -193,8 +193,7 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     if never.count():
         axes.pcolormesh(q, r, never, cmap="gray", vmin=0, vmax=1.15, shading="nearest", zorder=0)
         axes.plot([], [], "s", color=NEVER, label="hunts at no gain")
-    axes.set_xlim(q[0], q[-1])
-    axes.set_ylim(r[0], r[-1])
+    axes.set(xlim=(q[0], q[-1]), ylim=(r[0], r[-1]))
     here = [folds.servo.value(name) for name in folds.names]
     if q[0] <= here[0] <= q[-1] and r[0] <= here[1] <= r[-1]:
         axes.plot(*here, marker="o", color="white", markeredgecolor="black", linestyle="none", label="servo as given")
@@ -202,8 +201,8 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
         axes.legend(loc="best", fontsize=SMALL)
     bar = axes.figure.colorbar(filled, ax=axes)
     bar.set_label("fold gain K [V/rad]: above it the servo does not hunt")
-    axes.set_xlabel(LABELS.get(folds.names[0], named(folds.names[0])))
-    axes.set_ylabel(LABELS.get(folds.names[1], named(folds.names[1])))
+    across, up = (LABELS.get(name, named(name)) for name in folds.names)
+    axes.set(xlabel=across, ylabel=up)
     friction = "" if folds.model is None else f", {NAMES[folds.model]} friction"
     axes.set_title(f"The largest gain at which the servo can hunt{friction}")
     return axes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from ...continuation import Branch
@@ -101,11 +102,9 @@ def evidence_images(tuning: Tuning) -> dict[str, bytes]:
     images: dict[str, bytes] = {}
     fold = tuning.verification.fold
     if fold is not None and tuning.model is not None:
-        try:
+        with suppress(NoOrbit):  # a servo without a cycle at that gain: the page says its fold in numbers
             branch = diagram(tuning.worst, tuning.model, start=START * fold.gain)
             images["diagram"] = png(operating_point(tuning, branch))
-        except NoOrbit:
-            pass  # a servo without a cycle at that gain: the page says its fold in numbers
         images["sensitivities"] = png(elasticities([fold], [fold_sensitivities(fold)]))
     if any(task.friction == "nominal" for task in tuning.verification.tasks):
         images["responses"] = png(tasks(tuning.verification.tasks))

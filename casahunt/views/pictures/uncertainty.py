@@ -63,9 +63,7 @@ def histogram(fold: AnyFold, samples: Samples, worst: WorstCase, seen: Summary, 
     axes.axvline(
         worst.gain, color="#7a1f3d", linewidth=1.8, linestyle=(0, (6, 2)), label=f"worst corner: {worst.gain:.4g}"
     )
-    axes.set_ylim(0, 1.15 * top)
-    axes.set_xlabel(GAIN_LABEL.replace("controller gain", "fold gain"))
-    axes.set_ylabel("samples")
+    axes.set(ylim=(0, 1.15 * top), xlabel=GAIN_LABEL.replace("controller gain", "fold gain"), ylabel="samples")
     axes.yaxis.get_major_locator().set_params(integer=True)
     axes.set_title("Up to which gain the servo may hunt")
     legend(figure, axes, loc="outside lower center", ncols=2)
