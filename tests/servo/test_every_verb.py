@@ -103,7 +103,7 @@ VERBS = {
     "margins as built": lambda loop: math.isfinite(margins(loop, drive=DRIVE).phase_margin),
     "equilibria": lambda loop: equilibria(loop).to_dict()["gain"] > 0,
     "check_box": lambda loop: check_box(loop, VISCOUS) is None,
-    "check_axis": lambda loop: check_axis(loop, list(FRICTION), None, [RECORD]) == tuple(FRICTION) and rigid(loop),
+    "check_axis": lambda loop: check_axis(loop, list(FRICTION), [RECORD]) == tuple(FRICTION) and rigid(loop),
 }
 SLOW = {
     "find_orbit": lambda loop: find_orbit(loop).error_estimate < 1e-6,

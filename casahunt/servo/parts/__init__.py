@@ -15,8 +15,8 @@ with_exponent.py         Switch friction whose drop has an exponent of its own
 tabulated.py             Switch friction by a table of velocity and torque
 lugre.py                 LuGre friction
 pid.py                   PID by times or by gains, and the integrator
-cascade.py               cascade P-PI
 filtered_derivative.py   a filter of the derivative of any PID
+cascade.py               cascade P-PI, its velocity filtered or not
 linear_controller.py     any linear controller, by its state space
 linear_forms.py          any linear controller, by its transfer function or another package's object
 filters.py               filters behind a controller: lead, notch, low-pass
