@@ -11,6 +11,8 @@ from casahunt import Servo, find_orbit
 from casahunt.errors import InputError
 from casahunt.hybrid.examples import ball, belt
 from casahunt.orbits import Options, find_cycle, refined, state_sensitivity
+from casahunt.servo.parts import INTEGRATOR, PID_BY_TIMES, SWITCH, TWO_MASSES, Loop
+from casahunt.servo.parts.verbs import loop_cycle
 
 FINE = Options(tol=1e-11)
 STEP = 1e-5
@@ -108,3 +110,14 @@ def test_and_where_it_changes_by_much():
     slow = replace(belt, parameters=belt.parameters | {"belt": 0.06})
     moved = refined(orbit, Options(), at={"belt": 0.06})
     assert moved.period == pytest.approx(find_cycle(slow, "slip", x=0.0, v=0.0).period, rel=1e-6) and moved.period > 20
+
+
+def test_each_time_by_itself_is_that_of_all():
+    """Of two masses slip and stick are two fields, in one of which a time does not lie."""
+    cycle = loop_cycle(Loop((TWO_MASSES, SWITCH, PID_BY_TIMES, INTEGRATOR), {"gain": 0.1, "shaft_damping": 0.3}))
+    times = np.linspace(0.0, cycle.period, 9)
+    every = state_sensitivity(cycle, times, ["static"])
+    for k, t in enumerate(times):
+        one = state_sensitivity(cycle, [t], ["static"])
+        assert one.states[:, 0] == pytest.approx(every.states[:, k], rel=1e-12, abs=1e-12)
+        assert one.derivatives[0, :, 0] == pytest.approx(every.derivatives[0, :, k], rel=1e-9, abs=1e-9)

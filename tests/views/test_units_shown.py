@@ -308,3 +308,16 @@ def test_records_in_mm(capsys, tmp_path):
     code, _, err = run(capsys, "record", path)
     assert code == 2 and "'mm' is no unit of angle" in err
     assert math.isfinite(found["noise"])
+
+
+def test_a_linear_axis_without_a_bristle_has_no_lugre_friction(capsys, tmp_path):
+    """Nothing is taken from Table 1, whose bristle is that of a rotary servo; the Switch model needs none."""
+    path = tmp_path / "axis.toml"
+    lines = Path(TOML).read_text().splitlines(True)
+    path.write_text("".join(line for line in lines if line.partition(" =")[0] not in ("stiffness", "damping")))
+    for words in (("orbit", path, "--gain", 1, "--model", "lugre"), ("diagram", path)):
+        code, _, err = run(capsys, *words)
+        assert code == 2 and "friction.stiffness, friction.damping: must be given for the lugre model" in err
+    given = "--set", "friction.stiffness=30 N/um", "--set", "friction.damping=30 N s/mm"
+    assert run(capsys, "orbit", path, "--gain", 1, "--quiet")[0] == 0
+    assert run(capsys, "orbit", path, "--gain", 1, "--model", "lugre", *given, "--quiet")[0] == 0

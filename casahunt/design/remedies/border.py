@@ -16,15 +16,14 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
 import numpy as np
 
 from ... import effort
-from ...continuation import Branch, SpecialPoint, follow, largest, smallest
-from ...errors import NoOrbit, Status
+from ...continuation import Branch, SpecialPoint, branch_off, follow, largest, smallest
+from ...errors import InputError, NoOrbit, Status
 from ...orbits import Orbit, SystemOrbit, find_cycle
 from ...orbits.adapt import Options
 from ...roots import boundary
@@ -34,6 +33,7 @@ from ...servo.parts.loop import Loop
 from ...servo.parts.remedy import Remedy
 from ...servo.parts.table import with_remedy
 from ...servo.parts.verbs import loop_cycle
+from .handed_on import FIRST_MORE, EndOfMotions, end_of_motions
 from .scan import scan
 from .sizes import more_of, scale_of, sized
 
@@ -61,12 +61,11 @@ motions tell where hunting ends: where slips all but stop half-way, steps become
 nothing is tried behind it but motions, which know the size to parts of a hundred."""
 OUTSIDE_BY = 1e-4
 """A multiplier that is larger than 1 by more makes a cycle unstable."""
-FIRST_MORE, NEAR_ENOUGH, MOTIONS_KNOW = 0.25, 0.06, 5e-3
-"""By how much more a remedy is at first, relatively, to which a motion that hunts is handed on; from where cycles are
-followed; and where motions alone tell the size."""
-MORE_OF_IRREGULAR, IRREGULAR_KNOWN, WORK_OF_IRREGULAR = 3.0, 0.1, 2e5
-"""By how much more of it at first where hunting is irregular, to which motions come from anywhere; the part of a size
-to which its end is told; and the work of that: it is told as it is known then."""
+NEAR_ENOUGH, MOTIONS_KNOW = 0.06, 5e-3
+"""From where cycles are followed; and to what motions alone tell the size, relatively."""
+IRREGULAR_KNOWN, WORK_OF_IRREGULAR = 0.1, 2e5
+"""The part of a size to which the end of irregular hunting is told; and the work of that: it is told as it is known
+then."""
 MOTIONS_ERROR = 0.02
 """Relative error that is said of a size, at least: next to a fold motions may leave hunting too soon, or too late."""
 LOOKED_AT_BEYOND, MOST_FAMILIES = (1e-3, 0.01, 0.03, 0.1), 6
@@ -77,8 +76,6 @@ LIMIT_KNOWN, BESIDE_UNSTABLE = 1e-4, 0.01
 BRIEFLY = LOOKED_AT_BEYOND[0]
 """Cycles that win their stability back for a smaller part of the size than this are no hunting that would be seen; and
 what branches off where they lose it may hunt on so far."""
-MOST_UNCLEAR = 2
-"""Sizes one after the other with which nobody knows whether motions hunt, behind which no more is looked at."""
 SAME_CYCLE = "the same cycle was not followed so far before"
 """Why it is not followed again, where motions that come nearer to it lead to no other one."""
 NO_FIRST = "no cycle with a little of it was found"
@@ -111,20 +108,6 @@ class Border:
     evidence: str = ""
     swing: Swing | None = None
     fold: float = math.nan
-
-
-@dataclass(frozen=True, eq=False)
-class EndOfMotions:
-    """Where motions hunt, handed on from size to size.
-
-    hunts, swing: the last size at which one was seen to, and that; None where none was; ended: the size from which on
-    none does, nan where that was not reached; kind: of the motions at the last size that was looked at.
-    """
-
-    hunts: float
-    swing: Swing | None
-    ended: float
-    kind: str
 
 
 def border(loop: Loop, remedy: Remedy, before: Swing, options: Options) -> Border:
@@ -258,40 +241,6 @@ def _without_end(remedy: Remedy, seen: EndOfMotions, size: float, last: float, l
     return Border("not found", seen.hunts, why=why, swing=seen.swing)
 
 
-def end_of_motions(
-    loop: Loop, remedy: Remedy, swing: Swing, size: float, last: float, known: float, rest: float = LEFT_OF_A_SWING,
-    work: float = math.inf,
-) -> EndOfMotions:  # fmt: skip
-    """Between which sizes hunting ends, from one on, known to a part of it.
-
-    A motion that hunts is handed on to the next size.  What is unclear is taken to hunt, but is not handed on.
-    swing: one to begin with; rest: how near to a cycle a motion hunts, in its swings; work: after which the end is told
-    as it is known (effort.py).
-    """
-    hunts, low, high, unclear = size, size, math.nan, 0
-    trial, found, kind = size, None, "undecided"
-    with suppress(effort.PartGivenUp), effort.at_most(work):
-        while True:
-            seen = scan(with_remedy(loop, remedy, trial), found or swing, rest=rest)
-            unclear, kind = unclear + 1 if seen.swing is None and not seen.over else 0, seen.kind
-            if seen.over:
-                high = trial
-            else:
-                low = trial
-                if seen.swing is not None:
-                    hunts, found = trial, replace(seen.swing, irregular=swing.irregular)
-            if high == size or (math.isnan(high) and (low == last or unclear > MOST_UNCLEAR)):
-                break
-            if math.isnan(high):
-                more = more_of(remedy, low, 1 + (MORE_OF_IRREGULAR if swing.irregular else FIRST_MORE))
-                trial = last if remedy.sense * more > remedy.sense * last else more
-            elif abs(high - low) > abs(more_of(remedy, low, 1 + known) - low):
-                trial = (low + high) / 2
-            else:
-                break
-    return EndOfMotions(hunts, found, high, kind)
-
-
 def _end_of_stable(
     loop: Loop, remedy: Remedy, swing: Swing, last: float, options: Options, lost: list[SystemOrbit]
 ) -> Border:
@@ -341,7 +290,7 @@ def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, option
                     raise NoOrbit(f"the fold is known to {fold.value_error:.2g} only", Status.NOT_FOUND)
                 briefly = len(losses) > 1 and abs(fold.value - losses[-1].value) <= BRIEFLY * abs(fold.value)
                 if briefly or _outside(special):
-                    return _lost(losses[: len(losses) - briefly], fold.value)
+                    return _behind(losses[: len(losses) - briefly], fold.value, remedy, last, options)
                 return Border("fold", fold.value, fold.absolute_error, orbit=fold.orbit,
                               moves=fold.sensitivities)  # fmt: skip
             losses += [] if _outside(special) else [special]
@@ -352,7 +301,7 @@ def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, option
             break
         before, at = branch.orbits[-2:]
     if branch is None or (losses and branch.orbits[-1].seen_stable is False):
-        return _lost(losses, math.nan)
+        return _behind(losses, math.nan, remedy, last, options)
     if branch.orbits[-1].problem.value(remedy.size) == last and branch.orbits[-1].seen_stable:
         return Border("none", last, swing=Swing.of(branch.orbits[-1]))
     if branch.end.kind not in ("grazing", "Hopf"):
@@ -395,6 +344,23 @@ def _outside(special: SpecialPoint[SystemOrbit]) -> bool:
     sizes = np.abs(special.orbit.multipliers.half[1:])
     others = sizes[np.argsort(np.abs(sizes - 1))][2 if special.kind == "Neimark-Sacker" else 1 :]
     return bool((others > 1 + OUTSIDE_BY).any())
+
+
+def _behind(
+    losses: list[SpecialPoint[SystemOrbit]], fold: float, remedy: Remedy, last: float, options: Options
+) -> Border:
+    """The last loss of stability, or where the stable cycles end that branch off there with more of the remedy.
+
+    Motions come to those so slowly that none is seen to.  fold: as of `_lost`.
+    """
+    lost = _lost(losses, fold)
+    try:
+        cycle = branch_off(losses[-1], remedy.size, options=options)
+        if remedy.sense * (cycle.problem.value(remedy.size) - lost.size) > 0 and cycle.seen_stable:
+            return replace(_followed_to_its_end(cycle, remedy, last, options), fold=fold)
+    except (InputError, NoOrbit, effort.PartGivenUp):  # not of these cycles, several, or not followed so far
+        pass
+    return lost
 
 
 def _lost(losses: list[SpecialPoint[SystemOrbit]], fold: float) -> Border:

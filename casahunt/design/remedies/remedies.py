@@ -39,14 +39,9 @@ from ...servo.parts.verbs import loop_cycle
 from ...servo.parts.with_exponent import WITH_EXPONENT
 from ...servo.servo import Servo, a_servo, called
 from ..uncertainty.set import Uncertainty, are_servos, check_box
-from .border import (
-    BORDERS,
-    MOTIONS_KNOW,
-    Border,
-    border,
-    end_of_motions,
-)
+from .border import BORDERS, MOTIONS_KNOW, Border, border
 from .cures import MARGIN_TO_CHOOSE, Cure, Cures
+from .handed_on import end_of_motions
 from .larger_sizes import stays
 from .price import task
 from .sizes import more_of, scale_of, sized

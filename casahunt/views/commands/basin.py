@@ -68,6 +68,9 @@ def basin_answer(found: Basin, tol: float, count: float = 0.0) -> Answer:
         head = f"{title}: an unstable hunting cycle stands at {border}; that it bounds coming to rest is not confirmed"
         means = item("what it means", "nearer and farther the servo may come to rest or hunt")
     plain = [head, *parts_of(found.loop), means]
+    if found.model != "switch":
+        wound = "the controller's torque has come up to nine tenths of static friction"
+        plain.append(item("where", f"as it stands when {wound}; let go with none it may rest from farther away"))
     inside, outside = (ENDS[trial.outcome].did for trial in (found.inside, found.outside))
     tried = f"from just inside {inside}, from just outside {outside}"
     tried += "" if found.unstable else f"; {found.motions} motions from rest, on both sides of the set point"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from casahunt import Controller, Friction, NoOrbit, Options, Pid, Servo, Uncertainty, effort, find_orbit, remedies
-from casahunt.design.remedies import border
+from casahunt.design.remedies import border, handed_on
 from casahunt.design.remedies import remedies as table
 from casahunt.design.remedies import scan as scans
 from casahunt.errors import Status
@@ -205,7 +205,7 @@ def test_corners_that_are_no_servo_are_left_out(monkeypatch):
 
     def looked_at(at, *more):
         seen.append((at.value("static"), at.value("coulomb")))
-        return border.EndOfMotions(0.2, found.swing, 0.2, "at rest")
+        return handed_on.EndOfMotions(0.2, found.swing, 0.2, "at rest")
 
     monkeypatch.setattr(table, "end_of_motions", looked_at)
     leak = remedy_of("leak", "switch")

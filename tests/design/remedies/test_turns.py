@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from casahunt import Controller, Friction, Options, Servo, Uncertainty, effort, find_orbit, remedies
-from casahunt.design.remedies import border
+from casahunt.design.remedies import border, handed_on
 from casahunt.design.remedies import scan as scans
 from casahunt.errors import NoOrbit, Status
 from casahunt.servo.parts import REMEDIES, fate
@@ -110,7 +110,7 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
     and unclear on the way, which is taken to hunt."""
     leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
     first = fate.Swing({}, 1.0, 1.0)
-    monkeypatch.setattr(border, "with_remedy", lambda loop, remedy, size: size)
+    monkeypatch.setattr(handed_on, "with_remedy", lambda loop, remedy, size: size)
 
     def end(hunts, unclear=lambda size: False):
         def scan(size, before, rest):
@@ -118,8 +118,8 @@ def test_a_motion_that_hunts_is_handed_on_until_it_ends(monkeypatch):
                 return scans.Scan("at rest")
             return scans.Scan("undecided") if unclear(size) else scans.Scan("hunting", fate.Swing({}, 1.0, 1.0))
 
-        monkeypatch.setattr(border, "scan", scan)
-        return border.end_of_motions(None, leak, first, 1.0, 10.0, border.MOTIONS_KNOW)
+        monkeypatch.setattr(handed_on, "scan", scan)
+        return handed_on.end_of_motions(None, leak, first, 1.0, 10.0, border.MOTIONS_KNOW)
 
     assert end(lambda size: False).ended == 1.0
     found = end(lambda size: size < 3.7)
@@ -137,7 +137,7 @@ def test_no_size_is_told_where_motions_alone_do_not_show_the_end(monkeypatch):
     ends = iter([0.04, math.nan])
     swing = fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
     monkeypatch.setattr(
-        border, "end_of_motions", lambda *more: border.EndOfMotions(0.03, swing, next(ends), "undecided")
+        border, "end_of_motions", lambda *more: handed_on.EndOfMotions(0.03, swing, next(ends), "undecided")
     )
     monkeypatch.setattr(border, "_end_of_stable", without_end_of_cycles)
     row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
@@ -148,7 +148,7 @@ def test_no_size_is_told_where_motions_alone_do_not_show_the_end(monkeypatch):
 def test_cycles_may_take_twice_the_work_where_motions_alone_are_left(monkeypatch):
     """The first time they are tried again from where motions come nearer to them, the second time nothing is."""
     allowed, swing = list[float](), fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
-    seen = border.EndOfMotions(0.03, swing, 0.05, "at rest")
+    seen = handed_on.EndOfMotions(0.03, swing, 0.05, "at rest")
 
     def end_of_cycles(*more):
         allowed.append(0.0)
@@ -165,7 +165,7 @@ def test_cycles_may_take_twice_the_work_where_motions_alone_are_left(monkeypatch
 def test_what_motions_leave_open_is_the_error_of_their_size(monkeypatch):
     """None is known to hunt from 0.03 on, none does from 0.05 on."""
     swing = fate.Swing.of(find_orbit(Servo(), "switch", 0.04))
-    seen = border.EndOfMotions(0.03, swing, 0.05, "at rest")
+    seen = handed_on.EndOfMotions(0.03, swing, 0.05, "at rest")
     monkeypatch.setattr(border, "end_of_motions", lambda *more: seen)
     monkeypatch.setattr(border, "_end_of_stable", without_end_of_cycles)
     row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]

@@ -1,5 +1,7 @@
 """A loop in a file."""
 
+from pathlib import Path
+
 import pytest
 
 from casahunt import InputError, load, load_drive
@@ -22,6 +24,7 @@ from casahunt.servo.parts import (
 )
 from casahunt.servo.parts.file import named_parts
 
+PROBLEMS = Path(__file__).parents[3] / "problems"
 PARTS = '["one inertia", "Switch friction", "PID by times", "integrator", "dead band"]'
 
 
@@ -94,3 +97,17 @@ def test_what_is_refused(tmp_path, text, sentence):
     path.write_text(text)
     with pytest.raises(InputError, match="loop file .*" + sentence):
         load_loop(path)
+
+
+def test_of_a_linear_axis_every_number_is_stated(tmp_path):
+    """What its parts have of themselves is the rotary servo of Table 1; that there is no damping need not be said."""
+    lines, path = (PROBLEMS / "belt_axis.toml").read_text().splitlines(True), tmp_path / "axis.toml"
+    stated = lines[lines.index("[values]\n") + 1 : lines.index("[drive]\n") - 1]
+    for line in stated:
+        path.write_text("".join(other for other in lines if other != line))
+        name = line.partition(" =")[0]
+        if name.endswith("damping"):
+            assert load(path).value(name) == 0
+            continue
+        with pytest.raises(InputError, match=f"{name}: must be given, of a linear axis nothing is taken from Table 1"):
+            load(path)
