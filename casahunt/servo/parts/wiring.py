@@ -163,7 +163,8 @@ class Wiring:
     def giver(self, name: str) -> tuple[Function, float | None]:
         """Who gives a signal, and the sign it sees."""
         if name not in self._givers:
-            raise InputError(f"no part of the loop gives the signal {name!r}")
+            needed = "a loop needs a plant, a friction, a controller and its integrator"
+            raise InputError(f"no part of the loop gives the signal {name!r}: {needed}")
         return self._givers[name]
 
     def value(self, function: Function, sign: float | None, x: Any, p: Any) -> Any:

@@ -71,7 +71,7 @@ def test_a_branch_without_an_end_in_sight_is_given_up(monkeypatch):
 def test_where_nobody_knows_the_row_says_so(monkeypatch):
     """No motion hunts beside the first cycle, or what becomes of it is unclear up to the last size."""
     for verdict, says in (("at rest", "no motion hunts on the cycle"), ("undecided", "beyond is not known")):
-        monkeypatch.setattr(border, "scan", lambda *more, rest=0.0, verdict=verdict: scans.Scan(verdict))
+        monkeypatch.setattr(handed_on, "scan", lambda *more, rest=0.0, verdict=verdict: scans.Scan(verdict))
         row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
         assert row.kind == "not found" and says in row.why and row.first is not None
 
