@@ -133,7 +133,10 @@ def _of_a_loop(
     check_present(loop, vary)
     servo = servo_of_loop(loop) if start is None else None
     if servo is not None:
-        on_it = on_the_cycle(find_orbit(*servo, branch=branch, options=options))
+        orbit = find_orbit(*servo, branch=branch, options=options)
+        if branch == "unstable" and servo[1] == "lugre":  # from one state on a motion leaves it before it returns
+            return unstable_cycle(loop_cycle(loop, vary, options=options), vary, options=options)
+        on_it = on_the_cycle(orbit)
         return find_cycle(
             loop.system, loop.mode_at(**on_it), start=on_it, follow=vary, settled=True, options=options
         )

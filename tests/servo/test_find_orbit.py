@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from casahunt import NoOrbit, Options, Servo, Status, cli, find_fold, find_orbit
+from casahunt import Friction, NoOrbit, Options, Pid, Servo, Status, cli, find_fold, find_orbit
 from casahunt.collocation.node_system import Linearisation
 from casahunt.continuation.walk import walk
 from casahunt.servo import find_fold as folds
@@ -20,6 +20,7 @@ from casahunt.servo.basin import basin
 from casahunt.servo.event_map.half_cycle import StickMap
 from casahunt.servo.event_map.scan import scan
 from casahunt.servo.parts.fate import Swing, fate
+from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.problem import HuntingFold, HuntingOrbit
 from problems import table1
 from problems.taylor import switch_cycle, switch_half_cycle
@@ -321,3 +322,14 @@ def test_a_second_fold_on_either_side_of_the_smallest_gain_met(monkeypatch):
     # Where a cycle was found at a smaller gain, that fold is not the end of them.
     monkeypatch.setattr(folds, "confirmed_between", lambda *_, **__: lowest)
     folds.deny_below([near, past, SimpleNamespace(gain=0.99 * lowest.gain)], fold, gain, "stable", Options())
+
+
+@pytest.mark.slow
+def test_the_unstable_cycle_of_a_bristle_written_in_parts():
+    """The one of the servo that the loop is: no motion from a single state of it comes back before it has left."""
+    friction = Friction(static=32.7, coulomb=19.5, stribeck_velocity=4.38e-3, viscous=4.6,
+                        stiffness=1.8e5, damping=123.0)  # fmt: skip
+    servo = Servo(inertia=0.936, motor_gain=1.0, controller=Pid(kp=921.0, ki=11800.0, kd=43.6), friction=friction)
+    one = find_orbit(servo, "lugre", 1.0, branch="unstable")
+    other = find_orbit(loop_of(servo, "lugre", 1.0), branch="unstable")
+    assert [other.amplitude, other.period] == pytest.approx([one.amplitude, one.period], rel=1e-6) and not other.stable
