@@ -49,6 +49,8 @@ SHAKEN = 0.02
 """Torque that a count makes by the derivative, as a part of static friction, above which it is told."""
 COUNTS_READ = 300.0
 """Of the amplitude, below which a controller that reads them hunts otherwise by more than intervals are wide."""
+FILTERS_OF_RATE = ("derivative_filter", "velocity_filter")
+"""Of parts, times."""
 ROW = "  {:27s} {:>10s} {:>10s} {:>10s}  {}"
 
 
@@ -117,6 +119,7 @@ def _of_drive(servo: Servo | Loop, gain: float, drive: Drive, *, taken_in: bool)
     yield "sampling, delay and counts of [drive] are taken into account" if taken_in else left
     one = rigid(servo) if isinstance(servo, Loop) else servo
     time = drive.sample_time + drive.filter_of(one.controller)
+    time += sum(servo.value(name) for name in FILTERS_OF_RATE if parts and name in servo.names)
     shaken = one.torque_gains(gain)[1] * drive.count / time / one.friction.static
     if shaken > SHAKEN:
         yield (
