@@ -132,8 +132,6 @@ def cut_off(question: Question, near: Point) -> tuple[Data, float, float] | None
     if not any(mask.any() for mask in at_ends):
         return None
     kept = replace(question, records=tuple(d.only(~mask) for d, mask in zip(question.records, at_ends, strict=True)))
-    if min(data.times.size for data in kept.records) <= near.z.size:  # any friction explains what is left
-        return None
     found = explained_from(kept, near.z)
     if found is None:
         return None

@@ -358,8 +358,8 @@ def _behind(
         cycle = branch_off(losses[-1], remedy.size, options=options)
         if remedy.sense * (cycle.problem.value(remedy.size) - lost.size) > 0 and cycle.seen_stable:
             return replace(_followed_to_its_end(cycle, remedy, last, options), fold=fold)
-    except (InputError, NoOrbit, effort.PartGivenUp):  # not of these cycles, several, or not followed so far
-        pass
+    except (InputError, NoOrbit, effort.PartGivenUp) as refusal:  # not of these cycles, several, or not followed so far
+        return replace(lost, evidence=f"what branches off where it is lost was not followed: {refusal}")
     return lost
 
 

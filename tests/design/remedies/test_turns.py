@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -74,6 +75,18 @@ def test_where_nobody_knows_the_row_says_so(monkeypatch):
         monkeypatch.setattr(handed_on, "scan", lambda *more, rest=0.0, verdict=verdict: scans.Scan(verdict))
         row = remedies(Servo(), "switch", 0.04, only=["dead band"]).remedies[0]
         assert row.kind == "not found" and says in row.why and row.first is not None
+
+
+def test_what_branches_off_and_was_not_followed_is_told(monkeypatch):
+    """Hunting may go on along it: the loss of stability is the border that is known, and its evidence says so."""
+    def refused(*more, **options):
+        raise NoOrbit("several cycles branch off there", Status.NOT_FOUND)
+
+    leak = next(remedy for remedy in REMEDIES if remedy.name == "leak")
+    lost = SimpleNamespace(value=0.4, error=1e-9, orbit=None, meaning="symmetry breaking")
+    monkeypatch.setattr(border, "branch_off", refused)
+    found = border._behind([lost], math.nan, leak, 1.0, Options())
+    assert (found.kind, found.size) == ("instability", 0.4) and "several cycles branch off" in found.evidence
 
 
 @pytest.mark.slow
