@@ -30,16 +30,13 @@ from ..orbits.orbit import AnyOrbit, Orbit, SolvedOrbit, linearised, orbit_of, u
 from ..orbits.restart import Start, in_scheme
 from .predictor import (
     Bend,
-    Progress,
     RelativePoint,
     alive,
     bent,
-    by_time,
     logarithms,
     stiff,
     straight,
     unknowns,
-    way_of,
 )
 
 Array = np.ndarray
@@ -59,7 +56,7 @@ class CurvePoint:
     du : (size,) derivative of u by arclength.
     bend : what the points before say of the way beyond the tangent; None at the first point and after a change of the
         phase sequence.
-    moves : whether its mesh may move along; that of a provisional orbit is too rough, and takes more steps.
+    moves : whether its mesh moves along where no mode is stiff: on the way to a fold, where nothing else is looked for.
     """
 
     t: Transcription
@@ -68,15 +65,7 @@ class CurvePoint:
     row: Array
     du: Array
     bend: Bend | None = None
-    moves: bool = True
-
-    @property
-    def way(self) -> Progress:
-        """How far the motion has come along its cycle; in smooth modes it comes along as the time does."""
-        if self.bend is not None:
-            return self.bend.way
-        f = self.setting.fractions
-        return way_of(self.t, self.u, f) if self.moves and stiff(self.t) else by_time(self.t, f)
+    moves: bool = False
 
 
 def parameter_value(orbit: Orbit, vary: str) -> float:
@@ -247,10 +236,7 @@ def predict(point: CurvePoint, ds: float) -> tuple[Array, float, Setting]:
     u[first] += more[: t.n]
     t.durations_of(u)[0] *= np.exp(more[t.n])
     lam += float(more[-1])
-    setting = point.setting
-    if bend.drift.any():
-        setting = replace(setting, fractions=bend.fractions(point.t, ds))
-    return u, lam, setting
+    return u, lam, replace(point.setting, fractions=bend.fractions(point.t, ds))
 
 
 def _sign(point: CurvePoint) -> float:
@@ -261,7 +247,8 @@ def _sign(point: CurvePoint) -> float:
 
 
 def _place(point: CurvePoint) -> RelativePoint:
-    return RelativePoint(0.0, point.t, point.u, point.du, point.setting.fractions, 0.0, float(point.row[-1]), point.way)
+    t, moves = point.t, point.moves or stiff(point.t)
+    return RelativePoint(0.0, t, point.u, point.du, point.setting.fractions, 0.0, float(point.row[-1]), moves)
 
 
 def _way_on(point: CurvePoint) -> Bend:
@@ -280,7 +267,7 @@ def bent_through(point: CurvePoint, ds: float, solved: SolvedOrbit, lam: float) 
     if not same or not np.array_equal(solved.setting.scale, point.setting.scale):
         return point
     u = solved.solution.u
-    found = RelativePoint(ds, point.t, u, np.zeros_like(u), solved.setting.fractions, lam, 0.0, point.way)
+    found = RelativePoint(ds, point.t, u, np.zeros_like(u), solved.setting.fractions, lam, 0.0)
     z = logarithms(found, _sign(point), alive(point.t, point.u)).value
     return replace(point, bend=bend.through(ds, z))
 
@@ -332,7 +319,7 @@ def _seen_along(before: CurvePoint, after: CurvePoint, seen: tuple[float, float]
         return None
     if np.any(alive(t, after.u) & ~alive(old, u)):
         return None
-    return RelativePoint(s, old, u, du / slope, before.setting.fractions, lam, growth / slope, before.way)
+    return RelativePoint(s, old, u, du / slope, before.setting.fractions, lam, growth / slope)
 
 
 def in_asked_scheme(orbit: AnyOrbit, options: Options) -> AnyOrbit:

@@ -15,6 +15,7 @@ import math
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ..checks import choice_of, number
@@ -141,7 +142,7 @@ def _met(
     if not (to - here) * sense > 0:
         raise InputError(f"{vary} is {here:.6g} at the start: its way {way} cannot end at {to:g}")
     lowest, highest = orbit.problem.range_of(vary)
-    rough = options.rough()
+    rough = replace(options.rough(), provisional=True)
     if not cut_by_planes(orbit):
         orbit, _ = from_strongest(orbit, None, rough)
     branch = follow(

@@ -53,7 +53,7 @@ from .poincare_section import (
 )
 from .special_points import GRAZING, Monitor, SpecialPoint
 from .terminations import POINT_KIND, SHRUNK_TO, SPACED, End, comes_to, hopf_point, ranges, through_rest
-from .vanishing import first_shrinks, from_strongest
+from .vanishing import first_shrinks, from_strongest, seen_better
 from .walk import FIRST_STEP, SMALLEST_STEP, Stopped, walk, walk_naturally
 
 Array = np.ndarray
@@ -292,7 +292,8 @@ def _grazed(run: Run[AnyOrbit], failure: Complaint) -> AnyOrbit | End:
 def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], way: Departure[AnyOrbit]) -> Any:
     """How a walk has ended whose orbits the branch has been given.
 
-    By an End; by the orbit behind a grazing that it came to; by the Complaint that it has failed by; by a _Pause where
+    By an End; by the orbit behind a grazing that it came to; by the Complaint that it has failed by; by a Departure
+    where it is seen better from another phase on; by a _Pause where
     the first phase is about to vanish, or a cycle that is cut by planes has become small or (`watched`) leaves its
     plane behind.
     """
@@ -319,12 +320,23 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], way: Depa
             if way.watched and section_outgrown(after):
                 return _Pause.LEFT_BEHIND
             continue
-        if run.recut and badly_cut(after) and not badly_cut(before):
-            return _Pause.CUT_SHRINKS
-        if run.recut and first_shrinks(before, after):
-            return _Pause.FIRST_SHRINKS
+        if (anew := _cut_badly(run, before, after, way)) is not None:
+            return anew
         if (gone := phase_gone(run, before, after)) is not None:
             return gone
+
+
+def _cut_badly(
+    run: Run[AnyOrbit], before: AnyOrbit, after: AnyOrbit, way: Departure[AnyOrbit]
+) -> _Pause | Departure[AnyOrbit] | None:
+    """How the branch goes on where the cycle had better be cut elsewhere; None where it is cut well."""
+    if run.recut and badly_cut(after) and not badly_cut(before):
+        return _Pause.CUT_SHRINKS
+    searching = run.options.provisional and run.line.point is not None
+    fresh = seen_better(after, cast(CurvePoint, run.line.point), run.options) if searching else None
+    if fresh is not None:
+        return _cut_anew(run, fresh, way.sense)
+    return _Pause.FIRST_SHRINKS if run.recut and first_shrinks(before, after) else None
 
 
 def _one_of_many(run: Run[AnyOrbit]) -> End | None:

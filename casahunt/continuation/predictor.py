@@ -7,27 +7,23 @@ A cycle keeps its shape far longer than its size: along a branch sizes, duration
 another, so that it is their logarithms that polynomials tell.  A parameter that is not moved in units of its own value
 may be zero, and stands as lambda itself.
 
-The mesh moves along: x are the states at the collocation points of intervals that start at the same
-parts of the way, and the logarithms of the lengths of those are linear in s.
+The mesh moves along: the fast part of a phase stands at another fraction tau of its duration at every point of a
+branch, and at a fixed fraction the states jump from one orbit to the next.  How fast the mesh goes, m = d tau/ds, the
+tangent dx/ds and the motion x' tell, in every phase with m = 0 at its ends:
 
-Symbols: n states, N intervals, P phases.
+    integral_0^1 |dx/ds + m x'|^2 + (m')^2 d tau  =  min,     x and dx/ds by their sizes, and without what they grow
 
-Meshes that move with a branch: their intervals start at fixed parts of the way of the motion, not of its time.
+What is fast stays where it is on the mesh, what is slow stretches.  x are the states at the collocation points; the
+logarithms of the lengths of the intervals are linear in s.
 
-The fast part of a phase stands at another fraction of its duration at every point of a branch.  At a fixed fraction the
-states jump from one orbit to the next; at a fixed part of the way they change as little as the orbit does.
-
-    xi(tau) = integral_0^tau |(x/sigma)', WAY_AT_REST| / integral_0^1       in every phase
-
-Times and ways of the collocated phases are counted from 0 to 1 in the first one, from 1 to 2 in the second, and so on.
-
-Symbols: n states, d stages, N intervals, K collocated phases.
+Symbols: n states, d stages, N intervals, P phases, K collocated phases.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -36,13 +32,13 @@ from ..collocation.mesh import AS_GOOD_AS_ZERO, SHORTEST_INTERVAL
 from ..collocation.scheme import Kind, scheme
 from ..collocation.transcription import Transcription
 
-WAY_AT_REST = 0.03
-"""The way that time alone is, in a phase: where nothing moves, a mesh goes by the time."""
+MOST_STRETCHED = 1.0
+"""Largest logarithm by which an interval becomes longer or shorter in one step."""
 
 
 def stiff(t: Transcription) -> bool:
-    """Whether meshes move along: in smooth modes, of few and long intervals, they would cost more steps than they
-    save."""
+    """Whether meshes always move along: in smooth modes, of few and long intervals, steps that are longer would lead
+    past what happens on a branch."""
     return any(mode.stiff for mode, _ in t.modes)
 
 
@@ -56,74 +52,6 @@ def starts(t: Transcription, fractions: Array) -> Array:
     return ends - fractions + np.repeat(np.arange(first.size) - first, t.collocated_counts)
 
 
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """How far a motion has come, as a function of the time.
-
-    Attributes
-    ----------
-    times, ways : (m + 1,) at the collocation points and at the end.
-    after, before : (m,) d way/d time behind every one of them but the last, and before every one but the first.
-    """
-
-    times: Array
-    ways: Array
-    after: Array
-    before: Array
-
-    def fractions(self, t: Transcription, places: Array) -> Array:
-        """Lengths of intervals that start at given parts of the way.
-
-        t, places: transcription, and (N,) ways at which its intervals start, the first of each phase at its start.
-        Returns (N,).
-        """
-        i = np.clip(np.searchsorted(self.ways, places, side="right") - 1, 0, self.after.size - 1)
-        across, time = self.ways[i + 1] - self.ways[i], self.times[i + 1] - self.times[i]
-        s = (places - self.ways[i]) / across
-        # The cubic through both ends with their slopes, where these are not the ends of a jump.
-        bends = (1 - s) * (across / self.after[i] - time) + s * (time - across / self.before[i])
-        at = self.times[i] + s * time + s * (1 - s) * np.clip(bends, -time, time)
-        at[t.first_intervals] = np.arange(t.first_intervals.size)
-        ends = np.append(at[1:], float(t.first_intervals.size))
-        ends[t.first_intervals[1:] - 1] = np.arange(1, t.first_intervals.size)
-        return np.asarray(ends - at)
-
-
-def way_of(t: Transcription, u: Array, fractions: Array) -> Progress:
-    """The way of a motion, on any mesh the same: the size of a state is its root mean square over the phases.
-
-    t, u, fractions: transcription, unknowns, (N,) lengths of the intervals.
-    """
-    slope, sums, points = _rules(t.degree, t.kind)
-    steps, f = np.diff(points), fractions[:, None]
-    x = t.intervals_of(u).reshape(t.intervals, t.degree + 1, t.n)
-    square = np.einsum("i,j,ijk->k", fractions, t.scheme.weights, x[:, 1:] ** 2) / max(t.collocated_counts.size, 1)
-    v = slope @ (x / np.where(square > AS_GOOD_AS_ZERO**2, np.sqrt(square), 1.0))
-    speed = np.sqrt(np.einsum("ijk,ijk->ij", v, v) + (WAY_AT_REST * f) ** 2)
-    lengths = np.maximum(np.diff(speed[:, 1 : t.degree + 1] @ sums, axis=1, prepend=0.0), WAY_AT_REST * f * steps)
-    own = lengths.sum(axis=1)
-    count = t.collocated_counts
-    whole = np.repeat(np.add.reduceat(own, t.first_intervals), count)[:, None]
-    lengths = lengths / whole
-    phase = np.repeat(np.arange(count.size), count)
-    ends = np.cumsum(lengths).reshape(lengths.shape)
-    ways = ends - lengths + (phase - np.repeat((ends - lengths)[t.first_intervals, 0], count))[:, None]
-    times, rate = starts(t, fractions)[:, None] + f * points[:-1], speed / (f * whole)
-    end = float(count.size)
-    return Progress(np.append(times, end), np.append(ways, end), rate[:, :-1].ravel(), rate[:, 1:].ravel())
-
-
-def by_time(t: Transcription, fractions: Array) -> Progress:
-    """The way of a motion that comes along as the time does.
-
-    t, fractions: transcription, and (N,) lengths of the intervals.
-    """
-    points = _rules(t.degree, t.kind)[2][:-1]
-    times = np.append(starts(t, fractions)[:, None] + fractions[:, None] * points, float(t.collocated_counts.size))
-    ones = np.ones(times.size - 1)
-    return Progress(times, times, ones, ones)
-
-
 @lru_cache(maxsize=32)
 def _rules(degree: int, kind: Kind) -> tuple[Array, Array, Array]:
     """At start, stages and end (m + 1): slopes from values at the points, integrals (d, m) of values at the stages."""
@@ -133,6 +61,33 @@ def _rules(degree: int, kind: Kind) -> tuple[Array, Array, Array]:
     local = legendre.legvander(2 * s.points - 1, degree)
     rates = np.array([legendre.legval(2 * points - 1, legendre.legder(row)) for row in np.eye(degree + 1)]).T
     return np.asarray(2 * rates @ np.linalg.inv(local)), (s.sums[:-1] if whole else s.sums).T.copy(), points
+
+
+def drift_along(t: Transcription, u: Array, du: Array, fractions: Array) -> Array:
+    """How a mesh moves along a branch.
+
+    t, u, du, fractions: transcription, unknowns, their derivative along the branch at fixed times, (N,) lengths of the
+    intervals. Returns (N,) derivatives of the logarithms of those.
+    """
+    N, f, count, on = t.intervals, fractions, t.collocated_counts, t.scheme.points[1:]
+    weights = f[:, None] * t.scheme.weights
+    x, dx = (t.intervals_of(each).reshape(N, t.degree + 1, t.n) for each in (u, du))
+    square, grown = (np.einsum("ij,ijk->k", weights, x[:, 1:] * each[:, 1:]) / max(count.size, 1) for each in (x, dx))
+    size = np.where(square > AS_GOOD_AS_ZERO**2, np.sqrt(square), 1.0)
+    speed = (_rules(t.degree, t.kind)[0][: t.degree + 1] @ (x / size) / f[:, None, None])[:, 1:]
+    moves = ((dx - x * (grown / size**2)) / size)[:, 1:]
+    steep, along = (weights * np.einsum("ijk,ijk->ij", each, speed) for each in (speed, moves))
+    left = np.arange(N) + np.repeat(np.arange(count.size), count)  # of the N + K nodes, of each interval
+    A, b = np.zeros((N + count.size, N + count.size)), np.zeros(N + count.size)
+    shapes = (1 - on, on)
+    for i, j in product((0, 1), (0, 1)):
+        A[left + i, left + j] += steep @ (shapes[i] * shapes[j]) + (1 - 2 * (i != j)) / f
+    for i in (0, 1):
+        b[left + i] -= along @ shapes[i]
+    ends = np.concatenate([left[t.first_intervals], left[t.first_intervals] + count])
+    A[ends], b[ends] = np.eye(N + count.size)[ends], 0.0
+    m = np.linalg.solve(A, b)
+    return np.asarray((m[left + 1] - m[left]) / f)
 
 
 def resampled(t: Transcription, w: Array, fractions: Array, new: Transcription, to: Array) -> Array:
@@ -191,7 +146,7 @@ class RelativePoint:
     s : where it is.
     t, u, du, fractions : transcription, (size,) unknowns and their derivative by s, (N,) lengths of the intervals.
     lam, rate : lambda and its derivative by s.
-    way : how far the motion has come.
+    moves : whether the mesh moves along.
     """
 
     s: float
@@ -201,7 +156,12 @@ class RelativePoint:
     fractions: Array
     lam: float
     rate: float
-    way: Progress
+    moves: bool = True
+
+    @property
+    def drift(self) -> Array:
+        """(N,) derivatives of the logarithms of the lengths of the intervals, where the mesh moves."""
+        return drift_along(self.t, self.u, self.du, self.fractions) if self.moves else np.zeros(self.t.intervals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,15 +172,13 @@ class Bend:
     ----------
     here : z and z' at the point.
     coefficients : (k, size + n + 1) c, k = 0 or 2.
-    lengths, drift : (N,) logarithms of the lengths of the intervals and their derivative; 0 where the mesh stays.
-    way : how far the motion at the point has come along its cycle.
+    lengths, drift : (N,) logarithms of the lengths of the intervals and their derivative.
     """
 
     here: Logarithms
     coefficients: Array
     lengths: Array
     drift: Array
-    way: Progress
 
     def ahead(self, ds: float) -> Array:
         """The point further on.
@@ -235,7 +193,7 @@ class Bend:
 
         t, ds: transcription, and how far on. Returns (N,) lengths of the intervals.
         """
-        return _shares(t, self.lengths + ds * self.drift)
+        return _stretched(t, self.lengths, ds * self.drift)
 
     def through(self, ds: float, z: Array) -> Bend:
         """The same through a point further on: the highest power takes up the defect.
@@ -252,9 +210,9 @@ class Bend:
         return replace(self, here=here, coefficients=self.coefficients * signs, drift=-self.drift)
 
 
-def _shares(t: Transcription, q: Array) -> Array:
-    """(N,) lengths of the intervals from logarithms of what they are in proportion to."""
-    f = np.exp(q)
+def _stretched(t: Transcription, lengths: Array, by: Array) -> Array:
+    """(N,) lengths of the intervals, from logarithms of their lengths and of what they are stretched by."""
+    f = np.exp(lengths + np.clip(by, -MOST_STRETCHED, MOST_STRETCHED))
     shares = f / _per_phase(t, f)
     if shares.size and shares.min() < SHORTEST_INTERVAL:
         shares = np.maximum(shares, SHORTEST_INTERVAL)
@@ -321,39 +279,34 @@ def unknowns(t: Transcription, z: Array, here: Array, sign: float) -> tuple[Arra
 
 
 def straight(here: RelativePoint, sign: float) -> Bend:
-    """The tangent alone, on the mesh as it is.
+    """The tangent alone.
 
     here, sign: as in `bent`.
     """
-    z = logarithms(here, sign, alive(here.t, here.u))
-    lengths = np.log(here.fractions)
-    return Bend(z, np.empty((0, z.value.size)), lengths, np.zeros_like(lengths), here.way)
+    drift = here.drift
+    z = logarithms(_moving(here, drift), sign, alive(here.t, here.u))
+    return Bend(z, np.empty((0, z.value.size)), np.log(here.fractions), drift)
 
 
-def bent(here: RelativePoint, there: RelativePoint, sign: float) -> Bend | None:
+def bent(here: RelativePoint, there: RelativePoint, sign: float) -> Bend:
     """The cubic through two points of a branch and their tangents.
 
     here, there: the point from which predictions are made, at s = 0, and another one, on a mesh of any kind; sign: as
-    in `logarithms`. Returns bend; None where the motions are so unlike that the mesh of the one is none for the other.
+    in `logarithms`.
     """
-    sized, s = alive(here.t, here.u), there.s
-    there = _on_mesh_of(here, there)
-    if not np.all(there.fractions > 0):
-        return None
-    lengths = np.log(here.fractions)
-    drift = (np.log(there.fractions) - lengths) / s
+    sized, s, lengths, drift = alive(here.t, here.u), there.s, np.log(here.fractions), here.drift
+    there = _on_mesh(there, here.t, _stretched(here.t, lengths, s * drift))
     z, other = (logarithms(_moving(place, drift), sign, sized) for place in (here, there))
     first = (other.value - z.value - s * z.rate) / s**2
     second = (other.rate - z.rate) / s
-    return Bend(z, np.array([3 * first - second, (second - 2 * first) / s]), lengths, drift, here.way)
+    return Bend(z, np.array([3 * first - second, (second - 2 * first) / s]), lengths, drift)
 
 
-def _on_mesh_of(here: RelativePoint, place: RelativePoint) -> RelativePoint:
-    """A point on the mesh whose intervals start at the same parts of the way as those of `here`."""
-    t, old, n, N = here.t, place.t, here.t.n, here.t.intervals
-    if t == old and np.array_equal(here.way.ways, place.way.ways):
+def _on_mesh(place: RelativePoint, t: Transcription, fractions: Array) -> RelativePoint:
+    """A point on another mesh."""
+    old, n, N = place.t, t.n, t.intervals
+    if old == t and np.array_equal(place.fractions, fractions):
         return place
-    fractions = place.way.fractions(t, here.way.ways[:-1].reshape(N, -1)[:, 0])
     both = np.concatenate([old.intervals_of(x).reshape(old.intervals, -1, n) for x in (place.u, place.du)], axis=2)
     both = resampled(old, both, place.fractions, t, fractions)
     u, du = np.empty(t.size), np.empty(t.size)

@@ -34,9 +34,9 @@ from ..orbits.family import Cycles
 from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
 from ..orbits.restart import Start
 from ..orbits.sequences import nearest_touch, with_contact, without
-from ..orbits.simulated_phases import may_vanish, rotated, strongest
+from ..orbits.simulated_phases import may_vanish, rotated, speeds_of_starts, strongest
 from ..roots import boundary
-from .curve import along, backwards, curve_point, parameter_value, secant_direction, solved_at
+from .curve import CurvePoint, along, backwards, curve_point, parameter_value, secant_direction, solved_at
 from .grazing_contact import CONTACT_RANGE, Contact, grazing_at
 from .locating import length_to, nearer
 from .poincare_section import beside_the_plane, same_events
@@ -62,6 +62,8 @@ BORN_PARTS = (1.0, 0.1, 0.01)
 """Parts of its first duration with which a phase that begins at a contact is sought."""
 MET_SOONER = (0.9999, 0.999, 0.99)
 """Parts of its duration at a contact that the phase before an event takes where that is met: the sooner, the faster."""
+SEEN_BETTER = 10.0
+"""A branch is seen better from another phase on where so many times as much of a step is seen there."""
 UNLOCATED = 1e-5
 """Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
 located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
@@ -122,6 +124,26 @@ def from_strongest(orbit: AnyOrbit, previous: AnyOrbit | None, options: Options)
             return orbit, previous
         turned.append(cast(AnyOrbit, found))
     return turned[0], turned[1] if previous is not None else None
+
+
+def seen_better(orbit: AnyOrbit, point: CurvePoint, options: Options) -> AnyOrbit | None:
+    """The same cycle from the start of the phase on where node, duration and lambda move the most along the branch.
+
+    By these a step is measured: where what moves lies elsewhere in the cycle, it turns back as if at a sharp fold.  So
+    it does at a boundary that is about to be grazed, which is crossed slowly.
+
+    orbit, point: the cycle, and the curve there.
+    Returns Orbit; None where it is seen well enough, or cannot be cut there.
+    """
+    t, du, posed = point.t, point.du, orbit.problem.asked()
+    longer, nodes = t.durations_of(du) / t.durations_of(point.u), t.nodes_of(du)[t.phase_start]
+    moves = np.sqrt(np.sum(nodes**2, axis=1) + longer**2 + point.row[-1] ** 2)
+    better = moves >= SEEN_BETTER * moves[0]
+    if posed is None or not better.any():
+        return None
+    told = np.where(better, moves * speeds_of_starts((t, point.u, point.setting)), 0.0)
+    start = rotated(posed, unknowns_of(orbit), int(np.argmax(told)))
+    return None if start is None else cast("AnyOrbit | None", solved_at(orbit.problem, start, options))
 
 
 def _contact(problem: Problem, start: Start, k: int, vary: str, tol: float) -> tuple[Start, float, float] | None:

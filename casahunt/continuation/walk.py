@@ -140,7 +140,7 @@ def walk(
     vary = varied(start, vary)
     options = options or Options(tol=max(start.error_estimate, 1e-6))
     like = heading if previous is None or heading is not None else secant_direction(previous, start, vary)
-    point = replace(curve_point(start, vary, like=like, sense=sense), moves=not options.provisional)
+    point = replace(curve_point(start, vary, like=like, sense=sense), moves=options.provisional)
     if not low <= start.problem.moved(vary, LANDED * float(np.sign(point.row[-1]))) <= high:
         return _reached(start, vary)
     largest_step = largest_step or start.problem.largest_step
@@ -187,7 +187,7 @@ def _room(point: CurvePoint, solved: SolvedOrbit, options: Options) -> float:
     effort = min(easy / max(solved.iterations, 1), MOST_BY_EFFORT)
     if solved.off <= PREDICTED:
         effort = max(effort, 1.0)  # the prediction was good: it is the mesh that took long, as a shorter step's would
-    if options.provisional or point.bend is None or not point.bend.drift.any():
+    if point.bend is None or not point.bend.drift.any():
         return effort
     # On a mesh that moves along the fourth root of the error says what the next one will be; elsewhere it is no guide.
     by_error = float((PREDICTED / max(solved.off, SMALLEST_STEP)) ** (1 / 4))

@@ -160,6 +160,17 @@ def _closing(posed: Posed, segments: list[Segment], x: Array, scale: Array) -> l
     return found
 
 
+def speeds_of_starts(start: Start) -> Array:
+    """(P,) how fast the boundary is crossed at which each phase starts."""
+    t, u, setting = start
+    nodes, durations = t.nodes_of(u) * setting.scale, t.durations_of(u)
+    rates = [
+        abs(event_rate(phase, nodes[t.phase_end[k]], float(durations[k]), setting.p)[0])
+        for k, phase in enumerate(t.cycle.phases)
+    ]
+    return np.roll(rates, 1)
+
+
 def strongest(start: Start) -> int:
     """The number of the phase whose start is the boundary that is crossed the fastest.
 
@@ -168,19 +179,11 @@ def strongest(start: Start) -> int:
 
     Returns the number, 0 where the cycle starts there.
     """
-    t, u, setting = start
-    nodes, p = t.nodes_of(u) * setting.scale, setting.p
-    durations = t.durations_of(u)
-    rates = [
-        abs(event_rate(phase, nodes[t.phase_end[k]], float(durations[k]), p)[0])
-        for k, phase in enumerate(t.cycle.phases)
-    ]
-    before = np.roll(rates, 1)
-    vanishing = may_vanish(durations)
+    before, vanishing = speeds_of_starts(start), may_vanish(start[0].durations_of(start[1]))
     if vanishing is not None:
         before[vanishing] = -1.0
-        if t.phases > 2:
-            before[(vanishing + 1) % t.phases] = -1.0
+        if before.size > 2:
+            before[(vanishing + 1) % before.size] = -1.0
     return int(np.argmax(before))
 
 
