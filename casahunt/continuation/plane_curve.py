@@ -155,7 +155,7 @@ def root_across(chart: Any, at: Array, across: Array, width: float) -> tuple[Arr
     n, slope = 0.0, float(np.dot(chart.gradient, across))
     seen: list[tuple[float, float]] = []
     search: Search | None = None
-    best: tuple[float, Array, Evaluation] | None = None
+    read: list[tuple[Array, Evaluation]] = []
     for _ in range(LINE_ROUNDS):
         place = at + n * across
         reading = chart.value(float(place[0]), float(place[1]))
@@ -164,8 +164,7 @@ def root_across(chart: Any, at: Array, across: Array, width: float) -> tuple[Arr
         f = reading.value
         if not np.isfinite(f):
             return "phi is not finite"
-        if best is None or abs(f) < abs(best[0]):
-            best = (f, place, reading)
+        read.append((place, reading))
         if abs(f) <= reading.accuracy or (search and search.bracket.width <= CLOSED * width):
             break
         if search is not None:
@@ -182,9 +181,8 @@ def root_across(chart: Any, at: Array, across: Array, width: float) -> tuple[Arr
         if not abs(further - n) > 0:
             return "no root near the predicted place"
         n = further
-    if best is None or abs(best[0]) > ACCEPTED:
-        return "the root across the curve was not located"
-    return best[1], best[2]
+    best = min(read, key=lambda each: abs(each[1].value))
+    return best if abs(best[1].value) <= ACCEPTED else "the root across the curve was not located"
 
 
 def _located_turn(before: PlanePoint, step: float, after: PlanePoint, low: float, high: float) -> PlanePoint | None:

@@ -28,7 +28,7 @@ from .curve import parameter_value
 from .fold import Fold
 from .folds_ahead import folds_ahead
 from .grazing_contact import contact_of
-from .plane_curve import follow_curve, root_across
+from .plane_curve import Evaluation, follow_curve, root_across
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint, special_point
 from .surface import Axis, Place, Sought, SpecialOrbit, place_of
 from .walk import walk_to_end
@@ -309,10 +309,12 @@ def _sought(
 
 def _next_to(place: Place) -> Place | str:
     """The special point next to a place, at the same value of the second parameter."""
-    sloped = place.sloped()
-    if isinstance(sloped, str):
-        return sloped
-    found = root_across(sloped, np.zeros(2), np.array([1.0, 0.0]), FIRST_SEARCH)
+    found = place.value(0.0, 0.0)
+    if isinstance(found, Evaluation) and abs(found.value) > found.accuracy:
+        sloped = place.sloped(found.value)
+        across = np.zeros(2), np.array([1.0, 0.0]), FIRST_SEARCH
+        root = sloped if isinstance(sloped, str) else root_across(sloped, *across)
+        found = root if isinstance(root, str) else root[1]
     if isinstance(found, str):
         return found
-    return place_of(place.sought, found[1].data, place.position, place).confirmed(found[1].value)
+    return place_of(place.sought, found.data, place.position, place).confirmed(found.value)
