@@ -29,8 +29,8 @@ fold_conditions.py  a fold as constraints of a larger optimisation problem
 fold_check.py       a located fold, confirmed, on its mesh and on finer ones
 fold_ensemble.py    folds of many problems near one whose fold is known, with their errors and derivatives
 plane_curve.py      a curve phi(s, c) = 0 by pseudo-arclength, through its turning points
-sheet.py            orbits beside a special one, as a surface over two parameters
-special_charts.py   charts of a curve of special points: its gradient, slope and error
+surface.py          orbits beside a special one, as a surface over two parameters, and the special points on it
+folds_ahead.py      a curve of folds in batches
 two_parameters.py   the curve of special points in two parameters
 extremum.py         the largest and the smallest value of a parameter, with what moves it
 """
@@ -53,8 +53,6 @@ if TYPE_CHECKING:
     from .fold_ensemble import Folds, expansion, expansion_beside, folds_near
     from .fold_expansion import Expansion
     from .following import follow
-    from .sheet import Axis
-    from .special_charts import SpecialOrbit
     from .special_points import (
         FOLD,
         GRAZING,
@@ -65,6 +63,7 @@ if TYPE_CHECKING:
         SpecialPoint,
         user_monitor,
     )
+    from .surface import Axis, SpecialOrbit
     from .terminations import End
     from .two_parameters import SpecialCurve, special_curve, special_walk
     from .walk import walk_to_end

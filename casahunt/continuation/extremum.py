@@ -29,8 +29,8 @@ from .fold_check import confirmed
 from .following import follow
 from .grazing_contact import contacts, events_of
 from .poincare_section import cut_by_planes
-from .sheet import finer
 from .special_points import FOLD, SpecialPoint, special_point
+from .surface import finer
 from .vanishing import from_strongest
 
 

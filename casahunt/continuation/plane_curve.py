@@ -5,17 +5,21 @@
     corrector   the root of phi on the line across the tangent: inverse interpolation, in a bracket once there is one
     turn        t_c changes sign: the curve turns back in c; located in h
 
-Every place of the curve has coordinates of its own with itself at the origin (a chart): phi may be costly, and
-what it starts from is best taken near by.  c is absolute, and runs over a range; the curve ends on its bounds.
-phi is any function of two numbers that is of order one away from the curve; that of special_charts.py computes an orbit
-for every value.
+Every place of the curve has coordinates (s, m = c - position) of its own with itself at the origin, a chart: phi may be
+costly, and what it starts from is best taken near by (surface.Place computes an orbit for every value).  It has
+
+    position, gradient, reach   c of the place;  (phi_s, phi_c) there;  the largest steps in s and in c
+    value(s, m)                 phi at a place (`Evaluation`), or a sentence about why there is none
+    moved(s, m, reading)        the chart of a place found on the curve, s oriented as here, or why it is none
+
+c is absolute, and runs over a range; the curve ends on its bounds.  phi is of order one away from the curve.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -51,39 +55,6 @@ class Evaluation:
     accuracy: float = LOCATED
 
 
-class Chart(Protocol):
-    """Coordinates (s, m) around a place of the curve, m = c - position."""
-
-    @property
-    def position(self) -> float:
-        """c of the place."""
-        ...
-
-    @property
-    def gradient(self) -> tuple[float, float]:
-        """(phi_s, phi_c) there."""
-        ...
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Largest steps in s and in c."""
-        ...
-
-    def value(self, s: float, m: float) -> Evaluation | str:
-        """Read phi at a place.
-
-        Returns phi, or a sentence about why there is none.
-        """
-        ...
-
-    def moved(self, s: float, m: float, reading: Evaluation) -> Chart | str:
-        """The chart of a place found on the curve, s oriented as here.
-
-        Returns chart, or a sentence about why it is none.
-        """
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class PlanePoint:
     """A place on the curve.
@@ -92,15 +63,16 @@ class PlanePoint:
     ----------
     chart : its coordinates.
     tangent : (t_s, t_c), forwards.
-    turns : whether the curve turns back in c here.
+    turns, last : whether the curve turns back in c here; whether it lies on a bound of c.
     """
 
     chart: Any
     tangent: Array
     turns: bool = False
+    last: bool = False
 
 
-def tangent_at(chart: Chart, like: Array) -> Array:
+def tangent_at(chart: Any, like: Array) -> Array:
     """The unit tangent of the curve at the origin of a chart.
 
     like: (2,) unit vector with which it is to make an acute angle.
@@ -115,7 +87,7 @@ def tangent_at(chart: Chart, like: Array) -> Array:
 
 
 def follow_curve(
-    chart: Chart, *, sense: float, low: float = 0.0, high: float = 1.0, most: int = 200
+    chart: Any, *, sense: float, low: float = 0.0, high: float = 1.0, most: int = 200
 ) -> Generator[PlanePoint, None, str]:
     """Places along the curve, the given one first, until c leaves [low, high].
 
@@ -128,37 +100,31 @@ def follow_curve(
     share = ceiling = 1.0
     for _ in range(most):
         step = share * float(min(r / max(abs(t), 1e-9) for r, t in zip(last.chart.reach, last.tangent, strict=True)))
-        found = _stepped(last, step, low, high)
+        found, turn = _stepped(last, step, low, high), None
+        if not isinstance(found, str) and found.tangent[1] * last.tangent[1] < 0:
+            turn = _located_turn(last, step, found, low, high)
+            if turn is None:  # a jump of the tangent, not a turn
+                found = "the curve seems to turn back, but no place is found where it does"
         if isinstance(found, str):
             ceiling = CAUTION * share
             share *= 0.5
             if share < SHORTEST:
                 return found
             continue
-        place, reached = found
-        if place.tangent[1] * last.tangent[1] < 0:
-            turn = _located_turn(last, step, place, low, high)
-            if turn is None:  # a jump of the tangent, not a turn
-                ceiling = CAUTION * share
-                share *= 0.5
-                if share < SHORTEST:
-                    return "the curve seems to turn back, but no place is found where it does"
-                continue
-            yield turn
-        yield place
-        if reached:
+        yield from (found,) if turn is None else (turn, found)
+        if found.last:
             return ""
         # Angle between two directions where the largest steps in s and c count alike
-        a, b = place.tangent / last.chart.reach, last.tangent / last.chart.reach
+        a, b = found.tangent / last.chart.reach, last.tangent / last.chart.reach
         angle = float(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
         share = min(ceiling, share * float(np.clip(EASY_ANGLE / max(angle, 1e-3), 0.4, 2.0)))
         ceiling = min(RECOVERY * ceiling, 1.0)
-        last = place
+        last = found
     return f"stopped after {most} places"
 
 
-def _stepped(last: PlanePoint, step: float, low: float, high: float) -> tuple[PlanePoint, bool] | str:
-    """(the place a step further on, whether it lies on a bound of c), or a sentence."""
+def _stepped(last: PlanePoint, step: float, low: float, high: float) -> PlanePoint | str:
+    """The place a step further on, or a sentence."""
     chart = last.chart
     at = step * last.tangent
     across = np.array([-last.tangent[1], last.tangent[0]])
@@ -177,11 +143,10 @@ def _stepped(last: PlanePoint, step: float, low: float, high: float) -> tuple[Pl
     fresh = chart.moved(s, m, reading)
     if isinstance(fresh, str):
         return fresh
-    tangent = tangent_at(fresh, last.tangent)
-    return PlanePoint(fresh, tangent), reached
+    return PlanePoint(fresh, tangent_at(fresh, last.tangent), last=reached)
 
 
-def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[Array, Evaluation] | str:
+def root_across(chart: Any, at: Array, across: Array, width: float) -> tuple[Array, Evaluation] | str:
     """The root of phi on a line.
 
     at, across: (2,) places at + n across of the line; width: bound of |n|.
@@ -190,7 +155,7 @@ def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[A
     n, slope = 0.0, float(np.dot(chart.gradient, across))
     seen: list[tuple[float, float]] = []
     search: Search | None = None
-    best: tuple[float, Array, Evaluation] | None = None
+    read: list[tuple[Array, Evaluation]] = []
     for _ in range(LINE_ROUNDS):
         place = at + n * across
         reading = chart.value(float(place[0]), float(place[1]))
@@ -199,8 +164,7 @@ def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[A
         f = reading.value
         if not np.isfinite(f):
             return "phi is not finite"
-        if best is None or abs(f) < abs(best[0]):
-            best = (f, place, reading)
+        read.append((place, reading))
         if abs(f) <= reading.accuracy or (search and search.bracket.width <= CLOSED * width):
             break
         if search is not None:
@@ -217,9 +181,8 @@ def root_across(chart: Chart, at: Array, across: Array, width: float) -> tuple[A
         if not abs(further - n) > 0:
             return "no root near the predicted place"
         n = further
-    if best is None or abs(best[0]) > ACCEPTED:
-        return "the root across the curve was not located"
-    return best[1], best[2]
+    best = min(read, key=lambda each: abs(each[1].value))
+    return best if abs(best[1].value) <= ACCEPTED else "the root across the curve was not located"
 
 
 def _located_turn(before: PlanePoint, step: float, after: PlanePoint, low: float, high: float) -> PlanePoint | None:
@@ -228,16 +191,13 @@ def _located_turn(before: PlanePoint, step: float, after: PlanePoint, low: float
     best: PlanePoint | None = None
     for _ in range(LINE_ROUNDS // 2):
         h = bracket.illinois
-        found = _stepped(before, h, low, high)
-        if isinstance(found, str):
+        place = _stepped(before, h, low, high)
+        if isinstance(place, str):
             break
-        place = found[0]
         f = float(place.tangent[1])
         if best is None or abs(f) < abs(best.tangent[1]):
             best = place
         if abs(f) <= TURNED:
             break
         bracket = bracket.told(h, f)
-    if best is None or abs(best.tangent[1]) > UPRIGHT:
-        return None
-    return PlanePoint(best.chart, best.tangent, turns=True)
+    return None if best is None or abs(best.tangent[1]) > UPRIGHT else replace(best, turns=True, last=False)

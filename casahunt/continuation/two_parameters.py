@@ -1,9 +1,9 @@
 """The curve of special points in two parameters.
 
-    phi(s, c) = 0  (special_charts.py), followed by plane_curve.py from a special point that one parameter has led to
+    phi(s, c) = 0  (surface.py), followed by plane_curve.py from a special point that one parameter has led to
 
 The curve may turn back in the second parameter: at a cusp of folds, or where flips exist on one side only.  Folds go
-ahead in batches (special_charts.py) as far as those lead.
+ahead in batches (folds_ahead.py) as far as those lead.
 """
 
 from __future__ import annotations
@@ -17,22 +17,20 @@ from typing import Any
 import numpy as np
 
 from ..checks import choice_of, error_text, require, to_and_back
-from ..collocation.joints import event_rate
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns
 from ..orbits.adapt import Options
-from ..orbits.closure import Plane
-from ..orbits.orbit import AnyOrbit, Orbit, unknowns_of
+from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
 from .bifurcations import FLIP, NEIMARK_SACKER, SYMMETRY_LOST
 from .branching import keeps_symmetry
 from .curve import parameter_value
 from .fold import Fold
+from .folds_ahead import folds_ahead
 from .grazing_contact import contact_of
 from .plane_curve import Evaluation, follow_curve, root_across
-from .sheet import Axis, Sheet, finer, sheet_of
-from .special_charts import ChartSetting, SpecialChart, SpecialOrbit, folds_ahead, special_chart
 from .special_points import FOLD, GRAZING, Monitor, SpecialPoint, special_point
+from .surface import Axis, Place, Sought, SpecialOrbit, place_of
 from .walk import walk_to_end
 
 Array = np.ndarray
@@ -41,10 +39,6 @@ SPECIAL_PLACES = 12
 """Places over the range of the second parameter where the curve is not steep."""
 FIRST_SEARCH = 0.05
 """How far along the branch the first point of a curve is sought next to the given one."""
-MOST_RESTARTS = 4
-"""How often a curve is taken up again, by a special point found another way, where the steps do not converge."""
-HARDLY = 1e-2
-"""A plane is hardly crossed where the rate of what vanishes on it, times the period, is less."""
 MONITORS = {monitor.kind: monitor for monitor in (FOLD, FLIP, SYMMETRY_LOST, NEIMARK_SACKER)}
 
 
@@ -177,14 +171,13 @@ def special_curve(
     axis, start = _axis(orbit, vary, other, to, back)
     require("points", points, at_least=2)
     _check_symmetry(special, vary, other, to)
-    task, orbit = _task(special, orbit, vary, monitor, options)
-    sheet = sheet_of(orbit, vary, axis, start, options=finer(options), spacing=1 / (points - 1), like=None)
-    chart = _first(task, sheet)
-    if isinstance(chart, str):
-        sentence = f"the curve of the {special.meaning or special.kind} was not begun: {chart}"
+    sought, orbit = _sought(special, orbit, vary, axis, monitor, options, 1 / (points - 1))
+    first = _next_to(place_of(sought, orbit, start))
+    if isinstance(first, str):
+        sentence = f"the curve of the {special.meaning or special.kind} was not begun: {first}"
         raise NoOrbit(sentence, Status.NOT_CONVERGED)
-    found, reason = walk_to_end(_told(special_orbits(chart, sense=1.0, most=max_points), progress))
-    return _curve(task.monitor.kind, (vary, other), found, reason, began)
+    found, reason = walk_to_end(special_orbits(first, sense=1.0, most=max_points), progress)
+    return _curve(sought.monitor.kind, (vary, other), found, reason, began)
 
 
 def _check_symmetry(special: SpecialPoint[AnyOrbit], vary: str, other: str, to: float) -> None:
@@ -196,24 +189,9 @@ def _check_symmetry(special: SpecialPoint[AnyOrbit], vary: str, other: str, to: 
         raise NoOrbit(f"{sentence} {no_curve}", Status.NOT_FOUND)
 
 
-def _told(
-    points: Generator[SpecialOrbit, None, str], progress: Callable[[SpecialOrbit], None] | None
-) -> Generator[SpecialOrbit, None, str]:
-    """The points of a walk, each told of."""
-    while True:
-        try:
-            point = next(points)
-        except StopIteration as end:
-            return str(end.value or "")
-        if progress is not None:
-            progress(point)
-        yield point
-
-
 def _curve(kind: str, names: tuple[str, str], found: list[SpecialOrbit], reason: str, began: float) -> SpecialCurve:
     """What was found as a result; `reason` says why there is no more, "" at an end of the range."""
     (vary, other), last = names, found[-1].orbit
-    reason = reason and (_leaves_its_cut(last) or reason)
     at = f"{other} = {parameter_value(last, other):.8g}, {vary} = {parameter_value(last, vary):.8g}"
     return SpecialCurve(
         kind=kind,
@@ -231,7 +209,7 @@ def _curve(kind: str, names: tuple[str, str], found: list[SpecialOrbit], reason:
 
 def special_walk(
     orbit: AnyOrbit, vary: str, axis: Axis, *, sense: float, options: Options, monitor: Monitor = FOLD,
-    spacing: float = 1 / SPECIAL_PLACES, turned: bool = False, again: Callable[[float], Any] | None = None,
+    spacing: float = 1 / SPECIAL_PLACES,
 ) -> Generator[SpecialOrbit, None, str]:  # fmt: skip
     """The special points along a curve in two parameters, one by one: that of a known orbit first.
 
@@ -247,11 +225,6 @@ def special_walk(
         tolerance and method; what vanishes at the special point: a fold, a flip, a loss of symmetry, a torus.
     spacing
         largest step, as a part of the range.
-    turned
-        whether the curve has turned already: parts of it that go ahead in batches do not.
-    again
-        from a place in the range to the orbit of a special point there, by another way, None where there is none: asked
-        a little further on where the curve was lost.
 
     Yields
     ------
@@ -272,70 +245,39 @@ def special_walk(
     >>> last.orbit.problem.value("r"), round(last.orbit.problem.value("g"), 3)
     (0.79, 13.023)
     """
-    task, c = ChartSetting(monitor, options, lambda orbit: orbit), axis.place(orbit.problem.value(axis.vary))
-    chart = chart_at(task, orbit, vary, axis, c, spacing)
-    if isinstance(chart, str):
-        raise NoOrbit(chart, Status.NOT_CONVERGED)
-    return (yield from special_orbits(chart, sense=sense, turned=turned, again=again))
+    sought = Sought(monitor, vary, axis, options, spacing)
+    first = place_of(sought, orbit, axis.place(orbit.problem.value(axis.vary))).confirmed()
+    if isinstance(first, str):
+        raise NoOrbit(first, Status.NOT_CONVERGED)
+    return (yield from special_orbits(first, sense=sense))
 
 
-def special_orbits(
-    chart: SpecialChart,
-    *,
-    sense: float,
-    most: int = 200,
-    turned: bool = False,
-    again: Callable[[float], Any] | None = None,
-) -> Generator[SpecialOrbit, None, str]:
-    """The special points along a curve, that of the chart first.
+def special_orbits(first: Place, *, sense: float, most: int = 200) -> Generator[SpecialOrbit, None, str]:
+    """The special points along a curve, that of a place first, folds in batches as far as those lead.
 
-    sense: +1 to start towards larger, -1 towards smaller c; most, turned: number of steps after which it ends, whether
-    the curve has turned already; again: c -> the orbit of a special point there, by another way, None where there is
-    none: asked a little further on where the curve was lost.
-    Yields special points.  The generator returns "" at an end of the range, or the sentence that says why it ends.
+    sense: +1 to start towards larger, -1 towards smaller c; most: number of steps after which it ends.
+    The generator returns "" at an end of the range, or the sentence that says why it ends.
     """
-    special, task = chart.special, chart.task
+    sought, special, place = first.sought, first.special, first
     assert special is not None
     yield special
-    if task.monitor is FOLD and not turned:
-        first = special
-        for special in folds_ahead(chart.sheet, first, sense, task.options.tol):
-            yield special
-        if special is not first:
-            axis = chart.sheet.axis
-            position = axis.place(parameter_value(special.orbit, axis.vary))
-            if position in (0.0, 1.0):
-                return ""
-            beyond = special_chart(task, Evaluation(0.0, special.orbit), chart.sheet, position - chart.position)
-            if isinstance(beyond, str):
-                return beyond
-            chart = beyond
-    for _ in range(MOST_RESTARTS + 1):
-        places = follow_curve(chart, sense=sense, most=most)
-        next(places)
+    ahead = folds_ahead(first, sense) if sought.monitor is FOLD else iter(())
+    for special in ahead:
+        yield special
+    if special.how == "batch":
+        c = sought.axis.place(parameter_value(special.orbit, sought.axis.vary))
+        beyond = "" if c in (0.0, 1.0) else place_of(sought, special.orbit, c, first).confirmed()
+        if isinstance(beyond, str):
+            return beyond
+        place = beyond
+    points = follow_curve(place, sense=sense, most=most)
+    next(points)
+    while True:
         try:
-            while True:
-                place = next(places)
-                chart, turned = place.chart, turned or place.turns
-                yield replace(place.chart.special, turns=place.turns)
+            point = next(points)
         except StopIteration as end:
-            ended = str(end.value)
-        fresh = _beyond(chart, sense, again) if ended and not turned else None
-        if fresh is None or fresh.special is None:
-            break
-        chart = fresh
-        yield fresh.special
-    return ended
-
-
-def _beyond(last: SpecialChart, sense: float, again: Callable[[float], Any] | None) -> SpecialChart | None:
-    """The special point a step further on, by another way; None where it is not of the same curve."""
-    c = float(np.clip(last.position + sense * last.reach[1] / 2, 0.0, 1.0))
-    orbit = again(c) if again is not None and c != last.position else None
-    if orbit is None:
-        return None
-    chart = special_chart(last.task, Evaluation(0.0, orbit), last.sheet, c - last.position)
-    return None if isinstance(chart, str) or not last.sheet.agrees(chart.sheet) else chart
+            return str(end.value)
+        yield replace(point.chart.special, turns=point.turns)
 
 
 def _axis(orbit: Orbit, vary: str, other: str, to: float, back: float | None) -> tuple[Axis, float]:
@@ -350,48 +292,29 @@ def _axis(orbit: Orbit, vary: str, other: str, to: float, back: float | None) ->
     return axis, axis.place(here)
 
 
-def _task(
-    special: SpecialPoint[AnyOrbit], orbit: Any, vary: str, monitor: Monitor | None, options: Options
-) -> tuple[ChartSetting, Any]:
+def _sought(
+    special: SpecialPoint[AnyOrbit], orbit: Any, vary: str, axis: Axis, monitor: Monitor | None, options: Options,
+    spacing: float,
+) -> tuple[Sought, Any]:  # fmt: skip
     """What is followed, and the orbit that it starts from."""
     if monitor is None and special.kind == GRAZING.kind:
         contact, orbit = contact_of(orbit, vary, options)
-        return ChartSetting(contact.monitor, options, contact.reported), orbit
+        return Sought(contact.monitor, vary, axis, options, spacing, contact.reported), orbit
     monitor = monitor or MONITORS.get(special.kind)
     if monitor is None:
         kinds = ", ".join((*MONITORS, GRAZING.kind))
         raise InputError(f"special point {special.kind!r}: its monitor must be given; it is known of {kinds}")
-    return ChartSetting(monitor, options, lambda orbit: orbit), orbit
+    return Sought(monitor, vary, axis, options, spacing), orbit
 
 
-def chart_at(task: ChartSetting, orbit: Orbit, vary: str, axis: Axis, c: float, spacing: float) -> SpecialChart | str:
-    """The chart of a special point that is known, or a sentence that says why there is none.
-
-    orbit, vary: its orbit, and the first parameter; axis, c, spacing: the second one, where in its range the point is,
-    and the largest step there.
-    """
-    sheet = sheet_of(orbit, vary, axis, c, options=finer(task.options), spacing=spacing, like=None)
-    return special_chart(task, Evaluation(0.0, orbit), sheet, 0.0)
-
-
-def _first(task: ChartSetting, sheet: Sheet) -> SpecialChart | str:
-    """The chart of the special point next to the orbit of a sheet, at the same value of the second parameter."""
-    bare = SpecialChart(task, sheet)
-    beside = bare.along_s()
-    if isinstance(beside, str):
-        return beside
-    found = root_across(replace(bare, gradient=(beside[2], 0.0)), np.zeros(2), np.array([1.0, 0.0]), FIRST_SEARCH)
-    return found if isinstance(found, str) else special_chart(task, found[1], sheet, 0.0)
-
-
-def _leaves_its_cut(orbit: Orbit) -> str:
-    """A sentence where an orbit hardly crosses a plane that cuts it, and has left it beyond; else ""."""
-    t, u, setting = unknowns_of(orbit)
-    for k, phase in enumerate(t.cycle.phases):
-        x = t.nodes_of(u)[t.phase_end[k]] * setting.scale
-        if not isinstance(phase.end.function, Plane):
-            continue
-        if abs(event_rate(phase, x, orbit.arcs[k].duration, setting.p)[0]) * orbit.period < HARDLY:
-            plane = f"the plane that cuts it, {phase.end.name}"
-            return f"beyond, the cycle does not reach {plane}; begin with a cycle there"
-    return ""
+def _next_to(place: Place) -> Place | str:
+    """The special point next to a place, at the same value of the second parameter."""
+    found = place.value(0.0, 0.0)
+    if isinstance(found, Evaluation) and abs(found.value) > found.accuracy:
+        sloped = place.sloped(found.value)
+        across = np.zeros(2), np.array([1.0, 0.0]), FIRST_SEARCH
+        root = sloped if isinstance(sloped, str) else root_across(sloped, *across)
+        found = root if isinstance(root, str) else root[1]
+    if isinstance(found, str):
+        return found
+    return place_of(place.sought, found.data, place.position, place).confirmed(found.value)

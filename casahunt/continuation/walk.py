@@ -18,7 +18,7 @@ than most of the way.
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from typing import Any
 
@@ -308,8 +308,19 @@ def corrected(
     return solved
 
 
-def walk_to_end(generator: Generator[Any, None, str]) -> tuple[list[Any], str]:
+def walk_to_end(
+    generator: Generator[Any, None, str], progress: Callable[[Any], None] | None = None
+) -> tuple[list[Any], str]:
     """All that a walk leads to, and the sentence with which it ended.
+
+    Parameters
+    ----------
+    generator, progress
+        the walk, and what is called with each orbit as it is found.
+
+    Returns
+    -------
+    (orbits, sentence).
 
     Examples
     --------
@@ -326,6 +337,8 @@ def walk_to_end(generator: Generator[Any, None, str]) -> tuple[list[Any], str]:
     while True:
         try:
             found.append(next(generator))
+            if progress is not None:
+                progress(found[-1])
         except StopIteration as end:
             return found, str(end.value or "")
         except NoOrbit as error:

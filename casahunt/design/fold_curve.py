@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -75,7 +74,7 @@ class FoldPoint(Result):
         it is the smallest, 0 at a cusp.
     status : as everywhere.
     turns : whether the curve turns back in q here: a cusp.
-    how : "batch" where it was computed together with others (special_charts.py); "followed" where step by step, and
+    how : "batch" where it was computed together with others (folds_ahead.py); "followed" where step by step, and
         confirmed alone.
     """
 
@@ -281,15 +280,7 @@ class _FoldCurveTask:
 
     def along(self, orbit: Any, sense: float) -> Specials:
         """The folds from one on, itself the first; that raises NoOrbit where there is no way on."""
-
-        def again(c: float) -> Any:
-            with suppress(NoOrbit):
-                return self.fold(c)
-            return None
-
-        return special_walk(
-            orbit, self.fold_in, self.axis, sense=sense, options=self.options, spacing=self.spacing, again=again
-        )
+        return special_walk(orbit, self.fold_in, self.axis, sense=sense, options=self.options, spacing=self.spacing)
 
     def point(self, special: SpecialOrbit) -> FoldPoint:
         """A place of the curve as a point of the result."""

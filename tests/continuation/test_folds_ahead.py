@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from casahunt import NoOrbit, Options, Servo
-from casahunt.continuation import special_charts as folds_ahead
+from casahunt.continuation import folds_ahead
 from casahunt.design.fold_curve import FoldCurve, fold_curve
 from casahunt.errors import Status
 

@@ -5,18 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from curve_support import Known
 
-from casahunt import Options
-from casahunt.continuation import two_parameters
 from casahunt.continuation.plane_curve import LOCATED, Evaluation, PlanePoint, follow_curve, tangent_at
-from casahunt.continuation.special_charts import SpecialOrbit
-from casahunt.continuation.special_points import FOLD
-from casahunt.continuation.walk import walk_to_end
 
 ANGLE = 0.35
 """Between successive tangents, at which steps stay as they are [rad]."""
@@ -289,41 +283,3 @@ def test_where_phi_ends_the_curve_ends():
     places, ended = followed(Ending(0.0, 0.0, lambda s, c: s - c**2))
     assert ended == "nothing there"
     assert 0.45 < places[-1].chart.position < 0.5
-
-
-@pytest.mark.parametrize("same", [True, False])
-def test_a_curve_that_is_lost_is_taken_up_by_another_way(monkeypatch, same):
-    """Nothing is computed for c in 0.48 to 0.525: what lies beyond comes from elsewhere, if the curve is the same."""
-
-    class Gap(Known):
-        task = SimpleNamespace(monitor=FOLD, options=Options())
-        sheet = SimpleNamespace(agrees=lambda _: same)
-
-        def value(self, s: float, m: float) -> Evaluation | str:
-            return "nothing there" if 0.48 < self.position + m < 0.525 else super().value(s, m)
-
-        @property
-        def gradient(self) -> tuple[float, float]:
-            return 1.0, -0.5
-
-        @property
-        def special(self) -> SpecialOrbit:
-            return SpecialOrbit(self.position, 1e-9, 0.5, -1.0)
-
-    def phi(s: float, c: float) -> float:
-        return s - c / 2
-
-    asked: list[float] = []
-
-    def again(c: float) -> float:
-        asked.append(c)
-        return c
-
-    # The charts are of a curve in closed form: there is nothing to expand, and no orbit to make a chart of.
-    monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
-    monkeypatch.setattr(two_parameters, "special_chart", lambda task, at, sheet, m: Gap(at.data / 2, at.data, phi))
-    places, why = walk_to_end(two_parameters.special_orbits(Gap(0.0, 0.0, phi), sense=1.0, again=again))
-    c = np.array([place.orbit for place in places])
-    assert len(asked) == 1 and 0.525 < asked[0] <= 0.53
-    assert (c[-1] == 1.0 and why == "" and asked[0] in c) if same else (0.47 < c[-1] <= 0.48 and why == "nothing there")
-    assert (np.diff(c) > 0).all()

@@ -15,11 +15,11 @@ from casahunt import InputError, NoOrbit
 from casahunt.continuation import SpecialPoint, follow, special_curve, two_parameters, user_monitor
 from casahunt.continuation.bifurcations import FLIP, NEIMARK_SACKER
 from casahunt.continuation.plane_curve import Evaluation
-from casahunt.continuation.sheet import Axis, Sheet, sheet_of
-from casahunt.continuation.special_charts import ChartSetting, SpecialChart, not_what_it_is_called
 from casahunt.continuation.special_points import FOLD
+from casahunt.continuation.surface import Axis, Place, Sought, not_what_it_is_called, place_of
 from casahunt.hybrid import Mode, System
 from casahunt.orbits import Options, find_cycle
+from casahunt.orbits.orbit import unknowns_of
 from problems import bouncing_ball, rossler
 
 TIGHT = Options(tol=1e-9)
@@ -312,18 +312,30 @@ def test_special_points_are_what_they_are_called(monitor, orbit, words):
     assert words in said and bool(said) == bool(words)
 
 
+def beside(fold, monitor=FOLD) -> Place:
+    """The place of the ball's fold on the surface over a and e."""
+    return place_of(Sought(monitor, "a", Axis("e", 0.8, 0.5), TIGHT, 0.1), fold.orbit, 0.0)
+
+
 def test_a_change_of_the_phases_ends_a_curve(ball):
-    fold = ball["fold"].orbit
-    sheet = sheet_of(fold, "a", Axis("e", 0.8, 0.5), 0.0, options=TIGHT, spacing=0.1, like=None)
-
-    class Elsewhere(Sheet):
+    class Elsewhere(Place):
         def orbit_at(self, s, m):
-            return replace(fold, arcs=(*fold.arcs, *fold.arcs))
+            return replace(self.orbit, arcs=(*self.orbit.arcs, *self.orbit.arcs))
 
-    other = Elsewhere(*(getattr(sheet, name) for name in Sheet.__dataclass_fields__))
-    chart = SpecialChart(ChartSetting(FLIP, TIGHT, lambda orbit: orbit), other)
-    assert "phases of the cycle change" in chart.value(0.1, 0.0)
-    assert isinstance(replace(chart, sheet=sheet).value(0.0, 0.0), Evaluation)
+    place = beside(ball["fold"], FLIP)
+    other = Elsewhere(*(getattr(place, name) for name in Place.__dataclass_fields__))
+    assert "phases of the cycle change" in other.value(0.1, 0.0)
+    assert isinstance(place.value(0.0, 0.0), Evaluation)
+
+
+def test_the_tangent_plane_of_the_surface(ball):
+    """Cycles beside it in e, corrected, against u_m; da/dc of the closed form against lambda_m."""
+    place = beside(ball["fold"])
+    _, by_e, _ = fold_and_slope(0.8, 20.0)
+    assert place.steepness * place.orbit.problem.unit("a") == pytest.approx(by_e * (0.5 - 0.8), rel=1e-7)
+    h = 1e-4
+    there, back = (unknowns_of(place.orbit_at(0.0, m))[1] for m in (h, -h))
+    np.testing.assert_allclose((there - back) / (2 * h), place.tilt, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -341,15 +353,14 @@ def test_a_wide_range_is_spread_over_its_logarithm(start, end, middle):
 
 
 def test_another_part_of_the_surface_is_seen(ball):
-    """The slopes on both sides explain the growth of the parameter, or the corrector went somewhere else."""
-    sheet = sheet_of(ball["fold"].orbit, "a", Axis("e", 0.8, 0.5), 0.0, options=TIGHT, spacing=0.1, like=None)
-    steep = replace(sheet, steepness=2.0)
-    a = sheet.orbit.problem.value("a")
+    """The slopes on both sides explain the change of the parameter, or the corrector went somewhere else."""
+    steep = replace(beside(ball["fold"]), steepness=2.0)
+    problem = steep.orbit.problem
+    a = problem.value("a")
 
-    def moved(growth):
-        unit = sheet.orbit.problem.unit("a")
-        problem = sheet.orbit.problem.with_value("a", a + growth * unit)
-        return replace(steep, orbit=replace(sheet.orbit, problem=problem), position=0.1)
+    def moved(change):
+        there = replace(steep.orbit, problem=problem.with_value("a", a + change * problem.unit("a")))
+        return replace(steep, orbit=there, position=0.1)
 
     assert steep.agrees(moved(0.2)) and not steep.agrees(moved(0.3)) and not steep.agrees(moved(0.1))
 
@@ -357,16 +368,15 @@ def test_another_part_of_the_surface_is_seen(ball):
 def test_a_special_point_is_sought_next_to_the_given_one(ball):
     """From a cycle beside the fold the curve begins at the fold."""
     fold = ball["fold"]
-    sheet = sheet_of(fold.orbit, "a", Axis("e", 0.8, 0.5), 0.0, options=TIGHT, spacing=0.1, like=None)
-    beside = SpecialPoint("fold", sheet.orbit_at(0.01, 0.0), "")
-    curve = special_curve(beside, "a", "e", to=0.7, options=TIGHT, points=3)
+    near = SpecialPoint("fold", beside(fold).orbit_at(0.01, 0.0), "")
+    curve = special_curve(near, "a", "e", to=0.7, options=TIGHT, points=3)
     assert curve.values[0, 0] == pytest.approx(fold.orbit.problem.value("a"), rel=1e-11)
 
 
 def test_next_to_a_fold_the_parameter_moves_where_the_states_hardly_do(ball):
     """a = fold/cos(phi) on the branch: 1e-5 beside the fold Newton's step is nothing in the states, 1e-10 in a."""
-    sheet = sheet_of(ball["fold"].orbit, "a", Axis("e", 0.8, 0.5), 0.0, options=TIGHT, spacing=0.1, like=None)
+    place = beside(ball["fold"])
     for s in (1e-5, -3e-5, 1e-4):
-        beside = sheet.orbit_at(s, 0.0)
-        phi = 2 * math.pi * beside.arcs[0].states[0, 0, 2]
-        assert beside.problem.value("a") == pytest.approx(fold_and_slope(0.8, 20.0)[0] / math.cos(phi), rel=1e-10)
+        orbit = place.orbit_at(s, 0.0)
+        phi = 2 * math.pi * orbit.arcs[0].states[0, 0, 2]
+        assert orbit.problem.value("a") == pytest.approx(fold_and_slope(0.8, 20.0)[0] / math.cos(phi), rel=1e-10)

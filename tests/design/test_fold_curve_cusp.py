@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from curve_support import Known
 
-from casahunt import NoOrbit, Options, Servo
+from casahunt import NoOrbit, Servo
 from casahunt.continuation import two_parameters
-from casahunt.continuation.sheet import Axis
-from casahunt.continuation.special_charts import SpecialOrbit
 from casahunt.continuation.special_points import FOLD
+from casahunt.continuation.surface import Axis, SpecialOrbit
 from casahunt.design.fold_curve import FoldPoint, fold_curve
 from casahunt.errors import Status
 
@@ -30,7 +29,7 @@ def test_a_curve_goes_round_a_cusp(monkeypatch, first):
     class Turning(Known):
         """Charts that carry the fold there, as those of a servo do."""
 
-        sheet, task = None, SimpleNamespace(monitor=FOLD, options=Options())
+        sought = SimpleNamespace(monitor=FOLD, axis=axis)
 
         @property
         def special(self) -> SpecialOrbit:
@@ -38,7 +37,10 @@ def test_a_curve_goes_round_a_cusp(monkeypatch, first):
             orbit = SimpleNamespace(s=self.s, problem=problem, error_estimate=0.0, status=Status.CONVERGED)
             return SpecialOrbit(orbit, 1e-9, 0.0, 6 * self.s)
 
-    def again(_: object, orbit: Any, __: object, ___: object, position: float, *____: object) -> Turning:
+        def confirmed(self) -> Turning:
+            return self
+
+    def place(_: object, orbit: Any, position: float) -> Turning:
         return Turning(orbit.s, position, phi)
 
     def fold(_: object, c: float) -> Any:
@@ -48,7 +50,7 @@ def test_a_curve_goes_round_a_cusp(monkeypatch, first):
 
     # No servo is known to have a cusp: charts of one in closed form stand for those of its folds.
     monkeypatch.setattr(two_parameters, "folds_ahead", lambda *_: iter(()))
-    monkeypatch.setattr(two_parameters, "chart_at", again)
+    monkeypatch.setattr(two_parameters, "place_of", place)
     monkeypatch.setattr("casahunt.design.fold_curve._FoldCurveTask.fold", fold)
 
     seen: list[FoldPoint] = []
