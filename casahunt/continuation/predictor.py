@@ -279,13 +279,13 @@ def unknowns(t: Transcription, z: Array, here: Array, sign: float) -> tuple[Arra
 
 
 def straight(here: RelativePoint, sign: float) -> Bend:
-    """The tangent alone.
+    """The tangent alone, on the mesh as it is.
 
     here, sign: as in `bent`.
     """
-    drift = here.drift
-    z = logarithms(_moving(here, drift), sign, alive(here.t, here.u))
-    return Bend(z, np.empty((0, z.value.size)), np.log(here.fractions), drift)
+    z = logarithms(here, sign, alive(here.t, here.u))
+    lengths = np.log(here.fractions)
+    return Bend(z, np.empty((0, z.value.size)), lengths, np.zeros_like(lengths))
 
 
 def bent(here: RelativePoint, there: RelativePoint, sign: float) -> Bend:

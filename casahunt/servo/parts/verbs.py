@@ -47,8 +47,8 @@ WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 following a cycle to another gain, five seconds of a processor or less."""
 BESIDE_A_FOLD, OF_ITS_AMPLITUDE = 0.01, (2.0, 1.0, 0.5)
 """How far beyond a fold other hunting is looked for, and from where motions start at rest there."""
-MOST_CYCLES_TO_A_FOLD = 600
-"""Cycles on the way to a fold: where slips creep for long before they jump, half of them lie within a per cent of it."""
+MOST_CYCLES_TO_A_FOLD = 1000
+"""Cycles on the way to a fold: where slips creep for long before they jump, half of them lie within 1 % of it."""
 FAR_UP, FARTHEST_FOLD = 1e3, 1e6
 """A parameter that hunting does not end in is followed to so many times its value; the gain, where its fold is looked
 for, to so many times or that part: where hunting ends nowhere, as with too much of a feedforward, it becomes ever
