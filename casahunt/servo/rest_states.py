@@ -1,6 +1,6 @@
 """The states at which a loop of parts can stand still for ever: corners of polytopes, one or more for each mode.
 
-    A x + b = 0     all rates, and the velocities           x = x0 + N y,   d = dim y
+    A x + b = 0     rates of what is felt, velocities       x = x0 + N y,   d = dim y
     G x <= h        no part leaves its mode                 at a corner d of these hold with equality
 
 Bristles rest where rigid friction sticks, bent by z = F/sigma0.  A row of G is an event that is affine, or the square
@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -105,7 +106,9 @@ def _polytopes(loop: Loop, parts: Parts, modes: Modes) -> tuple[list[Array], int
     at, still = ca.vertcat(*_values(x)), ca.vertcat(*[getattr(x, name) for name in VELOCITIES if hasattr(x, name)])
     nothing = ca.DM.zeros(still.numel())
     rates, signals = wiring.field(x, p), Signals(wiring, x, p)
-    equations = ca.vertcat(*[ca.substitute(ca.SX(rate), still, nothing) for rate in rates.values()], still)
+    ends = [wiring.value(edge.function, mode.sign, x, p) for mode in modes for edge in mode.ends]
+    felt = _felt(x, rates, ca.vertcat(signals.torque, signals.pull, *ends))
+    equations = ca.vertcat(*[ca.substitute(ca.SX(rates[name]), still, nothing) for name in felt], still)
     A, b = _affine(equations, at, "its rates are")
     size = np.linalg.norm(A, axis=1)
     size[size == 0] = 1.0
@@ -123,6 +126,14 @@ def _polytopes(loop: Loop, parts: Parts, modes: Modes) -> tuple[list[Array], int
         corners = _corners(G @ N, h - G @ x0)
         found.append([_state(loop, parts, x0 + N @ y, N @ outward, told) for y, outward in corners])
     return [np.array(corners) for corners in found if corners], N.shape[1]
+
+
+def _felt(x: SimpleNamespace, rates: Mapping[str, Any], told: ca.SX) -> list[str]:
+    """The states that something depends on, by way of others or not: an integral of which nothing is taken is none."""
+    felt = ca.SX(told)
+    for _ in rates:
+        felt = ca.vertcat(told, *[rates[name] for name, state in vars(x).items() if ca.depends_on(felt, state)])
+    return [name for name, state in vars(x).items() if ca.depends_on(felt, state)]
 
 
 def _state(loop: Loop, parts: Parts, corner: Array, outward: Array, told: ca.Function) -> Array:

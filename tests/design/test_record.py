@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from casahunt import InputError, Record, Servo, cli, measure, simulate
+from casahunt import InputError, Record, Servo, cli, find_orbit, measure, simulate
 from casahunt.design.record.file import read_record
+from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_GAINS, Loop
 from casahunt.views.commands import record as record_command
 
 KEYS = {
@@ -376,3 +377,13 @@ def test_a_file_its_samples_and_a_motion_are_measured_alike(tmp_path):
         measure(record, time_unit="ms")
     with pytest.raises(InputError, match="no such file"):
         measure(tmp_path / "none.csv")
+
+
+def test_lopsided_hunting_is_predicted_as_it_is_measured():
+    """Half of its swing, as a motion that settles on it has it, and not its farther end from the set point."""
+    loop = Loop((INERTIA, BY_DIRECTION, PID_BY_GAINS, INTEGRATOR), {"static_back": 0.47})
+    orbit, motion = find_orbit(loop), simulate(loop, time=300.0)
+    x = motion.states[0][motion.times > 250.0]
+    swing = (x.max() - x.min()) / 2
+    assert record_command.half_swing(orbit) == pytest.approx(swing, rel=1e-5)
+    assert orbit.amplitude == pytest.approx(max(x.max(), -x.min()), rel=1e-5) and orbit.amplitude > 1.01 * swing

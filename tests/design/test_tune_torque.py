@@ -7,10 +7,10 @@ import math
 import pytest
 from command_line import one_json, run
 
-from casahunt import Demands, InputError, NoOrbit, Options, Servo, Uncertainty, find_fold, tune
+from casahunt import Demands, InputError, NoOrbit, Options, Servo, Uncertainty, find_fold, simulate, tune
 from casahunt.design.tune.best_gain import Given
 from casahunt.design.tune.check import verified
-from casahunt.servo.parts import loop_of, series
+from casahunt.servo.parts import LOADS, loop_of, series
 
 STEP, KP, MOTOR = 1.0, 2.0, 16.0
 """The largest step of the tasks [rad]; Table 1's: kp of the controller at K = 1, motor gain [N m/V]."""
@@ -54,6 +54,16 @@ def test_a_lead_makes_the_first_torque_larger_and_a_low_pass_does_not_hide_it():
     most = given(Demands(max_torque=30.0))
     assert most.first_torque(lead) == pytest.approx(8 * MOTOR * KP * STEP, rel=1e-12)
     assert most.first_torque(plain.with_parts(series("low-pass"))) == pytest.approx(MOTOR * KP * STEP, rel=1e-12)
+
+
+@pytest.mark.parametrize("load", [-8.42, -2.69, 2.6])
+def test_a_load_is_not_multiplied_by_the_gain(load):
+    """A step begins with kp times the step, as `simulate` counts it, whatever the integral will have to carry."""
+    axis = loop_of(Servo(), "switch", 1.0).with_parts(LOADS, load_torque=load)
+    most = given(Demands(max_torque=30.0))
+    assert most.largest_gain(axis) == pytest.approx(30 / (MOTOR * KP * STEP), rel=1e-12)
+    motion = simulate(axis, None, most.largest_gain(axis), time=1e-3)
+    assert motion.peak_torque == pytest.approx(30.0, rel=1e-9)
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from casahunt.servo.equilibria import equilibria
 from casahunt.servo.gains import lowest_stable_gain
 from casahunt.servo.linear.linear_loop import linear_loop
 from casahunt.servo.parts import (
+    BY_DIRECTION,
     DEAD_BAND,
     FREEZE,
     INERTIA,
@@ -20,6 +21,7 @@ from casahunt.servo.parts import (
     LOAD_SWITCH,
     LOADS,
     LUGRE,
+    PID_BY_GAINS,
     PID_BY_TIMES,
     REMEDIES,
     SWITCH,
@@ -203,3 +205,13 @@ def test_a_motion_that_starts_between_the_corners_stays_there(values):
                 seen = simulate(servo, set_point=0.0, time=50.0, start=start)
                 moved = np.ptp(seen.states, axis=1).max()
                 assert moved < 1e-12 if stays else moved > 1e-9, (rests.mode, corner, part)
+
+
+def test_without_an_integral_it_rests_as_far_as_friction_holds_the_error():
+    """kp |x1| <= Fs of each direction: nothing is taken of the integral, so that it may grow."""
+    numbers = {"motor_gain": 1.0, "gain": 1.0, "kp": 2.0, "kd": 0.1, "static": 0.6, "static_back": 0.5}
+    found = equilibria(Loop((INERTIA, BY_DIRECTION, PID_BY_GAINS, INTEGRATOR), numbers | {"ki": 0.0}))
+    assert found.ranges["x1"] == pytest.approx((-0.6 / 2, 0.5 / 2), rel=1e-12)
+    assert found.ranges["torque"] == pytest.approx((-0.5, 0.6), rel=1e-12) and found.ranges["x3"][1] == np.inf
+    wound_up = equilibria(Loop((INERTIA, BY_DIRECTION, PID_BY_GAINS, INTEGRATOR), numbers | {"ki": 4.0}))
+    assert wound_up.ranges["x1"] == (0.0, 0.0) and wound_up.ranges["x3"] == pytest.approx((-0.6 / 4, 0.5 / 4))

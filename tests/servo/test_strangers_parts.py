@@ -102,7 +102,7 @@ def test_a_drive_runs_a_controller_by_its_own_rule():
     T, v, n = 1e-3, 0.7, 25
     loop = LOOPS["observing PI"].replace(forgetting_time=4e-3)
     moved = simulate_sampled(
-        loop.replace(gain=1e-12, static=0.0, coulomb=0.0, viscous=0.0), drive=Drive(sample_time=T), time=n * T,
+        loop.replace(gain=1e-12, static=1e-12, coulomb=0.0, viscous=0.0), drive=Drive(sample_time=T), time=n * T,
         set_point=0.0, position=0.1, velocity=v,
     )  # fmt: skip
     seen = moved.states[moved.names.index("rate_seen")]

@@ -216,6 +216,12 @@ def test_a_motion_with_a_remedy_that_the_file_has_not(capsys, loop_file):
     assert given["verdict"] == with_it["verdict"] != without["verdict"]
 
 
+def test_the_gain_is_set_as_any_other_number(capsys, loop_file):
+    asked = [("--gain", 2), ("--set", "gain=2")]
+    given, set_ = (one_json(run(capsys, "loop", loop_file(), *words, "--json")[1])["loops"] for words in asked)
+    assert given[0]["gain"] == set_[0]["gain"] == 2 and given[0]["poles"] == set_[0]["poles"]
+
+
 CURVE = "fold-curve", "--from", 0.5, "--to", 0.6
 REFUSED = [
     (("orbit", "--gain", 1, "--model", "switch"), "model: must be left out, the friction of a loop is one of"),

@@ -70,7 +70,7 @@ def remedies(
     model: Model | None = None,
     gain: float | None = None,
     *,
-    only: Sequence[str | Remedy] = (),
+    only: str | Sequence[str | Remedy] = (),
     max_error: float | None = None,
     max_torque: float | None = None,
     margin: float = MARGIN_TO_CHOOSE,
@@ -89,8 +89,8 @@ def remedies(
         the servo, its friction model (default "switch") and gain K > 0 [V/rad] (default 1); or a loop of parts, which
         says both itself.
     only
-        the remedies that are looked at, by name, or remedies of one's own; default all that there are.  Of one that
-        does not go with the loop its row says why.
+        the remedies that are looked at, or the only one, by name, or remedies of one's own; default all that there
+        are.  Of one that does not go with the loop its row says why.
     max_error, max_torque
         demands: largest error at rest [rad], largest torque on the step [N m].
     margin
@@ -124,7 +124,8 @@ def remedies(
     >>> round(table.remedies[0].size, 8)  # rad
     0.04334572
     """
-    wanted = [each if isinstance(each, Remedy) else remedy_name(each) for each in only] or list(REMEDY_NAMES)
+    each_only = [only] if isinstance(only, str) else only
+    wanted = [each if isinstance(each, Remedy) else remedy_name(each) for each in each_only] or list(REMEDY_NAMES)
     error = None if max_error is None else require("max_error", max_error, above=0)
     torque = math.inf if max_torque is None else require("max_torque", max_torque, above=0)
     require("margin", margin, above=0, at_most=LARGER_SIZES[-1])

@@ -178,15 +178,16 @@ def cost_of(cost: str, servo: Servo | Loop, gain: float) -> float:
 
 
 def at_the_start(servo: Servo | Loop, signal: str, position: float) -> float:
-    """A signal of a servo of gain 1 V/rad that stands still beside its set point [rad].
+    """A signal of a servo of gain 1 V/rad that stands still beside its set point [rad], with nothing wound up.
 
-    Raises InputError: no part gives it.
+    At another gain it is so many times as large, which is not so of what carries a load.  Raises InputError: no part
+    gives it.
     """
     one = loop_asked(servo, None, 1.0, usual="switch")
     if signal not in UNGIVEN and not any(signal in part.gives for part in one.present):
         parts = " and ".join(repr(part.name) for part in one.present if "demand" in part.gives)
         raise InputError(f"{signal}: {parts or 'no part'} gives none, so that nothing can be said of it")
-    start = one.at_rest(position)
+    start = one.settled(dict.fromkeys(one.angles, position))
     return float(one.signal(signal, one.mode_at(**start), np.array(list(start.values()))[:, None])[0])
 
 

@@ -11,13 +11,11 @@ drive likewise: v_k = (d_k - d_(k-1))/T, and the sum of T v is d.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from ...checks import SMALLEST
 from ..controller import torque_gains_of
 from .filtered_derivative import lagging
-from .part import Part
+from .part import ABOVE_ZERO, Part
 from .pid import pid_of
 
 
@@ -31,11 +29,11 @@ P_PI = Part(
     "cascade P-PI", (),
     {"motor_gain": 16.0, "position_gain": 6.283185307179586, "velocity_gain": 0.15915494309189535,
      "reset_time": 0.15915494309189535, "gain": 0.04},
-    gives=pid_of(_gains),
+    ranges={"reset_time": ABOVE_ZERO}, gives=pid_of(_gains),
 )  # fmt: skip
 """Kp [1/s], Kv [s], Tn [s]: at Kp = 1/tau_i, Kv = tau_d, Tn = tau_d the PID by times with tau_d = tau_i."""
 P_PI_FILTERED = lagging(Part(
     "cascade P-PI, velocity filtered", (), {**P_PI.parameters, "velocity_filter": 1e-3},
-    ranges={"velocity_filter": (SMALLEST, math.inf)}, gives=pid_of(lambda p: _gains(p, p.velocity_filter)),
+    ranges={**P_PI.ranges, "velocity_filter": ABOVE_ZERO}, gives=pid_of(lambda p: _gains(p, p.velocity_filter)),
 ), lambda x, s, p: p.velocity_filter)  # fmt: skip
 """The same with the time Tf [s] of a filter of the velocity."""

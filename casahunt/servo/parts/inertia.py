@@ -7,10 +7,10 @@ While the friction sticks (`moving` = 0) nothing of the inertia moves.
 
 from __future__ import annotations
 
-from .part import Law, Part, PartMode
+from .part import ABOVE_ZERO, Law, Part, PartMode
 
 INERTIA = Part(
-    "one inertia", ("x1", "x2"), {"inertia": 0.026}, angles=("x1",),
+    "one inertia", ("x1", "x2"), {"inertia": 0.026}, angles=("x1",), ranges={"inertia": ABOVE_ZERO},
     gives={
         "motor_angle": lambda x, s, p: x.x1,
         "motor_rate": lambda x, s, p: x.x2,

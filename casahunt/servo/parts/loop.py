@@ -76,7 +76,7 @@ class Loop:
             low, high = owners[choice_of("parameter", name, owners)].ranges.get(name, (0.0, math.inf))
             if not low <= number(name, value) <= high:
                 allowed = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-                raise InputError(f"{name} = {value:g}: must be {allowed} ({owners[name].name})")
+                raise InputError(f"{self.units.word(name)} = {value:g}: must be {allowed} ({owners[name].name})")
 
     @cached_property
     def present(self) -> tuple[Part, ...]:

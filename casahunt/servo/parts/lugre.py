@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 
 from ..friction import stribeck
-from .part import Edge, Function, Law, Part, PartMode
+from .part import ABOVE_ZERO, Edge, Function, Law, Part, PartMode
 
 WEAK = 1e-8
 """A reversal whose net torque |J v'| is below this part of Fs gets no phase boundary.
@@ -76,6 +76,7 @@ _EITHER = Law(
 LUGRE = Part(
     "LuGre friction", ("x4",),
     {"static": 0.53, "coulomb": 0.44, "stribeck_velocity": 0.02, "viscous": 0.1, "stiffness": 2.2e4, "damping": 7.58},
+    ranges=dict.fromkeys(("static", "coulomb", "stribeck_velocity", "stiffness"), ABOVE_ZERO),
     modes=(
         PartMode("slide+", _SLIDE, (Edge("reversal", _reversal, -1, _after), Edge("centre", _centre, +1, "slide+")), +1,
                  "slide", lambda x, s, p: s.motor_rate > 0 or s.motor_rate == 0 and _strength(x, s, p) >= 0),

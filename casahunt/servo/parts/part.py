@@ -12,6 +12,7 @@ A part is made once, in a module, and compared by identity; numbers are those of
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,10 @@ from importlib import import_module
 from pickle import PicklingError
 from typing import Any
 
+from ...checks import SMALLEST
+
+ABOVE_ZERO = (SMALLEST, math.inf)
+"""The range of a parameter that something is divided by."""
 Function = Callable[[Any, Any, Any], Any]
 """(x, s, p) -> a scalar: states, signals and parameters by name."""
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..controller import torque_gains_of
-from .part import Function, Law, Part, PartMode
+from .part import ABOVE_ZERO, Function, Law, Part, PartMode
 
 
 def pid_of(gains: Callable[[Any], tuple[Any, Any, Any]]) -> dict[str, Function]:
@@ -31,6 +31,7 @@ def pid_of(gains: Callable[[Any], tuple[Any, Any, Any]]) -> dict[str, Function]:
 PID_BY_TIMES = Part(
     "PID by times", (),
     {"motor_gain": 16.0, "lead_time": 1 / (2 * math.pi), "integral_time": 1 / (2 * math.pi), "gain": 0.04},
+    ranges={"integral_time": ABOVE_ZERO},
     gives=pid_of(lambda p: torque_gains_of(p.gain * p.motor_gain, p.lead_time, p.integral_time)),
 )  # fmt: skip
 PID_BY_GAINS = Part(

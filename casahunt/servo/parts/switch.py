@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 
 from ..friction import stribeck
-from .part import Edge, Function, Law, Part, PartMode
+from .part import ABOVE_ZERO, Edge, Function, Law, Part, PartMode
 
 Torque = Callable[[Any, Any], Any]
 """(v, p) -> F of a slip with the sign p.sign."""
@@ -22,7 +22,8 @@ Torque = Callable[[Any, Any], Any]
 
 def switch_friction(
     name: str, parameters: Mapping[str, float], torque: Torque, *, back: str = "static",
-    scale: Callable[[Any], Any] = lambda p: p.stribeck_velocity, at: str = "", **more: Any,
+    scale: Callable[[Any], Any] = lambda p: p.stribeck_velocity, at: str = "",
+    ranges: Mapping[str, tuple[float, float]] | None = None, **more: Any,
 ) -> Part:  # fmt: skip
     """The part of these numbers.
 
@@ -31,6 +32,7 @@ def switch_friction(
     """
     rate, pull = (at or "motor_") + "rate", at + "pull"
     called = at.replace("_", " ")
+    divisors = {at + "static", at + back, at + "stribeck_velocity"} & set(parameters)
 
     def relative(x: Any, s: Any, p: Any) -> Any:
         return getattr(s, rate) / scale(p)
@@ -64,7 +66,7 @@ def switch_friction(
     )  # fmt: skip
     plus, minus = f"{called}slip+", f"{called}slip-"
     return Part(
-        name, (), parameters, **more,
+        name, (), parameters, ranges={**dict.fromkeys(divisors, ABOVE_ZERO), **(ranges or {})}, **more,
         modes=(
             PartMode(plus, slips, (Edge(f"{called}stop", relative, -1, after_stop),), +1, where=starts(+1, forward)),
             PartMode(minus, slips, (Edge(f"{called}stop", relative, +1, after_stop),), -1, where=starts(-1, backward)),

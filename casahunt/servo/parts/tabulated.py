@@ -14,17 +14,16 @@ entries the curve goes on straight, behind the last one never down.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ...checks import SMALLEST, number
+from ...checks import number
 from ...compiled import kept
 from ...errors import InputError
-from .part import Part
+from .part import ABOVE_ZERO, Part
 from .switch import by_sign, switch_friction
 
 Entries = tuple[tuple[float, float], ...]
@@ -132,7 +131,7 @@ def _friction_table(forward: Entries, back: Entries, static: float, static_back:
     return switch_friction(
         "friction table", {"static": static, "static_back": static_back, "friction_scale": 1.0}, torque,
         back="static_back", scale=lambda p: drops[0], made_by=(_again, (forward, back, static, static_back)),
-        ranges=dict.fromkeys(("static", "static_back", "friction_scale"), (SMALLEST, math.inf)),
+        ranges={"friction_scale": ABOVE_ZERO},
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .part import Law, Part, PartMode
+from .part import ABOVE_ZERO, Law, Part, PartMode
 
 
 def _shaft(x: Any, s: Any, p: Any) -> Any:
@@ -24,7 +24,7 @@ def _plant(name: str, load_is_seen: bool) -> Part:
     return Part(
         name, ("x1", "x2", "load_angle", "load_rate"),
         {"inertia": 0.026, "load_inertia": 0.026, "shaft_stiffness": 100.0, "shaft_damping": 0.0, "load_damping": 0.0},
-        angles=("x1", "load_angle"),
+        angles=("x1", "load_angle"), ranges=dict.fromkeys(("inertia", "load_inertia"), ABOVE_ZERO),
         gives={
             "motor_angle": lambda x, s, p: x.x1,
             "motor_rate": lambda x, s, p: x.x2,

@@ -318,7 +318,7 @@ class Asked(argparse.Namespace):
         texts = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
         if gain is None and not isinstance(getattr(self, "gain", None), list | None):  # of records there is a list
             gain = self.at_gain()
-        loop = loop.replace(**numbers_of(texts, loop.units), **({} if gain is None else {"gain": gain}))
+        loop = loop.replace(**numbers_of(texts, loop.units) | ({} if gain is None else {"gain": gain}))
         check_motor_gain(texts, loop.parameters.get("motor_gain", 1.0))
         self.tell_once(of_the_continuous_loop(self.command, tables))
         return loop

@@ -3,7 +3,8 @@
 Keys of the JSON object beside those of the measurement (`Measurement.to_dict`): file; columns, for time and position
 the column read, its unit, the factor to s or rad, and who stated the unit ("header", "option", "nobody": taken as s or
 rad); offset [rad] from the set point; predicted, null or the `to_dict` of the cycle with its frequency and the ratios
-amplitude_ratio and frequency_ratio, measured over predicted; prediction_failed, null or why there is none; suspect,
+amplitude_ratio and frequency_ratio, measured over predicted, of amplitudes that are half of a swing;
+prediction_failed, null or why there is none; suspect,
 null or what to suspect where the frequency is far from the predicted one; clipped, null or that positions are cut off
 at an end; wall_s.
 """
@@ -113,9 +114,14 @@ def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit) -> str:
     return suspicion(orbit, m.period, m.amplitude, m.quantum, step, swings_of(m.shape, m.amplitude), fit)
 
 
+def half_swing(orbit: Orbit) -> float:
+    """Half of top minus bottom of a cycle's position [rad], as a record's amplitude; no lopsided orbit's is."""
+    return orbit.amplitude if orbit.half else float(np.ptp(orbit.sample()[1][orbit.cycle.states.index("x1")])) / 2
+
+
 def _rows(m: Measurement, orbit: Orbit | None) -> list[dict[str, Any]]:
     """What was measured beside what was predicted (NaN for nothing); columns `CSV_COLUMNS`."""
-    amplitude, period = (orbit.amplitude, orbit.period) if orbit else (math.nan, math.nan)
+    amplitude, period = (half_swing(orbit), orbit.period) if orbit else (math.nan, math.nan)
     named = shown().near(m.amplitude, "rad")
     size = [shown().number(x, "rad", named) for x in (m.amplitude, m.amplitude_error, m.amplitude_scatter, amplitude)]
     errors = (orbit.amplitude_error, orbit.period_error) if orbit else (math.nan, math.nan)
@@ -139,7 +145,7 @@ def _lines(
     if known:
         yield from _beside(m, orbit, PLAIN_DIGITS)
     elif orbit:
-        yield f"  predicted: amplitude {angle(orbit.amplitude)}, once in {rhythm(orbit.period)}"
+        yield f"  predicted: amplitude {angle(half_swing(orbit))}, once in {rhythm(orbit.period)}"
     error = m.amplitude_error if known else 0.0
     level = quantity(m.mean_level, "rad", lambda x, e: to_absolute_error(x, e, most=PLAIN_DIGITS), error)
     offset = "" if set_point is None else f", {quantity(m.mean_level - set_point, 'rad', '+.3g')} off the set point"
@@ -211,7 +217,7 @@ def _record(
         predicted = {
             **orbit.to_dict(table=False),
             "frequency": 1 / orbit.period,
-            "amplitude_ratio": m.amplitude / orbit.amplitude,
+            "amplitude_ratio": m.amplitude / half_swing(orbit),
             "frequency_ratio": m.frequency * orbit.period,
         }
     return {

@@ -239,6 +239,12 @@ def test_the_price_of_gain_is_its_torque():
     assert found.peak_voltage == pytest.approx(found.peak_torque / 16)
 
 
+def test_one_name_is_a_list_of_one():
+    assert [row.name for row in remedies(Servo(), "switch", 0.04, only="gain").remedies] == ["gain"]
+    with pytest.raises(InputError, match="unknown remedy 'gain,leak'"):
+        remedies(Servo(), "switch", 0.04, only="gain,leak")
+
+
 @pytest.mark.parametrize(("how", "sentence"), [
     ({"only": ["brake"]}, "unknown remedy 'brake'"), ({"max_error": -1.0}, "max_error"),
     ({"max_torque": math.nan}, "max_torque"), ({"margin": 0.0}, "margin"), ({"margin": math.nan}, "margin"),

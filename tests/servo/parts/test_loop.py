@@ -13,7 +13,7 @@ from peer_support import needs
 from scipy import signal
 from stick_map_support import border
 
-from casahunt import InputError, NoOrbit, Options, Servo, find_fold, find_orbit
+from casahunt import InputError, NoOrbit, Options, Servo, Units, find_fold, find_orbit
 from casahunt.continuation import follow, special_curve
 from casahunt.motion import simulate
 from casahunt.orbits import find_cycle, orbit_ensemble
@@ -35,11 +35,12 @@ from casahunt.servo.parts.part import Part
 from casahunt.servo.parts.pid import INTEGRATOR, PID_BY_GAINS, PID_BY_TIMES
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.reset import RESET_AT_CENTRE, RESET_AT_STOP, RESET_AT_ZERO
-from casahunt.servo.parts.switch import BY_DIRECTION, SWITCH
+from casahunt.servo.parts.switch import BY_DIRECTION, LOAD_SWITCH, NO_FRICTION, SWITCH
 from casahunt.servo.parts.table import remedy_of, with_remedy
 from casahunt.servo.parts.torque_limit import BACK_CALCULATION, CLAMPING, TORQUE_LIMIT
 from casahunt.servo.parts.two_masses import TWO_MASSES, TWO_MASSES_LOAD_SEEN
 from casahunt.servo.parts.verbs import fold_in, loop_cycle
+from casahunt.servo.parts.with_exponent import WITH_EXPONENT
 
 PLAIN = (INERTIA, SWITCH, PID_BY_GAINS, INTEGRATOR)
 
@@ -253,6 +254,22 @@ def test_values_out_of_range(part, values, sentence):
     with pytest.raises(InputError, match=sentence):
         Loop((*PLAIN, part), values)
     assert Loop((*PLAIN, LOADS), {"load_torque": -0.2}).value("load_torque") == -0.2  # what may have either sign
+
+
+@pytest.mark.parametrize(("parts", "names"), [
+    ((INERTIA, SWITCH, PID_BY_TIMES), ("inertia", "static", "stribeck_velocity", "integral_time")),
+    ((TWO_MASSES, BY_DIRECTION, P_PI), ("load_inertia", "static_back", "reset_time")),
+    ((TWO_MASSES_LOAD_SEEN, NO_FRICTION, LOAD_SWITCH, P_PI_FILTERED),
+     ("load_static", "load_stribeck_velocity", "reset_time", "velocity_filter")),
+    ((INERTIA, LUGRE, PID_BY_GAINS), ("static", "coulomb", "stiffness")),
+    ((INERTIA, WITH_EXPONENT, PID_BY_GAINS), ("static", "stribeck_exponent")),
+])  # fmt: skip
+def test_what_something_is_divided_by_is_above_zero(parts, names):
+    """F = m a has no solution at m = 0, a relative velocity none at v_s = 0, and so on: refused by name, at once."""
+    loop = Loop((*parts, INTEGRATOR), units=Units("linear", "mm"))
+    for name in names:
+        with pytest.raises(InputError, match=f"^{name.replace('inertia', 'mass')} = 0: must be "):
+            loop.replace(**{name: 0.0})
 
 
 @pytest.mark.parametrize(("part", "sentence"), [
