@@ -164,7 +164,8 @@ def _met(
     where = f"{way} from {here:.6g}" if math.isinf(to) else f"between {here:.6g} and {to:.6g}"
     why = "; ".join([branch.ended, *(missed.meaning for missed in branch.missed)])
     why += left_by_motions(branch.orbits, vary)
-    raise NoOrbit(f"{title} has no {word} {vary} on this branch {where}: {why}", Status.NOT_FOUND)
+    status = Status.NOT_CONVERGED if branch.end.kind == "points" else Status.NOT_FOUND
+    raise NoOrbit(f"{title} has no {word} {vary} on this branch {where}: {why}", status)
 
 
 def left_by_motions(orbits: Sequence[Orbit], vary: str) -> str:
