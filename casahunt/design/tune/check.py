@@ -30,11 +30,11 @@ from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import Scan, scan
 from ...servo.find_orbit import find_orbit
-from ...servo.friction import Model
+from ...servo.friction import Model, pairs_of
 from ...servo.linear.margins import Margins, margins
 from ...servo.simulate import simulate
 from ..ensemble import folds_of
-from ..nearby import AnyFold, are_servos, fold_beside, pairs_of, said, servo_at
+from ..nearby import AnyFold, are_servos, fold_beside, said, servo_at
 from ..uncertainty.set import Uncertainty
 from .best_gain import Answer, Given
 from .demands import DEMANDS, Demands, log_numbers, silent
