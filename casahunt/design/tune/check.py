@@ -24,6 +24,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ... import effort
+from ...axis_units import quantity
 from ...errors import ComesToRest, NoOrbit
 from ...results import Result
 from ...servo.event_map.fixed_points import fixed_points
@@ -356,7 +357,7 @@ def scanned(servo: Any, model: Model | None, gain: float, tell: Callable[[str], 
             return str(rests).partition(": ")[2], "clear"
         except NoOrbit as other:
             return str(other), "open" if other.status is not None else "clear"
-        return f"a cycle of {orbit.amplitude:.4g} rad and {orbit.period:.4g} s was found", "cycle"
+        return f"a cycle of {quantity(orbit.amplitude, 'rad', '.4g')} and {orbit.period:.4g} s was found", "cycle"
     if model == "switch":
         found = fixed_points(servo, gain, report=lambda n, a: tell(f"verifying: {n} motions of the event map"))
         grows = any(abs(point.position) >= point.start for point in found.points)
