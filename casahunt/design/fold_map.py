@@ -33,7 +33,7 @@ from ..results import Result
 from ..servo.friction import Model
 from ..servo.parts.loop import Loop
 from ..servo.servo import Servo
-from .nearby import AnyFold, are_servos, check_asked, fold_near, known_fold, servo_at, values_of, vectors
+from .nearby import AnyFold, are_servos, check_asked, fold_near, known_fold, one_value, servo_at, values_of, vectors
 
 Array = np.ndarray
 
@@ -276,7 +276,7 @@ def _checked(servo: Servo | Loop, names: tuple[str, str], values: tuple[Array, A
         axes.append(axis)
     for q in (0, -1):
         if not any(_is_servo(servo, names, _pair((axes[0], axes[1]), (q, r))) for r in (0, -1)):
-            servo_at(servo, names[:1], axes[0][[q]])  # says what is wrong with it, where that is the value alone
+            one_value(servo, names[0], float(axes[0][q]))  # says what is wrong with it, where that is the value alone
     return axes[0], axes[1]
 
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..axis_units import quantity
+from ..checks import LARGEST, SMALLEST
 from ..checks import choice_of as one_of
 from ..continuation import Expansion, expansion
 from ..errors import InputError, NoOrbit, Status
@@ -27,7 +28,7 @@ from ..servo.cold_start import stable_at
 from ..servo.event_map.half_cycle import StickMap
 from ..servo.event_map.scan import scan
 from ..servo.find_fold import find_fold
-from ..servo.friction import MODELS, Model
+from ..servo.friction import MODELS, Model, pairs_of
 from ..servo.parts.loop import Loop
 from ..servo.parts.plain_loop import loop_asked
 from ..servo.parts.table import unit_of
@@ -112,10 +113,15 @@ def servo_at(servo: Any, names: Sequence[str], q: Array) -> Any:
     return servo.replace(**{name: float(value) for name, value in zip(names, q, strict=True)})
 
 
-def pairs_of(servo: Servo | Loop) -> dict[str, str]:
-    """The names of the Coulomb frictions by those of the static ones: of motor, load, and each direction."""
-    pairs = {name: name.replace("static", "coulomb") for name in servo.names if "static" in name}
-    return {static: coulomb for static, coulomb in pairs.items() if coulomb in servo.names}
+def one_value(servo: Servo | Loop, name: str, value: float) -> Any:
+    """The servo with another value, and the friction that leaves it the most room: static high, or Coulomb low.
+
+    Raises InputError: the value alone is none.
+    """
+    pairs = pairs_of(servo)
+    room = {static: {coulomb: SMALLEST} for static, coulomb in pairs.items()}
+    room |= {coulomb: {static: LARGEST} for static, coulomb in pairs.items()}
+    return servo.replace(**{name: value}, **room.get(name, {}))
 
 
 def are_servos(servo: Servo | Loop, names: Sequence[str], rows: Array) -> Array:

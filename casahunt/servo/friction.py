@@ -77,6 +77,12 @@ def stribeck(v: Any, static: Any, coulomb: Any, stribeck_velocity: Any) -> Any:
     return coulomb + (static - coulomb) * ca.exp(-((v / stribeck_velocity) ** 2))
 
 
+def pairs_of(servo: Any) -> dict[str, str]:
+    """The names of the Coulomb frictions by those of the static ones: of motor, load, and each direction."""
+    pairs = {name: name.replace("static", "coulomb") for name in servo.names if "static" in name}
+    return {static: coulomb for static, coulomb in pairs.items() if coulomb in servo.names}
+
+
 def steepest(friction: Friction) -> float:
     """The largest drop -g'(v) of the Stribeck curve [N m s/rad]: at v = vs/sqrt(2)."""
     return math.sqrt(2 / math.e) * (friction.static - friction.coulomb) / friction.stribeck_velocity

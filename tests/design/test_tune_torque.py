@@ -7,9 +7,10 @@ import math
 import pytest
 from command_line import one_json, run
 
-from casahunt import Demands, InputError, NoOrbit, Options, Servo, Uncertainty, find_fold, simulate, tune
+from casahunt import Demands, InputError, NoOrbit, Options, Servo, Uncertainty, find_fold, find_orbit, simulate, tune
+from casahunt.axis_units import Units, shown_in
 from casahunt.design.tune.best_gain import Given
-from casahunt.design.tune.check import verified
+from casahunt.design.tune.check import scanned, verified
 from casahunt.servo.parts import LOADS, loop_of, series
 
 STEP, KP, MOTOR = 1.0, 2.0, 16.0
@@ -109,3 +110,12 @@ def test_what_is_no_torque(capsys, torque):
             Demands(max_torque=torque)
     code, out, err = run(capsys, "tune", "--max-torque", torque)
     assert (code, out) == (2, "") and "max-torque" in err
+
+
+def test_a_cycle_that_speaks_against_it_has_the_units_of_the_axis():
+    """1 m of the axis is 1000 mm in the sentence."""
+    loop = loop_of(Servo(), "switch", 0.4)
+    size = 1000 * find_orbit(loop).amplitude
+    with shown_in(Units("linear", "mm")):
+        sentence, seen = scanned(loop, None, 0.4)
+    assert seen == "cycle" and f"a cycle of {size:.4g} mm and" in sentence

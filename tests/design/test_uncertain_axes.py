@@ -164,7 +164,7 @@ def test_each_static_friction_is_above_its_own_coulomb_friction():
     ({"gain": (0.7, 0.8)}, "unknown parameter 'gain'"),
     ({"dead_band": (0.0, 0.1)}, "unknown parameter 'dead_band'"),
     ({"viscous": (-0.1, 0.1)}, r"viscous = -0.1: must be at least 0"),
-    ({"static": (0.3, 0.5)}, r"static = 0.5: must be at least 0.55, the coulomb"),
+    ({"static": (0.3, 0.5)}, r"static = 0.5: must be at least 0.55 \(coulomb\)"),
 ])  # fmt: skip
 def test_what_no_axis_has_is_refused(belt, intervals, sentence):
     with pytest.raises(InputError, match=sentence):

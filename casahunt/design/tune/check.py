@@ -24,17 +24,18 @@ from typing import Any, Literal
 import numpy as np
 
 from ... import effort
+from ...axis_units import quantity
 from ...errors import ComesToRest, NoOrbit
 from ...results import Result
 from ...servo.event_map.fixed_points import fixed_points
 from ...servo.event_map.half_cycle import StickMap
 from ...servo.event_map.scan import Scan, scan
 from ...servo.find_orbit import find_orbit
-from ...servo.friction import Model
+from ...servo.friction import Model, pairs_of
 from ...servo.linear.margins import Margins, margins
 from ...servo.simulate import simulate
 from ..ensemble import folds_of
-from ..nearby import AnyFold, are_servos, fold_beside, pairs_of, said, servo_at
+from ..nearby import AnyFold, are_servos, fold_beside, said, servo_at
 from ..uncertainty.set import Uncertainty
 from .best_gain import Answer, Given
 from .demands import DEMANDS, Demands, log_numbers, silent
@@ -356,7 +357,7 @@ def scanned(servo: Any, model: Model | None, gain: float, tell: Callable[[str], 
             return str(rests).partition(": ")[2], "clear"
         except NoOrbit as other:
             return str(other), "open" if other.status is not None else "clear"
-        return f"a cycle of {orbit.amplitude:.4g} rad and {orbit.period:.4g} s was found", "cycle"
+        return f"a cycle of {quantity(orbit.amplitude, 'rad', '.4g')} and {orbit.period:.4g} s was found", "cycle"
     if model == "switch":
         found = fixed_points(servo, gain, report=lambda n, a: tell(f"verifying: {n} motions of the event map"))
         grows = any(abs(point.position) >= point.start for point in found.points)

@@ -26,12 +26,13 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import LARGEST, SMALLEST, choice_of, number, of_kind, quoted, require, shown
+from ...checks import LARGEST, choice_of, number, of_kind, quoted, require, shown
 from ...errors import InputError
+from ...servo.friction import pairs_of
 from ...servo.parts.loop import Loop
 from ...servo.servo import Servo, a_servo, read_toml
 from ...servo.units import value_of
-from ..nearby import are_servos, pairs_of, values_of
+from ..nearby import are_servos, one_value, servo_at, values_of
 
 Array = np.ndarray
 
@@ -154,23 +155,16 @@ def check_box(servo: Servo | Loop, uncertainty: Uncertainty) -> None:
     names = uncertainty.parameters
     values_of(servo, names)
     low, high = uncertainty.box(servo)
-    # Each bound on its own, with the friction that leaves it the most room: static high, Coulomb low.
     pairs = pairs_of(servo)
-    room = {static: {coulomb: SMALLEST} for static, coulomb in pairs.items()}
-    room |= {coulomb: {static: LARGEST} for static, coulomb in pairs.items()}
     roomy = np.where([name in pairs for name in names], high, low)
     for name, bounds in zip(names, np.column_stack([low, high]), strict=True):
         for bound in bounds:
             try:
-                servo.replace(**{name: float(bound)}, **room.get(name, {}))
+                one_value(servo, name, float(bound))
             except InputError as error:
                 where = "" if uncertainty.covariance is None else f" (at {uncertainty.sigmas:g} standard deviations)"
                 raise InputError(f"{error}{where}") from None
-    most = servo.replace(**dict(zip(names, roomy.tolist(), strict=True)))
-    if not are_servos(servo, names, roomy[None])[0]:
-        static, coulomb = next(pair for pair in pairs.items() if most.value(pair[0]) < most.value(pair[1]))
-        least = most.value(coulomb)
-        raise InputError(f"{static} = {shown(most.value(static))}: must be at least {shown(least)}, the {coulomb}")
+    servo_at(servo, names, roomy)
 
 
 def part_without_servos(servo: Servo | Loop, uncertainty: Uncertainty) -> str:

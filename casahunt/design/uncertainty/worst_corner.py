@@ -28,7 +28,7 @@ from ...errors import NoOrbit, Status
 from ...orbits import Options
 from ...results import Result
 from ...roots import Bracket
-from ...servo.friction import Model
+from ...servo.friction import Model, pairs_of
 from ...servo.parts.loop import Loop
 from ...servo.servo import Servo
 from ..nearby import (
@@ -39,7 +39,6 @@ from ..nearby import (
     fold_near,
     known_fold,
     nominal_fold,
-    pairs_of,
     said,
     servo_at,
     values_of,

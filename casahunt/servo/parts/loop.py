@@ -18,10 +18,11 @@ import casadi as ca
 import numpy as np
 
 from ...axis_units import Units, carried
-from ...checks import choice_of, number
+from ...checks import choice_of, number, require
 from ...errors import InputError
 from ...hybrid import System
 from ...motion import Motion
+from ..friction import pairs_of
 from .part import Function, Part
 from .product import Modes, mode_name, product_of, wiring_of
 from .wiring import Numbers, Signals
@@ -77,6 +78,9 @@ class Loop:
             if not low <= number(name, value) <= high:
                 allowed = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
                 raise InputError(f"{self.units.word(name)} = {value:g}: must be {allowed} ({owners[name].name})")
+        for static, coulomb in pairs_of(self).items():
+            name = self.units.word(coulomb)
+            require(self.units.word(static), self.value(static), at_least=self.value(coulomb), unit=name)
 
     @cached_property
     def present(self) -> tuple[Part, ...]:

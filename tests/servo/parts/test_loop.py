@@ -272,6 +272,16 @@ def test_what_something_is_divided_by_is_above_zero(parts, names):
             loop.replace(**{name: 0.0})
 
 
+@pytest.mark.parametrize(("parts", "values", "sentence"), [
+    ((INERTIA, SWITCH), {"static": 0.43}, r"^static = 0.43: must be at least 0.44 \(coulomb\)"),
+    ((INERTIA, BY_DIRECTION), {"coulomb_back": 0.6}, r"^static_back = 0.53: must be at least 0.6 \(coulomb_back\)"),
+    ((TWO_MASSES, SWITCH, LOAD_SWITCH), {"load_static": 0.4}, r"^load_static = 0.4: must be .* \(load_coulomb\)"),
+])  # fmt: skip
+def test_friction_that_holds_less_at_rest_than_it_takes_sliding_is_none(parts, values, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Loop((*parts, PID_BY_GAINS, INTEGRATOR), values)
+
+
 @pytest.mark.parametrize(("part", "sentence"), [
     (BACKWARDS, "the signals .*demand.* depend on each other without a state in between"),
     (TWICE, "integrator and second integrator do not go together: both have the state x3"),
