@@ -110,6 +110,18 @@ def test_tables_are_in_the_unit_that_is_asked_for(capsys, tmp_path):
     assert (tmp_path / "python.csv").read_text() == path.read_text()
 
 
+def test_the_table_of_a_fold_curve_is_in_the_unit_that_is_asked_for(capsys):
+    """A ball screw in millimetres: its amplitudes, of SI, 1000 times."""
+    friction = BY_HAND.friction.static
+    asked = "--vary", "friction.static", "--from", str(friction), "--to", str(1.01 * friction), "--points", "2"
+    _, out, _ = run(capsys, "fold-curve", TOML, *asked, "--quiet")
+    lines = out.splitlines()
+    k = next(i for i, line in enumerate(lines) if "amplitude" in line)
+    names, row = lines[k].replace("gain V/m", "gain").replace("period s", "period").split(), lines[k + 1].split()
+    assert names[2:4] == ["amplitude", "mm"]
+    assert float(row[2]) == pytest.approx(1e3 * find_fold(BY_HAND, "switch").orbit.amplitude, rel=1e-3)
+
+
 def test_json_and_results_are_in_si_and_say_so(capsys):
     code, out, _ = run(capsys, "orbit", TOML, "--json", "--quiet")
     found, orbit = one_json(out), find_orbit(load(TOML), "switch", 1.0)

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...axis_units import quantity, shown
+from ...axis_units import label, quantity, shown
 from ...checks import to_error
 from ...design.fold_curve import RANGE_POINTS, FoldCurve, FoldPoint, check_range, fold_curve
 from ...errors import NoOrbit, Status
@@ -140,7 +140,15 @@ class _Desk:
 
 PLAIN_ROW, ROW = "  {:>26s} {:>11s} {:>13s} {:>9s} {:>8s}", "  {:>26s} {:>16s} {:>13s} {:>9s} {:>8s}"
 """A row: the parameter, where hunting ends, amplitude and period there, per cent."""
-HEADINGS = "amplitude rad", "period s", "%"
+
+
+def _headings() -> tuple[str, str, str]:
+    return f"amplitude {label('rad')}", "period s", "%"
+
+
+def _amplitude(point: FoldPoint) -> float:
+    """In the unit in which it is shown."""
+    return float(shown().number(point.orbit.amplitude, "rad"))
 
 
 def _border(curve: FoldCurve) -> str:
@@ -153,9 +161,9 @@ def _plain(curve: FoldCurve) -> Iterator[str]:
     name = called(curve.servo, curve.model)
     yield f"{name}: where hunting ends, at {len(curve.points)} values of {curve.vary}; {curve.ended}"
     yield from parts_of(curve.servo)
-    yield PLAIN_ROW.format(curve.vary, _border(curve), *HEADINGS)
+    yield PLAIN_ROW.format(curve.vary, _border(curve), *_headings())
     for point in curve.points:
-        numbers = (short(x, point.error_estimate) for x in (point.border, point.orbit.amplitude, point.orbit.period))
+        numbers = (short(x, point.error_estimate) for x in (point.border, _amplitude(point), point.orbit.period))
         yield PLAIN_ROW.format(f"{point.value:.6g}", *numbers, sensitivity_text(point.elasticity, 0.0, PLAIN_DECIMALS))
     can = f"{curve.way} to which the {whose} can hunt"
     yield f"  {named(curve.vary)}; {curve.fold_in}: {can}; amplitude and period there;"
@@ -164,11 +172,11 @@ def _plain(curve: FoldCurve) -> Iterator[str]:
 
 def _details(curves: Sequence[FoldCurve], tol: float) -> Iterator[str]:
     for curve in curves:
-        yield ROW.format(curve.vary, _border(curve), *HEADINGS)
+        yield ROW.format(curve.vary, _border(curve), *_headings())
         for point in curve.points:
             numbers = (
                 to_error(value, point.error_estimate, most=most)
-                for value, most in ((point.border, 9), (point.orbit.amplitude, 7), (point.orbit.period, 7))
+                for value, most in ((point.border, 9), (_amplitude(point), 7), (point.orbit.period, 7))
             )
             yield ROW.format(f"{point.value:.9g}", *numbers, sensitivity_text(point.elasticity, tol))
         for point in curve.cusps:
