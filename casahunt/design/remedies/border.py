@@ -43,9 +43,9 @@ BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
 LOSSES = ("symmetry breaking", "flip", "Neimark-Sacker")
 """Special points at which cycles lose their stability and go on."""
 
-SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0)
+SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0, 0.05, 0.01, 0.002)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
-end hunting already."""
+end hunting already; next to the servo's own fold very little does."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
 FINER_FOR_GRAZINGS = 0.1

@@ -57,7 +57,9 @@ def test_bands(name, gain, low, high):
 
 @pytest.mark.parametrize(("name", "gain", "low", "high"), [
     ("leak", 0.1, 0.003, 0.02),
+    ("reset", 0.64, 1.2e-3, 2.2e-3),  # 1 % below the fold of the servo, where very little ends it
     *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("leak", 0.64, 1.2e-3, 2.2e-3),
         ("leak", 0.04, 0.02, 0.04), ("leak", 0.3, 3.815e-3, 4.1e-3), ("reset", 0.04, 5e-4, 0.01),
         ("reset", 0.1, 1e-4, 5e-3),
     )),
