@@ -135,14 +135,17 @@ def _extremum(
 
 def _met(
     orbit: AnyOrbit, vary: str, sense: float, to: float, options: Options, max_points: int,
-    progress: Callable[[AnyOrbit], None] | None,
+    progress: Callable[[AnyOrbit], None] | None, provisional: bool = True,
 ) -> SpecialPoint[AnyOrbit]:  # fmt: skip
-    """The first fold on the way of a parameter up or down, located; the way itself takes less accuracy."""
+    """The first fold on the way of a parameter up or down, located; the way itself takes less accuracy.
+
+    From provisional orbits at first; where the fold is not located from these, from others.
+    """
     here, way = parameter_value(orbit, vary), "up" if sense > 0 else "down"
     if not (to - here) * sense > 0:
         raise InputError(f"{vary} is {here:.6g} at the start: its way {way} cannot end at {to:g}")
     lowest, highest = orbit.problem.range_of(vary)
-    rough = replace(options.rough(), provisional=True)
+    rough = replace(options.rough(), provisional=provisional)
     if not cut_by_planes(orbit):
         orbit, _ = from_strongest(orbit, None, rough)
     branch = follow(
@@ -155,7 +158,12 @@ def _met(
     top = max(branch.orbits[:many], key=lambda each: sense * parameter_value(each, vary))
     beside = top if turned is None and any(missed.kind == FOLD.kind for missed in branch.missed) else turned
     if beside is not None and sense * beside.problem.distance(vary, parameter_value(top, vary)) <= rough.tol:
-        return special_point(FOLD, optimal_beside(beside, vary, finer(options), sense), vary)
+        try:
+            return special_point(FOLD, optimal_beside(beside, vary, finer(options), sense), vary)
+        except NoOrbit:
+            if not provisional:
+                raise
+            return _met(orbit, vary, sense, to, options, max_points, progress, provisional=False)
     word, title = "largest" if sense > 0 else "smallest", orbit.problem.title
     if top is not branch.orbits[-1]:
         at = f"its {word} {vary} = {parameter_value(top, vary):.8g}, about"
