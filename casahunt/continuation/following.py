@@ -293,9 +293,8 @@ def _walked(run: Run[AnyOrbit], steps: Generator[AnyOrbit, None, str], way: Depa
     """How a walk has ended whose orbits the branch has been given.
 
     By an End; by the orbit behind a grazing that it came to; by the Complaint that it has failed by; by a Departure
-    where it is seen better from another phase on; by a _Pause where
-    the first phase is about to vanish, or a cycle that is cut by planes has become small or (`watched`) leaves its
-    plane behind.
+    where it is seen better from another phase on; by a _Pause where the first phase is about to vanish, or a cycle that
+    is cut by planes has become small or (`watched`) leaves its plane behind.
     """
     by_planes = cut_by_planes(run.last)
     largest = np.max([ranges(orbit) for orbit in run.branch.orbits if by_planes], axis=0, initial=0.0)

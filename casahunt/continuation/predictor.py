@@ -172,7 +172,7 @@ class Bend:
     ----------
     here : z and z' at the point.
     coefficients : (k, size + n + 1) c, k = 0 or 2.
-    lengths, drift : (N,) logarithms of the lengths of the intervals and their derivative.
+    lengths, drift : (N,) lengths of the intervals, and derivatives of their logarithms; 0 where the mesh stays.
     """
 
     here: Logarithms
@@ -211,10 +211,12 @@ class Bend:
 
 
 def _stretched(t: Transcription, lengths: Array, by: Array) -> Array:
-    """(N,) lengths of the intervals, from logarithms of their lengths and of what they are stretched by."""
-    f = np.exp(lengths + np.clip(by, -MOST_STRETCHED, MOST_STRETCHED))
+    """(N,) lengths of the intervals, from others and the logarithms of what those are stretched by."""
+    if not by.any():
+        return lengths
+    f = lengths * np.exp(np.clip(by, -MOST_STRETCHED, MOST_STRETCHED))
     shares = f / _per_phase(t, f)
-    if shares.size and shares.min() < SHORTEST_INTERVAL:
+    if shares.min() < SHORTEST_INTERVAL:
         shares = np.maximum(shares, SHORTEST_INTERVAL)
         shares /= _per_phase(t, shares)
     return np.asarray(shares)
@@ -284,8 +286,7 @@ def straight(here: RelativePoint, sign: float) -> Bend:
     here, sign: as in `bent`.
     """
     z = logarithms(here, sign, alive(here.t, here.u))
-    lengths = np.log(here.fractions)
-    return Bend(z, np.empty((0, z.value.size)), lengths, np.zeros_like(lengths))
+    return Bend(z, np.empty((0, z.value.size)), here.fractions, np.zeros_like(here.fractions))
 
 
 def bent(here: RelativePoint, there: RelativePoint, sign: float) -> Bend:
@@ -294,12 +295,12 @@ def bent(here: RelativePoint, there: RelativePoint, sign: float) -> Bend:
     here, there: the point from which predictions are made, at s = 0, and another one, on a mesh of any kind; sign: as
     in `logarithms`.
     """
-    sized, s, lengths, drift = alive(here.t, here.u), there.s, np.log(here.fractions), here.drift
-    there = _on_mesh(there, here.t, _stretched(here.t, lengths, s * drift))
+    sized, s, drift = alive(here.t, here.u), there.s, here.drift
+    there = _on_mesh(there, here.t, _stretched(here.t, here.fractions, s * drift))
     z, other = (logarithms(_moving(place, drift), sign, sized) for place in (here, there))
     first = (other.value - z.value - s * z.rate) / s**2
     second = (other.rate - z.rate) / s
-    return Bend(z, np.array([3 * first - second, (second - 2 * first) / s]), lengths, drift)
+    return Bend(z, np.array([3 * first - second, (second - 2 * first) / s]), here.fractions, drift)
 
 
 def _on_mesh(place: RelativePoint, t: Transcription, fractions: Array) -> RelativePoint:

@@ -10,6 +10,7 @@ import pytest
 from casahunt import InputError, NoOrbit
 from casahunt.continuation import follow, largest, smallest
 from casahunt.continuation.special_points import SpecialPoint
+from casahunt.errors import Status
 from casahunt.hybrid import Mode, System
 from casahunt.hybrid.examples import ball
 from casahunt.orbits import Options, find_cycle
@@ -69,8 +70,11 @@ def test_from_a_located_fold_only_what_it_is(bouncing):
 
 
 def test_where_there_is_none(bouncing):
-    with pytest.raises(NoOrbit, match="no smallest a on this branch between .* and 0.01"):
+    with pytest.raises(NoOrbit, match="no smallest a on this branch between .* and 0.01") as none:
         smallest(bouncing, "a", to=0.01)
+    with pytest.raises(NoOrbit, match="stopped after") as unknown:  # it lies farther on
+        smallest(bouncing, "a", max_points=2)
+    assert (none.value.status, unknown.value.status) == (Status.NOT_FOUND, Status.NOT_CONVERGED)
     with pytest.raises(InputError, match="its way down cannot end at 1"):
         smallest(bouncing, "a", to=1.0)
     with pytest.raises(InputError, match="parameter"):
