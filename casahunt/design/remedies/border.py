@@ -43,9 +43,9 @@ BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
 LOSSES = ("symmetry breaking", "flip", "Neimark-Sacker")
 """Special points at which cycles lose their stability and go on."""
 
-SMALLER_AND_LARGER = (1.0, 4.0, 0.25, 16.0, 0.05, 0.01, 0.002)
+SMALLER_AND_LARGER, VERY_LITTLE = (1.0, 4.0, 0.25, 16.0), (0.05, 0.01, 0.002)
 """First sizes that are tried, in units of the remedy's own: the smallest may be too small to be told from none, or
-end hunting already; next to the servo's own fold very little does."""
+end hunting already; next to the servo's own fold very little does, which is tried where none took too much work."""
 SIZE_KNOWN = 1e-6
 """Relative error above which a size is not told."""
 FINER_FOR_GRAZINGS = 0.1
@@ -179,21 +179,24 @@ def _with_a_little(
     loop: Loop, remedy: Remedy, start: dict[str, float], unit: float, options: Options
 ) -> SystemOrbit | Border:
     """The cycle with little of the remedy on which a motion settles; what is known where there is none."""
-    sizes, why = _first_sizes(remedy, unit), ""
-    for size in sizes:
+    sizes, why, spent = _first_sizes(remedy, unit), "", False
+    for k, size in enumerate(sizes):
+        if spent and k == len(SMALLER_AND_LARGER):
+            sizes = sizes[:k]
+            break
         try:
             with effort.at_most(MOST_WORK_OF_AN_END):
                 return loop_cycle(with_remedy(loop, remedy, size), remedy.size, start=start, options=options)
         except (NoOrbit, effort.PartGivenUp) as refusal:
-            why = why or str(refusal)
+            why, spent = why or str(refusal), spent or isinstance(refusal, effort.PartGivenUp)
     stopped = f"no cycle at {remedy.size} = {', '.join(f'{size:.4g}' for size in sizes)}: {why}"
     return Border("not found", math.nan, why=NO_FIRST, evidence=stopped)
 
 
 def _first_sizes(remedy: Remedy, unit: float) -> list[float]:
     """Little of a remedy."""
-    first, one = remedy.first, remedy.starts_at_one
-    return [unit * (1 - (1 - first) * factor if one else first * factor) for factor in SMALLER_AND_LARGER]
+    first, one, factors = remedy.first, remedy.starts_at_one, SMALLER_AND_LARGER + VERY_LITTLE
+    return [unit * (1 - (1 - first) * factor if one else first * factor) for factor in factors]
 
 
 def _of_stable_loops(loop: Loop, remedy: Remedy, size: float, last: float) -> tuple[float, float]:
