@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from .closure import Closure
     from .cycle_search import find_cycle
     from .ensemble import OrbitEnsemble, orbit_ensemble
+    from .event_passage import Crossings
     from .family import Cycles, load_orbit, posed
     from .floquet import Multipliers
     from .marched_mesh import orbit_from_motion
@@ -52,8 +53,8 @@ if TYPE_CHECKING:
     from .system_orbit import SystemOrbit
 
 __all__ = [
-    "Arc", "Archive", "Closure", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble", "StateSensitivity",
-    "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "posed", "refined",
-    "state_sensitivity", "with_multipliers", "write_archive",
+    "Arc", "Archive", "Closure", "Crossings", "Cycles", "Multipliers", "Options", "Orbit", "OrbitEnsemble",
+    "StateSensitivity", "SystemOrbit", "find_cycle", "load_orbit", "orbit_ensemble", "orbit_from_motion", "posed",
+    "refined", "state_sensitivity", "with_multipliers", "write_archive",
 ]  # fmt: skip
 __getattr__ = lazily(__name__)

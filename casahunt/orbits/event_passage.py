@@ -1,6 +1,7 @@
-"""How an expression g(x; p) passes along one phase of a cycle: where it turns, and whether it goes through zero.
+"""How an expression g(x; p) passes along a cycle: where it turns, and where it goes through zero.
 
     g turns where g_x . f = 0:  bracketed between points of an interval, polished by the equations (extrema.py)
+    g = 0:                      likewise
 
 An event is grazed where its scalar turns at zero inside a phase; it is passed where that goes through.
 
@@ -9,16 +10,64 @@ Symbols: n states, m points.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..collocation.transcription import Setting, Transcription
+from ..results import Result
 from .extrema import SampledPiece
-from .observables import Expression, Later, kept_values
+from .observables import Expression, Later, Values, kept_values
 
 Array = np.ndarray
 
 WORTH_POLISHING = 0.05
 """Turns where g is this part of its range short of the best are polished too."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Crossings(Result):
+    """Where an expression is zero over a cycle, m times.
+
+    Attributes
+    ----------
+    times : (m,) from the start of the first phase, increasing.
+    states : (n, m) there, as accurate as the ends of the intervals.
+    rates : (m,) of the expression by the time: whether it rises or falls.
+
+    Examples
+    --------
+    >>> from casahunt.hybrid.examples import belt
+    >>> from casahunt.orbits import find_cycle
+    >>> found = find_cycle(belt, "slip", x=0.0, v=0.0).crossings("x")
+    >>> found.times.size, bool(found.rates[0] > 0)
+    (2, True)
+    """
+
+    _quantities = ("times", "rates")
+    _details = ("states",)
+
+    times: Array
+    states: Array
+    rates: Array
+
+
+def crossings(t: Transcription, u: Array, setting: Setting, g: Expression) -> Crossings:
+    """Where g goes through zero over a cycle, not by a jump.  Raises InputError: g is no scalar."""
+    found = []
+    for piece in range(t.cycle.repeats):
+        look = SampledPiece(t, u, setting, Later(g, t.cycle, piece) if piece else g, piece, Values)
+        begins = piece * float(np.sum(t.durations_of(u)))
+        for seen in look.seen:
+            a, b = seen.g[:, :-1], seen.g[:, 1:]
+            for i, j in np.argwhere((a < 0) & (b >= 0) | (a > 0) & (b <= 0)):
+                time, x, rate = look.crossed(seen, int(i), int(j))
+                for _ in range(piece):
+                    x = t.cycle.opened(x)
+                found.append((begins + time, x, rate))
+    found.sort(key=lambda each: each[0])
+    times, states, rates = (np.array([each[k] for each in found]) for k in range(3))
+    return Crossings(times, states.reshape(-1, t.n).T, rates)
 
 
 def turning_values(

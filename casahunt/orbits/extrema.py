@@ -35,7 +35,7 @@ from ..hybrid.system import VectorMode
 from ..motion.march_exits import EXACT
 from ..motion.march_step import ExtrapolatedStages, Stepper
 from ..results import Result
-from ..roots import CLOSED, LOOKED_AT, MOST_HALVINGS, Bracket
+from ..roots import CLOSED, LOOKED_AT, MOST_HALVINGS, Bracket, boundary
 from .observables import Expression, Later, Values, flow_sensitivity, is_mirrored, kept_values
 
 Array = np.ndarray
@@ -257,7 +257,7 @@ class SampledPiece:
         """
         t, p, element, phase, number = self.t, self.setting.p, *(int(part[i]) for part in (seen.element, *seen[:2]))
         times, rate = seen.times[i] - seen.times[i, 0], seen.rate[i]
-        at, state_at = self.values(phase), self._followed(phase, number, float(times[-1]))
+        at, state_at = self.values(phase), self.followed(phase, number, float(times[-1]))
 
         def slope(time: float) -> float:
             return float(at(state_at(time)[None], p)[1][0])
@@ -285,7 +285,23 @@ class SampledPiece:
         by_parameter = float(before[t.n + 1]) + self._by_parameter(phase, x)
         return _Candidate(float(seen.times[i, 0]) + time, float(g[0]), weights, by_parameter, (phase, longer))
 
-    def _followed(self, phase: int, i: int, h: float) -> Callable[[float], Array]:
+    def crossed(self, seen: _Seen, i: int, j: int) -> tuple[float, Array, float]:
+        """Time, state and rate of g where it goes through zero between two points of an interval, as of `polished`."""
+        at, times = self.values(int(seen.phase[i])), seen.times[i] - seen.times[i, 0]
+        state_at = self.followed(int(seen.phase[i]), int(seen.number[i]), float(times[-1]))
+        rises = bool(seen.g[i, j] < seen.g[i, j + 1])
+
+        def beyond(time: float) -> bool:
+            return bool(at(state_at(time)[None], self.setting.p)[0][0] >= 0) is rises
+
+        # Where it is zero at a point but for the error of the polynomial, it may be so beyond that point
+        low = j - 1 if j > 0 and beyond(float(times[j])) else j
+        high = j + 2 if j + 2 < times.size and not beyond(float(times[j + 1])) else j + 1
+        time = boundary(beyond, float(times[low]), float(times[high]))[1]
+        x = state_at(time)
+        return float(seen.times[i, 0]) + time, x, float(at(x[None], self.setting.p)[1][0])
+
+    def followed(self, phase: int, i: int, h: float) -> Callable[[float], Array]:
         """The state at a time after the start of interval i of a phase, of length h."""
         t, scale = self.t, self.setting.scale
         mode, start = t.cycle.phases[phase].mode, self.nodes[int(t.phase_start[phase]) + i]

@@ -29,6 +29,7 @@ from ..hybrid.problem import Problem
 from ..hybrid.system import Cycle, Signature
 from ..results import Result
 from . import floquet, map_chain
+from .event_passage import Crossings, crossings
 from .extrema import Extrema, extrema
 from .multiplier_mesh import multipliers_of_many, refined_multipliers
 from .observables import scalar_of
@@ -215,6 +216,11 @@ class Orbit(Result):
         """
         cycle = self.cycle
         return extrema(*unknowns_of(self), scalar_of(what, self.problem.vocabulary(cycle.states)))
+
+    def crossings(self, what: Any) -> Crossings:
+        """Where a state or an expression goes through zero over the cycle: times, states, rates.  `what` and what is
+        raised are as of `extrema`."""
+        return crossings(*unknowns_of(self), scalar_of(what, self.problem.vocabulary(self.cycle.states)))
 
     def sample(self, per_interval: int = 8) -> tuple[Array, Array]:
         """The full period, dense where the motion is fast.

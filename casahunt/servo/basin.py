@@ -28,7 +28,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from ..axis_units import in_its_units, several
 from ..checks import of_kind, require
@@ -46,7 +45,7 @@ from .parts.loop import OF_MOTION, Loop, breakaway_of, static_of
 from .parts.lugre import LUGRE
 from .parts.plain_loop import LoopResult, loop_asked, servo_of_loop
 from .parts.verbs import loop_cycle
-from .problem import HuntingOrbit, motor_torque
+from .problem import HuntingOrbit, torque_of
 from .servo import Servo
 
 Array = np.ndarray
@@ -347,38 +346,18 @@ def stick_position(orbit: HuntingOrbit) -> float:
 
 
 def stuck_at(orbit: HuntingOrbit) -> tuple[float, float]:
-    """(`stick_position`, relative error).  Raises NoOrbit.
-
-    Inside an interval a cycle is known less well than at its ends: the degree of its polynomials, less one, shows how.
-    """
+    """(`stick_position`, relative error).  Raises NoOrbit."""
     if orbit.model == "switch":
         return orbit.amplitude, orbit.error_estimate
-    per = orbit.degree + 1  # of an interval: with its end more than its polynomials need
-    _, x = orbit.sample(per)
-    torque = np.asarray(motor_torque(x, orbit.servo.parameters(orbit.gain)), float)
     level = SECTION * orbit.servo.friction.static
+    fast = 1e-2 * orbit.extrema("x2").amplitude
     # Breakaway in either direction: stuck on one side of the set point, torque towards the other.
     for side in (-1.0, 1.0):
-        m = -side * torque
-        rising = np.flatnonzero((m[:-1] < level) & (m[1:] >= level) & (side * x[0, :-1] > 0))
-        slow = [i for i in rising if abs(x[1, i]) < 1e-2 * np.max(np.abs(x[1]))]
-        if slow:
-            first, k = divmod(int(slow[-1]), per)
-            within = slice(first * per, (first + 1) * per + 1)
-            place, coarser = (_where(m[within] - level, x[0, within], k, d) for d in (orbit.degree, orbit.degree - 1))
-            return abs(place), max(orbit.error_estimate, abs(coarser / place - 1))
+        found = orbit.crossings(lambda x, p, side=side: -side * torque_of(orbit.servo, x, p) - level)
+        stands = (found.rates > 0) & (np.abs(found.states[1]) < fast) & (side * found.states[0] > 0)
+        if stands.any():
+            return abs(float(found.states[0, stands][-1])), orbit.error_estimate
     raise NoOrbit(
         f"the {orbit.model} cycle at gain {orbit.gain:g} does not stand still at {SECTION:g} Fs: no stick position",
         Status.INADMISSIBLE,
     )
-
-
-def _where(f: Array, x: Array, k: int, degree: int) -> float:
-    """x where f comes up to zero behind sample k of an interval, as polynomials of a degree.
-
-    f, x: (m,) at equal distances, the ends of the interval included; f < 0 at sample k, and not at the next one.
-    """
-    tau = np.linspace(0, 1, f.size)
-    of_f, of_x = (Polynomial.fit(tau, y, degree) for y in (f, x))
-    at, _ = boundary(lambda s: float(of_f(s)) >= 0, float(tau[k]), float(tau[k + 1]))
-    return float(of_x(at))

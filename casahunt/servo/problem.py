@@ -70,10 +70,14 @@ def motor_torque(x: Any, p: Any) -> Any:
 
     x: (n,) or (n, m) states of either model. Returns m [N m], one number or (m,).
     """
-    names, (_, pid, *_) = system_of("switch", p.shape[0]).names, parts_of_servo("switch", _FORMS[p.shape[0]])
-    seen = names.x(x, p)
-    signals = SimpleNamespace(error=seen.x1, derivative=seen.x2, integral=seen.x3)
-    return pid.gives["demand"](seen, signals, names.p(p))
+    names = system_of("switch", p.shape[0]).names
+    return torque_of(_FORMS[p.shape[0]], names.x(x, p), names.p(p))
+
+
+def torque_of(servo: Servo, x: Any, p: Any) -> Any:
+    """The same of named states and parameters."""
+    (_, pid, *_) = parts_of_servo("switch", servo)
+    return pid.gives["demand"](x, SimpleNamespace(error=x.x1, derivative=x.x2, integral=x.x3), p)
 
 
 def slips_back(x: np.ndarray, p: np.ndarray) -> bool:

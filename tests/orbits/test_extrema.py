@@ -46,6 +46,39 @@ def circle(tol: float, rate: float = 1.0, degree: int | None = None) -> Orbit:
     return find_cycle(system, x=1.0, y=0.0, options=Options(tol=tol, degree=degree))
 
 
+@pytest.mark.parametrize("tol", TOLERANCES)
+@pytest.mark.parametrize("level", [0.0, 0.37, -0.69])
+def test_where_an_expression_is_zero(tol, level):
+    """The circle at x = level: y = -+sqrt(1 - (level - 0.3)^2), twice a turn, the time between them an arc."""
+    orbit = circle(tol)
+    found = orbit.crossings(lambda x, p: x.x - level)
+    y = math.sqrt(1 - (level - 0.3) ** 2)
+    error = 10 * orbit.error_estimate + 1e-13
+    assert found.states[0] == pytest.approx([level, level], abs=1e-13)
+    assert np.sort(found.states[1]) == pytest.approx([-y, y], abs=error / y)
+    assert np.sort(found.rates) == pytest.approx([-1.3 * y, 1.3 * y], rel=error / y**2)
+    arc = 2 * math.acos(level - 0.3) / 1.3
+    between = float(np.diff(found.times)[0])
+    assert min(abs(between - arc), abs(orbit.period - between - arc)) < error * orbit.period / y
+
+
+def test_where_half_a_cycle_is_zero():
+    """A circle about the origin, of which half is computed: at y = 0.6 on both sides, -0.6 in the other half."""
+
+    def field(x, p):
+        grows = 1 - x.x**2 - x.y**2
+        return {"x": grows * x.x - p.omega * x.y, "y": grows * x.y + p.omega * x.x}
+
+    system = System("circle", ("x", "y"), {"omega": 1.3}, (Mode("smooth", field),))
+    orbit = find_cycle(system, options=Options(tol=1e-9, half=True), x=1.0, y=0.1)
+    assert orbit.half
+    for level in (0.6, -0.6):
+        found = orbit.crossings(lambda x, p, level=level: x.y - level)
+        assert found.states == pytest.approx(np.array([0.8 * np.sign(found.rates), [level, level]]), abs=1e-8)
+        assert np.all(np.diff(found.times) > 0) and 0 <= found.times[0] and found.times[1] < orbit.period
+    assert np.diff(orbit.crossings("y").times) == pytest.approx([orbit.period / 2], rel=1e-8)
+
+
 def test_the_time_of_a_place_in_a_later_phase():
     """A circle cut where y passes zero: y is smallest half a turn after it is largest, in the other phase."""
 

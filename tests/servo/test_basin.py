@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from casahunt import InputError, NoOrbit, Options, Servo, cli
+from casahunt.orbits import Crossings
 from casahunt.servo.basin import Trial, _Motions, _of_a_loop, basin, let_go, stick_position
 from casahunt.servo.parts import (
     BY_DIRECTION,
@@ -72,20 +73,21 @@ def test_a_border_is_confirmed_from_both_sides():
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_where_a_lugre_servo_is_stuck(side):
-    """It creeps by 1e-3 rad/s while m comes up linearly: |x1| where m = 0.9 Fs, not where a slip passes that torque."""
-    servo, t = Servo(), np.linspace(0, 1, 6)
-    kp, kd, ki = servo.torque_gains(0.1)
+    """At the last standstill at which the torque that pulls it back comes up; not where a slip passes that torque."""
 
-    def stuck(creep, at):
-        x1, m = -(0.02 - creep * t), (0.9 + 0.5 * (t - at)) * servo.friction.static
-        v = np.where(t < 0.9, creep, 1.0)  # at the end it slips
-        x = side * np.stack([x1, v, -(m + kp * x1 + kd * v) / ki, 0 * t])
-        return SimpleNamespace(model="lugre", servo=servo, gain=0.1, degree=4, error_estimate=0.0,
-                               sample=lambda per_interval: (t, x))  # fmt: skip
+    def stuck(speeds):
+        """It stands on that side, where one torque comes up four times; the other one comes up nowhere."""
+        states = side * np.array([[0.03, 0.02, 0.01, 0.04], [*speeds, 1e-3], [0.0] * 4, [0.0] * 4])
+        ups = Crossings(np.arange(4.0), states, np.array([1.0, 1.0, 1.0, -1.0]))
+        none = Crossings(np.zeros(0), np.zeros((4, 0)), np.zeros(0))
+        asked = iter([ups, none] if side < 0 else [none, ups])  # the left side first
+        return SimpleNamespace(model="lugre", servo=Servo(), gain=0.1, error_estimate=0.0,
+                               extrema=lambda what: SimpleNamespace(amplitude=1.0),
+                               crossings=lambda what: next(asked))  # fmt: skip
 
-    assert stick_position(stuck(1e-3, 0.47)) == pytest.approx(0.02 - 0.47e-3, rel=1e-12)
+    assert stick_position(stuck([0.0, 1e-3, 1.0])) == 0.02
     with pytest.raises(NoOrbit, match="does not stand still"):
-        stick_position(stuck(0.02, 0.47))
+        stick_position(stuck([0.5, 1.0, 1.0]))
 
 
 @pytest.mark.parametrize(("gain", "dies", "grows"), [(0.04, 0.486926e-3, 0.486929e-3), (0.1, 0.612869e-3, 0.612871e-3)])
@@ -93,8 +95,8 @@ def test_the_border_of_a_lugre_servo_is_known_to_its_error(gain, dies, grows):
     """Between starts from which scipy's motions die out and grow; and to its error, whatever mesh its cycle has."""
     borders = [basin(Servo(), "lugre", gain, options=Options(tol=tol)) for tol in (1e-5, 1e-10)]
     coarse, fine = ((found.border, found.border * found.error_estimate) for found in borders)
-    assert dies < fine[0] < grows and fine[1] < 5e-8 * fine[0]
-    assert abs(coarse[0] - fine[0]) < 3 * (coarse[1] + fine[1]) and coarse[1] < 5e-5 * fine[0]
+    assert dies < fine[0] < grows and fine[1] < 1e-10 * fine[0]
+    assert abs(coarse[0] - fine[0]) < 3 * (coarse[1] + fine[1]) and coarse[1] < 5e-6 * fine[0]
 
 
 @pytest.mark.slow
