@@ -11,6 +11,7 @@ from casahunt import Demands, InputError, NoOrbit, Options, Servo, Uncertainty, 
 from casahunt.axis_units import Units, shown_in
 from casahunt.design.tune.best_gain import Given
 from casahunt.design.tune.check import scanned, verified
+from casahunt.design.tune.tasks import stated
 from casahunt.servo.parts import LOADS, loop_of, series
 
 STEP, KP, MOTOR = 1.0, 2.0, 16.0
@@ -59,11 +60,14 @@ def test_a_lead_makes_the_first_torque_larger_and_a_low_pass_does_not_hide_it():
 
 @pytest.mark.parametrize("load", [-8.42, -2.69, 2.6])
 def test_a_load_is_not_multiplied_by_the_gain(load):
-    """A step begins with kp times the step, as `simulate` counts it, whatever the integral will have to carry."""
+    """A step against it begins with kp times the step and what the integral carries, as `simulate` counts it."""
     axis = loop_of(Servo(), "switch", 1.0).with_parts(LOADS, load_torque=load)
     most = given(Demands(max_torque=30.0))
-    assert most.largest_gain(axis) == pytest.approx(30 / (MOTOR * KP * STEP), rel=1e-12)
-    motion = simulate(axis, None, most.largest_gain(axis), time=1e-3)
+    assert most.largest_gain(axis) == pytest.approx((30 - abs(load)) / (MOTOR * KP * STEP), rel=1e-9)
+    axis = axis.replace(gain=most.largest_gain(axis))
+    step = math.copysign(STEP, load)
+    assert stated(axis, axis.value("gain"), 0.1, STEP)[f"a step of {step:g} rad from rest"]["set_point"] == step
+    motion = simulate(axis, time=1e-3, set_point=step, start=axis.carrying)
     assert motion.peak_torque == pytest.approx(30.0, rel=1e-9)
 
 

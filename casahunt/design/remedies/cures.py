@@ -183,7 +183,7 @@ class Cures(Result):
     @property
     def task(self) -> str:
         """What the rows are priced by, in words."""
-        return told(self.move, self.step)
+        return told(self.move, self.step) + (" either way" if len(self.loop.ways) > 1 else "")
 
     @property
     def name(self) -> str:

@@ -1,4 +1,5 @@
-"""What a remedy costs: a step from rest, or a move by a profile, simulated: x1 = -distance, all other states zero.
+"""What a remedy costs: a step from rest, or a move by a profile, simulated: x1 = -distance, all other states zero;
+where friction or load differ by direction, the worse of both ways.
 
     peak        the largest |torque| of the motor on it [N m], and the voltage [V]
     settling    the time from which on |x1| stays within the error at rest, and a part of that more, or within as large
@@ -14,7 +15,7 @@ import numpy as np
 
 from ...motion import MarchFailure, Motion, follow_for
 from ...servo.move import Move, begins_in, moving
-from ...servo.outcome import Kind
+from ...servo.outcome import BY_SEVERITY, Kind
 from ...servo.parts.fate import ROUNDING_OF_A_STATE, TO_BE_SAMPLED, Points, Swing, fate
 from ...servo.parts.loop import Loop
 
@@ -44,11 +45,19 @@ class Task:
 
 
 def task(loop: Loop, before: Swing, rest_error: float, step: float, move: Move | None = None) -> Task:
-    """A step from rest, or a move as far.
+    """A step from rest, or a move as far; the worse of both ways, where they differ.
 
     before: the hunting that is to end: a servo that still hunts, or has that error, has not settled; rest_error: the
     largest at rest [rad]; nan where that is not known: then this step's.
     """
+    each = [_one_way(loop, before, rest_error, way * step, move) for way in loop.ways]
+    peaks, settling = ([getattr(one, name) for one in each] for name in ("peak_torque", "settling"))
+    kind = max((one.kind for one in each), key=BY_SEVERITY.index)
+    return Task(float(np.max(peaks)), float(np.max(settling)), kind)  # nan of one is that of both
+
+
+def _one_way(loop: Loop, before: Swing, rest_error: float, step: float, move: Move | None) -> Task:
+    """The task of a step of either sign."""
     start, mode, pieces = loop.at_rest(-step), "", list[tuple[Loop, Motion]]()
     if move is not None:
         try:
@@ -70,13 +79,13 @@ def task(loop: Loop, before: Swing, rest_error: float, step: float, move: Move |
         times.append(began + t)
         x.append(states[one.system.states.index("x1")])
         peak, began = max(peak, float(np.abs(one.along("torque", motion, t)).max())), began + float(t[-1])
-    error, within = np.abs(np.concatenate(x)), settled_within(before.amplitude, step)
+    error, within = np.abs(np.concatenate(x)), settled_within(before.amplitude, abs(step))
     if math.isnan(rest_error) and ended.kind == "at rest":
         rest_error = float(error[-1])
     within = float(np.fmax((1 + SETTLED_WITHIN) * rest_error, within))
     outside = np.flatnonzero(error > within)
     last = int(outside[-1]) if outside.size else 0
-    arrives = within < step and last < error.size - 1 and ended.kind != "hunting"  # it might not have moved at all
+    arrives = within < abs(step) and last < error.size - 1 and ended.kind != "hunting"  # it might not have moved at all
     settled = float(np.concatenate(times)[last]) if arrives else math.nan
     return Task(peak, settled, ended.kind)
 

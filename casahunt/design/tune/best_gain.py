@@ -26,6 +26,7 @@ from ...orbits import Options
 from ...servo.friction import Model
 from ...servo.gains import integral_gain
 from ...servo.parts.loop import Loop
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.servo import Servo
 from ..nearby import AnyFold, fold_beside, servo_at, values_of, vectors
 from ..uncertainty.set import Uncertainty
@@ -158,7 +159,13 @@ class Given:
     def largest_gain(self, servo: Any) -> float:
         """The gain with which the largest step begins with the largest torque that is allowed; inf without a limit."""
         most = self.demands.max_torque
-        return most / self.first_torque(servo) if math.isfinite(most) else most
+        return max(most - self.held(servo), 0.0) / self.first_torque(servo) if math.isfinite(most) else most
+
+    def held(self, servo: Any) -> float:
+        """The torque of the motor that carries a constant load [N m], beside that of a step against it."""
+        loop = loop_asked(servo, None, 1.0, usual="switch")
+        rest = loop.at_rest(0.0)
+        return abs(float(loop.signal("torque", loop.mode_at(**rest), np.array(list(rest.values()))[:, None])[0]))
 
     def room(self, needed: float, servo: Any) -> tuple[float, float]:
         """As `gains`, up to the largest that the torque allows; where it allows none, the first is above the second."""

@@ -86,7 +86,8 @@ def refusal(
         most = given.largest_gain(servo)
         torque, takes, step = quantity(demands.max_torque, "N m", "g"), "", quantity(given.step, "rad", "g")
         if needed > most:
-            takes = f"; {needed:.6g} takes {quantity(needed * given.first_torque(servo), 'N m', '.4g')}"
+            least = given.held(servo) + needed * given.first_torque(servo)
+            takes = f"; {needed:.6g} takes {quantity(least, 'N m', '.4g')}"
         asked["largest torque"] = [(0.0, most)], (
             f"the largest torque of {torque} on a step of {step} allows gains of at most "
             f"{most:.6g}{takes}, and what ends hunting with less torque is told by casahunt remedies"

@@ -54,16 +54,20 @@ def gives_way_at(servo: Any, gain: float) -> float:
 
 
 def stated(servo: Any, gain: float, amplitude: float, step: float) -> dict[str, dict[str, Any]]:
-    """How the tasks start, in words and as `simulate` takes it: two steps of the set point, the breakaway [rad].
+    """How the tasks start, in words and as `simulate` takes it: two steps of the set point, the breakaway [rad]; of a
+    loop whose friction or load differs by direction, both ways.
 
-    A loop of parts stands beside its set point with nothing wound up.
+    A loop of parts stands beside its set point with nothing wound up but what carries a load.
     """
     far, steps = quantity(amplitude, "rad", ".4g"), dict[str, dict[str, Any]]()
-    for size in (part * step for part in STEPS_SIMULATED):
-        steps[f"a step of {quantity(size, 'rad', 'g')} from rest"] = {"set_point": size}
-    beside: dict[str, Any] = {"set_point": 0.0, "position": -amplitude}
+    loop = loop_asked(servo, None, gain, usual="switch")
+    carried, ways = {"start": loop.carrying}, loop.ways
+    for size in (way * part * step for part in STEPS_SIMULATED for way in ways):
+        steps[f"a step of {quantity(size, 'rad', 'g')} from rest"] = carried | {"set_point": size}
+    beside: dict[str, Any] = carried | {"set_point": 0.0, "position": -amplitude}
     if isinstance(servo, Loop):
-        return steps | {f"let go {far} beside the set point": beside}
+        other = {f"let go {far} on its other side": beside | {"position": amplitude}}
+        return steps | {f"let go {far} beside the set point": beside} | (other if len(ways) > 1 else {})
     kp, _, ki = servo.torque_gains(gain)
     brink = (kp * amplitude - servo.friction.static) / ki
     return steps | {f"breaking away {far} beside the set point": beside | {"integral": brink}}

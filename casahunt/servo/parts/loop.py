@@ -34,7 +34,9 @@ OF_MOTION = "x2", "load_rate", "x4"
 _UNITS = {"x2": "rad/s", "x3": "rad s", "x4": "rad", "load_rate": "rad/s", "filtered": "rad", "clock": "s"}
 """Of states that are no angles."""
 BALANCED_TO = 1e-9
-"""Part of the load to which the controller holds it."""
+"""Part of the load to which the controller holds it; and of rates, to which those of a mirror image are their own."""
+MIRRORED_AT = 40
+"""States in which the mirror image is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,6 +223,11 @@ class Loop:
                 found[name] = float(self.signal(signal, self.mode_at(**found), at)[0])
         return found
 
+    @property
+    def carrying(self) -> dict[str, float]:
+        """The states that carry the load where the loop stands at its set point, by name; none without a load."""
+        return {name: x for name, x in self.at_rest(0.0).items() if x}
+
     @cached_property
     def _under_load(self) -> dict[str, float]:
         """The smallest states c of the controller: at the set point c' = A c + b = 0, torque = T c + m = -external.
@@ -246,6 +253,27 @@ class Loop:
         c = np.linalg.lstsq(A, b, rcond=None)[0]
         holds = np.abs(A @ c - b).max() <= BALANCED_TO * abs(load)
         return start | {names[i]: float(value) for i, value in zip(at, c, strict=True) if holds}
+
+    @cached_property
+    def ways(self) -> tuple[float, ...]:
+        """The signs of the steps that tell what any step does: +1 where the mirror image of each motion is one.
+
+        f(S x) = S f(x), S = -1 but of clocks, is looked at in states of many sizes.
+        """
+        vector, even = self.system.vector_form, {name for part in self.present for name in part.even}
+        mirror = np.array([1.0 if name in even else -1.0 for name in self.system.states])
+        random, p = np.random.default_rng(0), ca.DM(self.system.values(None))
+
+        def rate(x: Array) -> Array:
+            mode = vector.modes[self.mode_at(**dict(zip(self.system.states, x.tolist(), strict=True)))]
+            return np.array(mode.field(ca.DM(x), p, mode.sign))[:, 0]
+
+        for x in 10 ** random.uniform(-6, 2, (MIRRORED_AT, mirror.size)):
+            x = np.where(mirror < 0, random.choice([-1.0, 1.0], x.size), 1.0) * x
+            f = rate(x)
+            if np.abs(rate(mirror * x) - mirror * f).max() > BALANCED_TO * np.abs(f).max():
+                return 1.0, -1.0
+        return (1.0,)
 
     def mode_at(self, **start: float) -> str:
         """The mode of a motion that starts at a state: of each part the first that may be there."""

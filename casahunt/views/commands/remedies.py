@@ -403,9 +403,13 @@ def today(found: Cures, most: float | None) -> str:
     """What the present controller asks for on the step, where a torque is the limit; "" where that is not known."""
     if most is None:
         return ""
+    loop = found.loop
     with suppress(NoOrbit):
         time = found.period + (0.0 if found.move is None else found.move.time(found.step))
-        peak = simulate(found.loop, set_point=found.step, time=time, move=found.move).peak_torque
+        peak = max(
+            simulate(loop, set_point=way * found.step, time=time, start=loop.carrying, move=found.move).peak_torque
+            for way in loop.ways
+        )
         already = ", which is above that limit already" if peak > most else ""
         return f"; the present controller asks for {quantity(peak, 'N m', short)} on a {found.task}{already}"
     return ""

@@ -29,6 +29,7 @@ from casahunt.design.remedies.cures import Cure
 from casahunt.design.remedies.price import task
 from casahunt.servo.outcome import SETTLES
 from casahunt.servo.parts.fate import Swing
+from casahunt.servo.parts.loads import LOADS
 from casahunt.servo.parts.plain_loop import loop_of
 from casahunt.servo.parts.table import remedy_of, with_remedy
 from casahunt.views.commands.remedies import Table, advice_of
@@ -290,6 +291,15 @@ def test_a_servo_that_hunts_has_not_settled():
     assert step.kind == "hunting" and math.isnan(step.settling) and orbit.amplitude < 0.02
     calm = task(loop.replace(gain=0.8), Swing.of(orbit), 0.0, 1.0)
     assert calm.kind in SETTLES and calm.settling > 0
+
+
+@pytest.mark.parametrize("parts", [{"load_torque": 0.3}, {"load_torque": -0.3}])
+def test_with_a_load_the_price_is_that_of_the_worse_way(parts):
+    """kp step + load at once, on a step in its direction, of which the load's mirror image has the same price."""
+    orbit, loop = find_orbit(Servo(), "switch", 0.1), loop_of(Servo(), "switch", 0.8)
+    loaded = task(loop.with_parts(LOADS, **parts), Swing.of(orbit), 0.0, 1.0)
+    assert loaded.peak_torque == pytest.approx(16 * 0.8 * 2.0 + 0.3, rel=1e-9)
+    assert task(loop, Swing.of(orbit), 0.0, 1.0).peak_torque == pytest.approx(16 * 0.8 * 2.0, rel=1e-9)
 
 
 @pytest.mark.slow

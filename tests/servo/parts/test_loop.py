@@ -355,3 +355,20 @@ def test_where_hunting_ends_nowhere_its_fold_is_looked_for_in_six_decades():
     loop = with_remedy(plain, remedy_of("feedforward", "switch"), 0.5)
     with pytest.raises(NoOrbit, match="no largest gain .* 0.04 and 40000: .* no smallest .* 0.04 and 4e-08: "):
         find_fold(loop)
+
+
+@pytest.mark.parametrize("model", ["switch", "lugre"])
+@pytest.mark.parametrize("part", [None, FREEZE, DEAD_BAND, HYSTERESIS, RESET_AT_ZERO, TORQUE_LIMIT, FEEDFORWARD])
+def test_a_step_either_way_is_its_mirror_image(model, part):
+    loop = loop_of(Servo(), model, 0.1)
+    loop = loop if part is None else loop.with_parts(part)
+    assert loop.ways == (1.0,) and loop.carrying == {}
+    assert loop.with_parts(LOADS, load_torque=0.01).ways == (1.0, -1.0)
+
+
+def test_friction_by_direction_has_no_mirror_image():
+    loop = Loop((INERTIA, BY_DIRECTION, PID_BY_TIMES, INTEGRATOR))
+    same = {f"{name}_back": loop.value(name) for name in ("static", "coulomb", "viscous")}
+    assert loop.replace(**same).ways == (1.0,)
+    for name, value in same.items():
+        assert loop.replace(**(same | {name: 1.01 * value})).ways == (1.0, -1.0)
