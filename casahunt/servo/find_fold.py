@@ -40,7 +40,7 @@ from .gains import typical_gain
 from .linear.open_loop import open_loop
 from .parts.loop import Loop
 from .parts.plain_loop import loop_asked
-from .parts.verbs import fold_in, loop_cycle
+from .parts.verbs import fold_in, hunting_beyond, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
 from .servo import Servo, a_servo
@@ -65,6 +65,8 @@ LOCATED_TO = (0.1, 1e-3)
 period and amplitude being of first order in it."""
 FOLD_DIGITS = 4
 """Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
+MOST_BEYOND = 8
+"""Folds of loops beyond which other hunting is looked for, one after the other."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 MOST_WALKED = 1000
@@ -309,19 +311,37 @@ def find_fold(
 def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrbit]:
     """The fold of a loop above the parameter's own value, or else below; of the gain also from a smaller one.
 
+    Where other hunting goes on beyond, as where slips ring in other numbers, its fold; the farthest of up to so many.
     Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
     """
     cycle = loop_cycle(loop, vary, options=options, or_below=vary == "gain")
     why, status, senses = "", Status.NOT_FOUND, (1, -1) if cycle.problem.value(vary) == loop.value(vary) else (1,)
     for sense in senses:
         try:
-            return fold_in(cycle, vary, sense=sense, options=options)
+            fold = fold_in(cycle, vary, sense=sense, options=options)
         except NoOrbit as refusal:
             why += f"; {refusal}" if why else str(refusal)
             status = refusal.status or status
             if status is not Status.NOT_FOUND and vary == "gain":  # of which the largest is asked for
                 break
+        else:
+            return _farthest(loop, fold, options)
     raise NoOrbit(why, status)
+
+
+def _farthest(loop: Loop, fold: Fold[SystemOrbit], options: Options | None) -> Fold[SystemOrbit]:
+    """The fold of what hunts beyond a fold, and beyond that one, as far as such hunting is found and followed."""
+    for _ in range(MOST_BEYOND):
+        other = hunting_beyond(loop, fold)
+        if not isinstance(other, SystemOrbit):
+            break
+        with suppress(NoOrbit):
+            further = fold_in(other, fold.parameter, sense=int(fold.sense), options=options)
+            if further.sense * (further.value - fold.value) > 0:
+                fold = further
+                continue
+        break
+    return fold
 
 
 def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:
