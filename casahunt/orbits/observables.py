@@ -83,7 +83,12 @@ class Values:
     @alone
     def __init__(self, mode: VectorMode, g: Expression, n: int, parameters: int) -> None:
         x, p = ca.SX.sym("x", n), ca.SX.sym("p", parameters)
-        value = ca.SX(g(x, p))
+        try:
+            value = ca.SX(g(x, p))
+        except NotImplementedError:
+            raise InputError("the expression must be a scalar: one made of the states by CasADi's functions") from None
+        if value.is_constant() and not np.isfinite(float(value)):
+            raise InputError("the expression is no number; of states, functions are CasADi's: casadi.sin for math.sin")
         if value.shape != (1, 1):
             raise InputError(f"the expression must be a scalar, not one of shape {value.shape}")
         gradient = ca.densify(ca.gradient(value, x))

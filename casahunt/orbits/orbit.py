@@ -16,6 +16,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from .. import effort
+from ..checks import whole_number
 from ..collocation.error_estimate import Estimate
 from ..collocation.joints import flow_at
 from ..collocation.mesh import phase_breaks
@@ -230,7 +231,7 @@ class Orbit(Result):
         times : (m,) [s] from the start of the first phase, increasing; twice the same where the state jumps.
         states : (n, m).
         """
-        s = scheme(self.degree, self.kind)
+        s, per_interval = scheme(self.degree, self.kind), whole_number("per_interval", per_interval, at_least=1)
         tau = np.linspace(0, 1, per_interval, endpoint=False)
         matrix = s.interpolation(tau)
         cycle = self.cycle

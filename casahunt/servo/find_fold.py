@@ -40,7 +40,7 @@ from .gains import typical_gain
 from .linear.open_loop import open_loop
 from .parts.loop import Loop
 from .parts.plain_loop import loop_asked
-from .parts.verbs import fold_in, hunting_beyond, loop_cycle
+from .parts.verbs import fold_in, hunting_beyond, hunting_from, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
 from .servo import Servo, a_servo
@@ -65,6 +65,8 @@ LOCATED_TO = (0.1, 1e-3)
 period and amplitude being of first order in it."""
 FOLD_DIGITS = 4
 """Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
+LARGER_GAINS = (1.5, 4.0)
+"""Times its own at which hunting of a loop is looked for where the branch of its cycle leads to no fold."""
 MOST_BEYOND = 8
 """Folds of loops beyond which other hunting is looked for, one after the other."""
 HIGHEST = 1e9
@@ -320,6 +322,9 @@ def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrb
         try:
             fold = fold_in(cycle, vary, sense=sense, options=options)
         except NoOrbit as refusal:
+            further = _of_a_larger_gain(loop, cycle, options) if vary == "gain" and sense > 0 else None
+            if further is not None:
+                return _farthest(loop, further, options)
             why += f"; {refusal}" if why else str(refusal)
             status = refusal.status or status
             if status is not Status.NOT_FOUND and vary == "gain":  # of which the largest is asked for
@@ -327,6 +332,17 @@ def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrb
         else:
             return _farthest(loop, fold, options)
     raise NoOrbit(why, status)
+
+
+def _of_a_larger_gain(loop: Loop, cycle: SystemOrbit, options: Options | None) -> Fold[SystemOrbit] | None:
+    """The fold of what hunts at some larger gains than a cycle whose branch does not lead to one: a lopsided one ends
+    where it meets the symmetric one, another where slips ring in other numbers.  None where none is found."""
+    for factor in LARGER_GAINS:
+        at = loop.replace(gain=factor * cycle.problem.value("gain"))
+        if isinstance(other := hunting_from(at, "gain", cycle.amplitude), SystemOrbit):
+            with suppress(NoOrbit):
+                return fold_in(other, "gain", options=options)
+    return None
 
 
 def _farthest(loop: Loop, fold: Fold[SystemOrbit], options: Options | None) -> Fold[SystemOrbit]:

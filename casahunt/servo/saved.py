@@ -16,6 +16,7 @@ import numpy as np
 
 from ..checks import choice_of, finite_or_none, require
 from ..continuation import Branch, End, Missed, SpecialPoint
+from ..errors import InputError
 from ..orbits import Archive, Orbit, posed, write_archive
 from .friction import MODELS
 from .parts.loop import Loop
@@ -60,6 +61,10 @@ def load_orbit(path: str | Path) -> HuntingOrbit:
     True
     """
     archive = Archive(path, "orbit")
+    record = archive.metadata.get("orbit")
+    if isinstance(record, dict) and "problem" in record:
+        what = "holds the cycle of a loop of parts, or of a System, but not its functions"
+        raise InputError(f"{str(path)!r} {what}: casahunt.orbits.load_orbit(path, loop.system) reads it")
     orbit: HuntingOrbit = archive.checked(lambda: archive.orbit(archive.metadata["orbit"], _pose))
     return orbit
 

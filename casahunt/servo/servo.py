@@ -249,7 +249,7 @@ def toml_tables(text: bytes, what: str) -> dict[str, Any]:
     if len(text) > LARGEST_TOML:
         raise InputError(f"{what}: must have at most {LARGEST_TOML:g} bytes")
     try:
-        return tomllib.loads(text.decode())
+        return tomllib.loads(text.decode("utf-8-sig"))  # Windows editors put a byte order mark
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         comma = re.search(rb"^[^#\n]*=\s*([-+]?\d+),(\d+)\s*(#.*)?$", text, re.MULTILINE)
         why = f"; decimals take a point, {(comma[1] + b'.' + comma[2]).decode()}" if comma else ""

@@ -45,6 +45,7 @@ _OF_PARTS = {
     "velocity_gain": "s",
     "reset_time": "s",
     "derivative_filter": "s",
+    "velocity_filter": "s",
     "sample_time": "s",
     "delay": "s",
     "noise": "rad",

@@ -167,6 +167,12 @@ def test_what_is_no_scalar_is_refused():
         orbit.extrema(lambda x, p: ca.vertcat(x.x, x.y))
     with pytest.raises(InputError, match="^there is no state 'z'"):
         orbit.extrema(lambda x, p: x.z)
+    with pytest.raises(InputError, match="must be a scalar: one made of the states"):
+        orbit.extrema(lambda x, p: (x.x, x.y))
+    with pytest.raises(InputError, match=r"casadi\.sin for math\.sin"):
+        orbit.extrema(lambda x, p: math.sin(x.x))
+    with pytest.raises(InputError, match="per_interval = 0: must be a whole number, at least 1"):
+        orbit.sample(0)
 
 
 # Forced: several extrema in a turn ----------------------------------------------------------------------------------

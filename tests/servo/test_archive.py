@@ -80,6 +80,15 @@ def test_the_branch_of_a_loop(tmp_path):
         assert "do not fit" in refusal(load_branch, tmp_path / "loop.npz", other)
 
 
+def test_the_orbit_of_a_loop(tmp_path):
+    """Its functions stand in no file: who reads it is told by what."""
+    loop = Loop((INERTIA, SWITCH, PID_BY_TIMES, INTEGRATOR, DEAD_BAND), {"gain": 0.04, "dead_band": 0.01})
+    orbit, path = find_orbit(loop), tmp_path / "orbit.npz"
+    save_orbit(orbit, path)
+    assert "casahunt.orbits.load_orbit(path, loop.system) reads it" in refusal(load_orbit, path)
+    assert load_cycle(path, loop.system).period == orbit.period
+
+
 def test_branch(tmp_path):
     first, second = computed("switch"), computed("switch full cycle")
     special = (

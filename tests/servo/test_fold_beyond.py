@@ -12,10 +12,22 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from servo_files import linear_axis
 
-from casahunt import NoOrbit, Servo, find_fold, simulate
+from casahunt import NoOrbit, Servo, find_fold, find_orbit, simulate
 from casahunt.cli import main
 from casahunt.continuation.terminations import End
-from casahunt.servo.parts import BY_DIRECTION, INERTIA, INTEGRATOR, PID_BY_TIMES, Loop, load_loop, loop_of, verbs
+from casahunt.servo.parts import (
+    BY_DIRECTION,
+    INERTIA,
+    INTEGRATOR,
+    PID_BY_GAINS,
+    PID_BY_TIMES,
+    SWITCH,
+    TWO_MASSES,
+    Loop,
+    load_loop,
+    loop_of,
+    verbs,
+)  # fmt: skip
 from casahunt.servo.parts.verbs import fold_in, loop_cycle
 from casahunt.servo.stable_up_to import ranges_between, stable_ranges
 
@@ -132,6 +144,21 @@ def test_the_fold_of_the_other_hunting_lies_behind_a_slip_that_vanishes(tmp_path
     assert np.abs(turned(np.zeros(4)) - 1).max() < 1e-7
     slopes = np.transpose([(turned(h) - turned(-h)) / 2e-6 for h in 1e-6 * np.eye(4)])
     assert np.abs(np.linalg.eigvals(slopes) - 1).min() < 1e-3  # as the root of what the gain is known to
+
+
+@pytest.mark.slow
+def test_the_fold_does_not_depend_on_the_gain_of_the_file():
+    """At gain 1 motions end in a lopsided cycle whose branch ends at 1.011, in the symmetric one, which goes on.
+
+    A fixed-step simulator that is not this package's hunts at 12 V/rad, with 2.28 mrad.
+    """
+    numbers = {"inertia": 0.00356, "static": 0.175, "coulomb": 0.114, "stribeck_velocity": 0.0133, "viscous": 0.0158,
+               "motor_gain": 1.0, "kp": 1.03, "ki": 6.31, "kd": 0.0614, "load_inertia": 0.00372,
+               "shaft_stiffness": 9.33, "shaft_damping": 0.0255}  # fmt: skip
+    loop = Loop((TWO_MASSES, SWITCH, PID_BY_GAINS, INTEGRATOR), numbers | {"gain": 1.0})
+    folds = [find_fold(loop.replace(gain=gain)) for gain in (1.0, 1.3, 5.0)]
+    assert [fold.value for fold in folds] == pytest.approx([folds[0].value] * 3, rel=1e-8) and folds[0].value > 12
+    assert find_orbit(loop.replace(gain=12.0)).amplitude == pytest.approx(2.28e-3, rel=3e-3)
 
 
 BY_DIRECTION_LOOP = Loop((INERTIA, BY_DIRECTION, PID_BY_TIMES, INTEGRATOR), {"static_back": 0.47, "coulomb_back": 0.40})

@@ -29,7 +29,7 @@ P_PI = Part(
     "cascade P-PI", (),
     {"motor_gain": 16.0, "position_gain": 6.283185307179586, "velocity_gain": 0.15915494309189535,
      "reset_time": 0.15915494309189535, "gain": 0.04},
-    ranges={"reset_time": ABOVE_ZERO}, gives=pid_of(_gains),
+    ranges=dict.fromkeys(("reset_time", "gain"), ABOVE_ZERO), gives=pid_of(_gains),
 )  # fmt: skip
 """Kp [1/s], Kv [s], Tn [s]: at Kp = 1/tau_i, Kv = tau_d, Tn = tau_d the PID by times with tau_d = tau_i."""
 P_PI_FILTERED = lagging(Part(

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...compiled import kept
 from ...errors import InputError
-from .part import Function, Law, Part, PartMode
+from .part import ABOVE_ZERO, Function, Law, Part, PartMode
 
 Array = np.ndarray
 Rows = tuple[tuple[float, ...], ...]
@@ -97,6 +97,7 @@ def _state_space(A: Rows, B: tuple[float, ...], C: tuple[float, ...], D: float) 
     size = _proportional(np.array(A).reshape(len(B), len(B)), np.array(B), np.array(C), D)
     return Part(
         "linear controller", names, {"motor_gain": 16.0, "gain": 0.04}, made_by=(_again, (A, B, C, D)),
+        ranges={"gain": ABOVE_ZERO},
         gives={"demand": demand, "kp": lambda x, s, p: p.gain * p.motor_gain * size},
         modes=(PartMode("", Law({name: row(i) for i, name in enumerate(names)})),),
     )  # fmt: skip

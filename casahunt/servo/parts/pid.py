@@ -31,12 +31,12 @@ def pid_of(gains: Callable[[Any], tuple[Any, Any, Any]]) -> dict[str, Function]:
 PID_BY_TIMES = Part(
     "PID by times", (),
     {"motor_gain": 16.0, "lead_time": 1 / (2 * math.pi), "integral_time": 1 / (2 * math.pi), "gain": 0.04},
-    ranges={"integral_time": ABOVE_ZERO},
+    ranges=dict.fromkeys(("integral_time", "gain"), ABOVE_ZERO),
     gives=pid_of(lambda p: torque_gains_of(p.gain * p.motor_gain, p.lead_time, p.integral_time)),
 )  # fmt: skip
 PID_BY_GAINS = Part(
     "PID by gains", (), {"motor_gain": 16.0, "kp": 2.0, "ki": 2 * math.pi, "kd": 1 / (2 * math.pi), "gain": 0.04},
-    gives=pid_of(lambda p: torque_gains_of(p.gain * p.motor_gain, p.kp, p.ki, p.kd)),
+    ranges={"gain": ABOVE_ZERO}, gives=pid_of(lambda p: torque_gains_of(p.gain * p.motor_gain, p.kp, p.ki, p.kd)),
 )  # fmt: skip
 
 

@@ -285,15 +285,21 @@ def fold_in(
 def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> SystemOrbit | HuntsIrregularly | None:
     """What hunts all the same a little beyond a fold, where the cycle that was followed has ended.
 
-    Motions from rest beside it; None where they come to rest, or it is not known of any what it leads to.
+    As of `hunting_from`.
     """
-    name = fold.parameter
-    beyond, rough = loop.replace(**{name: beyond_fold(fold)}), Options(tol=TOLERANCE_ON_THE_WAY)
+    return hunting_from(loop.replace(**{fold.parameter: beyond_fold(fold)}), fold.parameter, fold.orbit.amplitude)
+
+
+def hunting_from(loop: Loop, vary: str, amplitude: float) -> SystemOrbit | HuntsIrregularly | None:
+    """What motions lead to from rest about as far beside the set point as an amplitude.
+
+    None where they come to rest, or it is not known of any what it leads to.
+    """
     for part in OF_ITS_AMPLITUDE:
-        start = beyond.at_rest(-part * fold.orbit.amplitude)
         try:
             with effort.at_most(WORK_OF_A_START):
-                return _settled(beyond, name, _led_on(beyond, start), rough)
+                state = _led_on(loop, loop.at_rest(-part * amplitude))
+                return _settled(loop, vary, state, Options(tol=TOLERANCE_ON_THE_WAY))
         except HuntsIrregularly as irregular:
             return irregular
         except (NoOrbit, effort.PartGivenUp):

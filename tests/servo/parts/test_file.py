@@ -99,6 +99,18 @@ def test_what_is_refused(tmp_path, text, sentence):
         load_loop(path)
 
 
+def test_a_byte_order_mark_and_the_unit_of_every_time(tmp_path):
+    """As editors of Windows write files; times of all parts take a unit."""
+    path = tmp_path / "axis.toml"
+    path.write_text('''[loop]
+parts = ["one inertia", "Switch friction", "cascade P-PI, velocity filtered", "integrator"]
+[values]
+velocity_filter = "1.5 ms"
+reset_time = "20 ms"
+''', encoding="utf-8-sig")
+    assert (load(path).value("velocity_filter"), load(path).value("reset_time")) == (1.5e-3, 20e-3)
+
+
 def test_of_a_linear_axis_every_number_is_stated(tmp_path):
     """What its parts have of themselves is the rotary servo of Table 1; that there is no damping need not be said."""
     lines, path = (PROBLEMS / "belt_axis.toml").read_text().splitlines(True), tmp_path / "axis.toml"
