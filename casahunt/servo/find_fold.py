@@ -23,7 +23,7 @@ import numpy as np
 
 from .. import effort
 from ..axis_units import in_its_units
-from ..checks import choice_of, of_kind, to_error, to_error_beside
+from ..checks import of_kind, to_error, to_error_beside
 from ..continuation import Fold, fold_between, largest, left_by_motions, smallest
 from ..continuation.walk import walk
 from ..errors import InputError, NoOrbit, Status
@@ -35,15 +35,15 @@ from .event_map.fixed_points import fixed_points
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import GROWING, Scan, scan
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, lowered, near_typical
-from .friction import MODELS, Model
+from .friction import Model
 from .gains import typical_gain
 from .linear.open_loop import open_loop
 from .parts.loop import Loop
-from .parts.plain_loop import loop_asked
+from .parts.plain_loop import loop_asked, model_asked
 from .parts.verbs import fold_in, loop_cycle
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
-from .servo import Servo, a_servo
+from .servo import Servo
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
@@ -293,8 +293,7 @@ def find_fold(
     if vary != "gain":
         raise InputError(f"vary = {vary}: must be gain of a servo; of a loop of parts it is any parameter (loop_of)")
     began = time.perf_counter()
-    a_servo(servo)
-    friction: Any = choice_of("model", str(model), MODELS)
+    friction = model_asked(servo, model)
     options = of_kind("options", options or Options(), Options)
     rough = replace(options.rough(), provisional=True)
     first = start or find_any_orbit(servo, friction, options=rough)

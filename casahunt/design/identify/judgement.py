@@ -124,15 +124,13 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
     factor += doubt / NORMAL_95**2
     systematic = math.sqrt(left / size)
-    fits = chance >= IMPROBABLE or systematic < max(NEGLIGIBLE, MOST_OFF * _apart(question))
+    # What the mean swings of the records differ by from those of their drives, relative to the amplitude.
+    built = [data.apart / data.amplitude for data in question.records if data.apart is not None]
+    apart = math.sqrt(sum(float(np.mean(np.sum(of**2, axis=1))) for of in built) / len(question.records))
+    fits = chance >= IMPROBABLE or systematic < max(NEGLIGIBLE, MOST_OFF * apart)
     fits = fits and sum(periods_off) <= MOST_OFF**2 * len(periods_off)
     return Judgement(misfit, scatter, fits, systematic, factor, math.sqrt(differ / size))
 
-
-def _apart(question: Question) -> float:
-    """What the mean swings of the records differ by from those of their drives, relative to the amplitude."""
-    built = [data.apart / data.amplitude for data in question.records if data.apart is not None]
-    return math.sqrt(sum(float(np.mean(np.sum(apart**2, axis=1))) for apart in built) / len(question.records))
 
 
 def _means(by: Array, values: Array) -> tuple[Array, Array]:

@@ -113,13 +113,13 @@ def fit_of(options: Asked) -> tuple[Callable[[], Identification], list[str]]:
 
 def _of_drive(servo: Servo | Loop, gain: float, drive: Drive, *, taken_in: bool) -> Iterator[str]:
     """What is said of the drive that made records; taken_in: its lags are taken into account."""
-    parts = isinstance(servo, Loop)
-    where = "whose friction is the same both ways" if parts else "where friction alone is sought, from positions alone"
+    one = rigid(servo)
+    where = "where friction alone is sought, from positions alone"
+    where = where if one is servo else "whose friction is the same both ways"
     left = f"the loop is taken as a continuous one: of [drive] sampling and delay are taken into account {where}"
     yield "sampling, delay and counts of [drive] are taken into account" if taken_in else left
-    one = rigid(servo) if isinstance(servo, Loop) else servo
     time = drive.sample_time + drive.filter_of(one.controller)
-    time += sum(servo.value(name) for name in FILTERS_OF_RATE if parts and name in servo.names)
+    time += sum(servo.value(name) for name in FILTERS_OF_RATE if name in servo.names)
     shaken = one.torque_gains(gain)[1] * drive.count / time / one.friction.static
     if shaken > SHAKEN:
         yield (
