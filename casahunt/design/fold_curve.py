@@ -25,8 +25,9 @@ from ..export import Columns, columns_from
 from ..orbits import Options
 from ..results import Result
 from ..servo.find_fold import find_fold
-from ..servo.friction import MODELS, Model, steepest
+from ..servo.friction import Model, steepest
 from ..servo.parts.loop import Loop
+from ..servo.parts.plain_loop import model_asked
 from ..servo.parts.verbs import check_present
 from ..servo.servo import Servo, a_servo
 from .sensitivity import NAMES
@@ -237,8 +238,7 @@ def fold_curve(
     """
     began = time.perf_counter()
     options = options or Options()
-    if not isinstance(servo, Loop):
-        choice_of("model", str(model), MODELS)
+    model_asked(servo, model)
     check_range(servo, vary, start, end, fold_in)
     require("points", points, at_least=2)
     task = _FoldCurveTask(servo, model, Axis(vary, float(start), float(end)), fold_in, options, 1 / (points - 1))
