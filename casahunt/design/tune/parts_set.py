@@ -33,8 +33,14 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
 
     bounds: (low, high) by parameter; lag: sampling and delay. Raises InputError: one of them is not linear.
     """
+
+    def told(name: str, end: float) -> list[tuple[list[float], list[float]]]:
+        opened = (open_loop(way, 1.0) for way in either_way(loop.replace(**{name: float(end)})).values())
+        return [(each.numerator.tolist(), each.denominator.tolist()) for each in opened]
+
     # Of two points alone it is seen whether a parameter matters to the linear loop at all: friction does not.
-    names = [name for name, ends in bounds.items() if name not in ("motor_gain", "gain") and _matters(loop, name, ends)]
+    names = [name for name in bounds if name not in ("motor_gain", "gain")]
+    names = [name for name in names if told(name, bounds[name][0]) != told(name, bounds[name][1])]
     motor = bounds.get("motor_gain", (loop.parameters.get("motor_gain", 1.0),) * 2)
     low, high = np.array([*(bounds[name] for name in names), motor], float).T
     random = np.random.default_rng(np.random.SeedSequence(2))
@@ -67,13 +73,6 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
 
     return LoopBox((*names, "motor_gain"), low, high, worst, lambda x: curves)
 
-
-def _matters(loop: Loop, name: str, ends: tuple[float, float]) -> bool:
-    def told(end: float) -> list[tuple[list[float], list[float]]]:
-        opened = (open_loop(way, 1.0) for way in either_way(loop.replace(**{name: float(end)})).values())
-        return [(each.numerator.tolist(), each.denominator.tolist()) for each in opened]
-
-    return told(ends[0]) != told(ends[1])
 
 
 def _curve(loop: Loop, lag: Lag) -> tuple[Array, Array]:
