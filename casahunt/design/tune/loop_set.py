@@ -175,9 +175,14 @@ def _worst(
     phases = _least_phases(points, lag)
     best, values = points[:1], phases[:1]
     if varied.size:
-        best = _apart(points, phases, (high - low)[varied], varied)
-        along = _along(varied.size, GRID_POINTS)
+        along, chosen = _along(varied.size, GRID_POINTS), list[Array]()
         width = (high - low)[varied] / (along - 1)
+        for i in np.argsort(phases):  # the best points, no two of which are neighbours
+            if all(np.max(np.abs((points[i] - other)[varied]) / width) > 1.5 for other in chosen):
+                chosen.append(points[i])
+            if len(chosen) == SEARCH_STARTS:
+                break
+        best = np.array(chosen)
         offsets = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=varied.size)))
         for _ in range(HALVINGS):
             tried = np.repeat(best[:, None, :], len(offsets), axis=1)
@@ -202,17 +207,6 @@ def _grid(low: Array, high: Array, varied: Array, most: int) -> Array:
     axes = [np.linspace(low[i], high[i], n) if i in varied else low[i : i + 1] for i in range(low.size)]
     return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
-
-def _apart(points: Array, phases: Array, size: Array, varied: Array) -> Array:
-    """The best points, no two of which are neighbours."""
-    chosen: list[Array] = []
-    spacing = 1.5 / (_along(varied.size, GRID_POINTS) - 1)
-    for i in np.argsort(phases):
-        if all(np.max(np.abs((points[i] - other)[varied]) / size) > spacing for other in chosen):
-            chosen.append(points[i])
-        if len(chosen) == SEARCH_STARTS:
-            break
-    return np.array(chosen)
 
 
 def shortfall(boxes: Sequence[LoopBox], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:

@@ -54,7 +54,14 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
     if bool(np.all((low[:-1] <= own) & (own <= high[:-1]))):
         rows = np.vstack([own, rows]) if size else rows
     ways = [either_way(loop.replace(**dict(zip(names, row.tolist(), strict=True)))) for row in rows]
-    curves = [_curve(each, lag) for way in ways for each in way.values()]
+    curves: list[tuple[Array, Array]] = []
+    at_one = {name: 1.0 for name in ("gain", "motor_gain") if name in loop.parameters}
+    for each in (each for way in ways for each in way.values()):
+        opened = open_loop(each.replace(**at_one))
+        omega = frequencies_of(opened)
+        L = opened.response(omega)
+        phi = np.unwrap(np.angle(-L)) - omega * (lag.delay + 2 * lag.half)
+        curves.append((-np.log(np.abs(L)), phi))
     rows = np.repeat(np.array(rows, float), [len(way) for way in ways], axis=0)
 
     def worst(gain: float, factors: tuple[float, float]) -> WorstLoop:
@@ -74,11 +81,3 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
     return LoopBox((*names, "motor_gain"), low, high, worst, lambda x: curves)
 
 
-
-def _curve(loop: Loop, lag: Lag) -> tuple[Array, Array]:
-    """(ln kappa, phi) along the frequency."""
-    at_one = {name: 1.0 for name in ("gain", "motor_gain") if name in loop.parameters}
-    opened = open_loop(loop.replace(**at_one))
-    omega = frequencies_of(opened)
-    L = opened.response(omega)
-    return -np.log(np.abs(L)), np.unwrap(np.angle(-L)) - omega * (lag.delay + 2 * lag.half)
