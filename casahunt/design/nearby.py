@@ -55,18 +55,17 @@ def check_asked(servo: Servo | Loop, model: Model | None) -> None:
         raise InputError(f"gain: must be a parameter of one of the parts, whose fold is asked for; {parts} have none")
 
 
-def fold_near(servo: Servo | Loop, model: Model | None, expected: float, options: Options) -> AnyFold | None:
-    """The fold of a servo whose gain is about known.
+def fold_near(servo: Any, model: Model | None, expected: float, options: Options) -> AnyFold | None:
+    """The fold of a servo, or of a loop and no model, whose gain is about known.
 
     expected: its fold gain [V/rad], about; nan: unknown. Returns the fold; None where the servo cannot hunt. Raises
     NoOrbit: the fold was not computed.
     """
-    if isinstance(servo, Loop):
+    if model is None:
         if np.isfinite(expected):
             with suppress(NoOrbit):
                 return upper(find_fold(servo.replace(gain=BELOW * expected), options=options))
         return upper(find_fold(servo, options=options))
-    assert model is not None
     start = None
     if np.isfinite(expected):
         with suppress(NoOrbit):  # where the prediction is too far off: from nothing

@@ -18,7 +18,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...servo.servo import flatten
 from .climb import FIRST_STEPS, MOST_FIT_STEPS, ROUGHLY_SETTLED, settled_from
 from .clipped import CLIPPED_SHARE
 from .fit import Array, Data, Point, Question, at, sharpened
@@ -87,7 +86,7 @@ def gain_that_fits(question: Question) -> tuple[float, Array] | None:
     freed = replace(question, free=free, scales=scales, lowest=lowest)
 
     def factor_of(point: Point) -> float:
-        return freed.values(point.z)[MOTOR_GAIN] / flatten(servo)[MOTOR_GAIN]
+        return freed.values(point.z)[MOTOR_GAIN] / float(servo.motor_gain)
 
     def another(point: Point) -> bool:
         return math.log(OTHER_GAIN) < abs(math.log(factor_of(point))) < math.log(FARTHEST_GAIN)

@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...orbits import Orbit
 from ..record.verdict import chi_square
 from .fit import Array, Point, Question, at
 from .intervals import NORMAL_95, Interval, marginal_information
@@ -146,7 +145,13 @@ def _channels(
     """What was measured, positions and torques: parts of the period, noise, measured and computed, amplitude."""
     laid = zip(question.records, noises, point.orbits, point.positions, point.torques, strict=True)
     for i, (data, noise, orbit, x, m) in enumerate(laid):
-        parts = _parts(data.times / data.period - point.z[question.own(i).start], orbit)
+        # which period each sample belongs to, from 0 on, and which part of it
+        phase = data.times / data.period - point.z[question.own(i).start]
+        times, states = orbit.sample()
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states[0])))])
+        done = np.interp(phase % 1 * times[-1], times, (times / times[-1] + way / way[-1]) / 2)
+        periods = np.floor(phase).astype(int)
+        parts = periods - periods.min(), np.minimum(done * PARTS_OF_PERIOD, PARTS_OF_PERIOD - 1).astype(int)
         yield parts, noise, data.position, x, data.amplitude
         if data.torque is not None and m is not None:
             r, sigma = residual(data.torque, m)
@@ -159,14 +164,6 @@ def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
     total = float(np.sum(squares))
     return total / freedom, 1 - chi_square(freedom, min(total, 1e4 * freedom))
 
-
-def _parts(phase: Array, orbit: Orbit) -> tuple[Array, Array]:
-    """(m,) which period each phase belongs to, from 0 on, and which part of it."""
-    times, states = orbit.sample()
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states[0])))])
-    done = np.interp(phase % 1 * times[-1], times, (times / times[-1] + way / way[-1]) / 2)
-    periods = np.floor(phase).astype(int)
-    return periods - periods.min(), np.minimum(done * PARTS_OF_PERIOD, PARTS_OF_PERIOD - 1).astype(int)
 
 
 def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]]:
