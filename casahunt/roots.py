@@ -7,6 +7,7 @@
     inverse          s(0) of the polynomial s(f) through the three points of smallest |f|
     parabolas        whether two zeros may hide between neighbouring places, by those through three places each
     secant           x_2 = x_1 - f_1 (x_1 - x_0)/(f_1 - f_0), without a bracket
+    golden section   where f is least
 
 A simple root costs Illinois steps of order 1.44, Newton's of order 2, inverse interpolation of order 1.84.  At a jump
 and at a multiple root (of odd order) all of them are slow, and only halving is sure: n halvings leave (b - a)/2^n.
@@ -38,6 +39,7 @@ LOOKED_AT = np.linspace(0.0, 1.0, 17)
 """Parts of a step, an interval or a phase at which it is looked at, more than an interval's polynomial has zeros."""
 DOUBTED = 4.0
 """So many times what parabolas differ by they may be off: a narrow pair of zeros shows but a part of itself."""
+GOLDEN_PART = (math.sqrt(5) - 1) / 2
 BESIDE = 0.02
 """Where f cannot be computed, the next place is this part of the bracket further on, then further back, and so on."""
 
@@ -215,6 +217,23 @@ def secant(
         if abs(f1) <= tolerance:
             break
     return x1, f1
+
+
+def golden(f: Callable[[float], float], a: float, b: float, width: float, enough: float = -math.inf) -> list[float]:
+    """Two places about which f is least between a and b, the better one first; or one where f is `enough`.
+
+    width: of what is left between the ends.
+    """
+    c, d = b - GOLDEN_PART * (b - a), a + GOLDEN_PART * (b - a)
+    f_c, f_d = f(c), f(d)
+    while b - a > width and min(f_c, f_d) > enough:
+        if f_c <= f_d:
+            b, d, f_d = d, c, f_c
+            f_c = f(c := b - GOLDEN_PART * (b - a))
+        else:
+            a, c, f_c = c, d, f_d
+            f_d = f(d := a + GOLDEN_PART * (b - a))
+    return [c, d] if f_c <= f_d else [d, c]
 
 
 def hides_a_pair(at: Array, values: Array, low: float, high: float, mean: float | None = None) -> bool:

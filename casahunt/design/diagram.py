@@ -30,14 +30,14 @@ from ..continuation import (
     next_fold,
 )
 from ..errors import InputError, NoOrbit, Status
-from ..orbits import Options, Orbit
+from ..orbits import Options
 from ..servo.find_fold import HIGHEST, find_fold
 from ..servo.find_orbit import find_orbit
 from ..servo.friction import MODELS, Model
 from ..servo.gains import typical_gain
 from ..servo.parts.loop import Loop
-from ..servo.parts.plain_loop import loop_asked
-from ..servo.parts.verbs import FAR_UP, check_present, loop_cycle
+from ..servo.parts.plain_loop import model_asked
+from ..servo.parts.verbs import FAR_UP, check_present
 from ..servo.problem import HuntingOrbit
 from ..servo.servo import Servo, a_servo
 
@@ -154,35 +154,28 @@ def diagram(
                                "largest_step": largest_step, "natural": natural, "report": report}  # fmt: skip
         return tuple(diagram(servo, each, **how) for each in model or MODELS)
     own: dict[str, Any] = {}
-    if not isinstance(servo, Loop):
-        options = options or Options()
-        own = {"monitors": STANDARD, "largest_step": DRAWING_STEP, "recut": False}
-    asked = {"monitors": monitors, "largest_step": largest_step}
-    own |= {name: value for name, value in asked.items() if value is not None}
-    first, to = _first(servo, model, vary, start, to, options)
-    branch: Branch[Any] = follow(first, vary, to=to, options=options, natural=natural, report=report, **own)
-    return _with_the_fold_behind(branch, options) if natural else branch
-
-
-def _first(
-    servo: Servo | Loop, model: Any, vary: str, start: float | None, to: float | None, options: Options | None
-) -> tuple[Orbit, float]:
-    """The cycle that a diagram begins with, and the value at which it ends.
-
-    Raises InputError: a parameter of a servo that is not its gain, or a way that leads nowhere; NoOrbit.
-    """
-    if not isinstance(servo, Loop):
+    if isinstance(servo, Loop):
+        model_asked(servo, model)  # type: ignore[arg-type]
+        servo = servo.replace(**({} if start is None else {vary: start}))
+        check_present(servo, vary)
+        here = servo.value(vary)
+        if to is None and here <= 0:
+            raise InputError(f"to: must be given, {vary} = {here:g} at the start cannot be multiplied")
+        to, _ = to_and_back(vary, here, FAR_UP * here if to is None else to, None)
+        start = None
+    else:
         if vary != "gain":
             raise InputError(f"vary = {vary}: must be gain of a servo; casahunt.servo.parts.loop_of makes a loop of it")
-        gain = starting_gain(servo, model, options) if start is None else start
-        return find_orbit(servo, model, gain, options=options), gain * HIGHEST if to is None else to
-    loop = loop_asked(servo, model, None).replace(**({} if start is None else {vary: start}))
-    check_present(loop, vary)
-    here = loop.value(vary)
-    if to is None and here <= 0:
-        raise InputError(f"to: must be given, {vary} = {here:g} at the start cannot be multiplied")
-    to, _ = to_and_back(vary, here, FAR_UP * here if to is None else to, None)
-    return loop_cycle(loop, vary, options=options), to
+        options = options or Options()
+        own = {"monitors": STANDARD, "largest_step": DRAWING_STEP, "recut": False}
+        start = starting_gain(servo, model, options) if start is None else start  # type: ignore[arg-type]
+        to = start * HIGHEST if to is None else to
+    own |= {} if monitors is None else {"monitors": monitors}
+    own |= {} if largest_step is None else {"largest_step": largest_step}
+    at: Any = servo, model, start
+    first = find_orbit(*at, vary=vary, options=options)
+    branch: Branch[Any] = follow(first, vary, to=to, options=options, natural=natural, report=report, **own)
+    return _with_the_fold_behind(branch, options) if natural else branch
 
 
 def _with_the_fold_behind(branch: Branch[Any], options: Options | None) -> Branch[Any]:

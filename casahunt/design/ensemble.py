@@ -169,9 +169,9 @@ def folds_of(
     names, expected = tuple(names), expected_gains(fold, names, rows)
     known = known_fold(servo, names, fold, options.tol) if len(rows) else None
     batches = [slice(i, i + ROWS_OF_A_TASK) for i in range(0, len(rows), ROWS_OF_A_TASK)]
-    tasks = [_Task(servo, model, options, names, rows[b], expected[b], known, elasticities_by) for b in batches]
-    members: list[_Member] = []
-    for part in map(_work, tasks) if executor is None else executor.map(_work, tasks):
+    work: Any = partial(_work, servo, model, options, names, known, elasticities_by)
+    tasks, members = ([rows[b] for b in batches], [expected[b] for b in batches]), list[_Member]()
+    for part in map(work, *tasks) if executor is None else executor.map(work, *tasks):
         members += part
         if report is not None:
             report(len(members))
@@ -185,19 +185,6 @@ def folds_of(
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """Everything a worker needs for a batch; small, and pickled once per task."""
-
-    servo: Servo | Loop
-    model: Model | None
-    options: Options
-    names: tuple[str, ...]
-    rows: Array
-    expected: Array
-    known: Expansion | None
-    elasticities_by: tuple[str, ...]
-
 
 class _Member(NamedTuple):
     """(6 + j,) gain, period and amplitude, each with its relative error, elasticities; the words of `FoldEnsemble`."""
@@ -208,34 +195,34 @@ class _Member(NamedTuple):
     sentence: str = ""
 
 
-def _work(task: _Task) -> list[_Member]:
-    """The folds of a batch; a function of the batch alone, whoever computes it."""
-    if task.known is None:
-        return [_alone(task, i) for i in range(len(task.rows))]
-    p = vectors(task.servo, task.names, task.rows)
-    folds = folds_near(task.known, p, task.options.tol, slopes_by=task.elasticities_by)
+def _work(
+    servo: Servo | Loop, model: Model | None, options: Options, names: tuple[str, ...], known: Expansion | None,
+    by: tuple[str, ...], rows: Array, expected: Array,
+) -> list[_Member]:  # fmt: skip
+    """The folds of a batch, by j parameters their elasticities; a function of the batch alone, whoever computes it."""
+
+    def alone(i: int) -> _Member:
+        """The fold of one servo, looked for where its gain is expected."""
+        nothing = np.full(6 + len(by), np.nan)
+        try:
+            fold = fold_near(servo_at(servo, names, rows[i]), model, float(expected[i]), options)
+        except NoOrbit as error:
+            return _Member(nothing, error.status, ON_ITS_OWN, str(error))
+        if fold is None:
+            nothing[0] = 0.0
+            return _Member(nothing, Status.CONVERGED, ON_ITS_OWN)
+        of, moves = fold.orbit, fold_sensitivities(fold).elasticities if by else {}
+        numbers = fold.value, fold.value_error, of.period, of.period_error, of.amplitude, of.amplitude_error
+        return _Member(np.array([*numbers, *(moves[name] for name in by)]), Status.CONVERGED, ON_ITS_OWN)
+
+    if known is None:
+        return [alone(i) for i in range(len(rows))]
+    folds = folds_near(known, vectors(servo, names, rows), options.tol, slopes_by=by)
     numbers = np.column_stack([
         folds.values, folds.value_errors, folds.periods, folds.period_errors, folds.amplitudes, folds.amplitude_errors,
         folds.slopes,
     ])  # fmt: skip
-    return [_Member(numbers[i], folds.statuses[i], how) if how else _alone(task, i) for i, how in enumerate(folds.how)]
-
-
-def _alone(task: _Task, i: int) -> _Member:
-    """The fold of one servo, looked for where its gain is expected."""
-    by = task.elasticities_by
-    nothing = np.full(6 + len(by), np.nan)
-    try:
-        servo = servo_at(task.servo, task.names, task.rows[i])
-        fold = fold_near(servo, task.model, float(task.expected[i]), task.options)
-    except NoOrbit as error:
-        return _Member(nothing, error.status, ON_ITS_OWN, str(error))
-    if fold is None:
-        nothing[0] = 0.0
-        return _Member(nothing, Status.CONVERGED, ON_ITS_OWN)
-    of, moves = fold.orbit, fold_sensitivities(fold).elasticities if by else {}
-    numbers = fold.value, fold.value_error, of.period, of.period_error, of.amplitude, of.amplitude_error
-    return _Member(np.array([*numbers, *(moves[name] for name in by)]), Status.CONVERGED, ON_ITS_OWN)
+    return [_Member(numbers[i], folds.statuses[i], how) if how else alone(i) for i, how in enumerate(folds.how)]
 
 
 def orbit_ensemble(

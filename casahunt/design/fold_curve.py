@@ -11,7 +11,7 @@ where the gain tends to zero because nothing feeds a cycle any more (`unfed`).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -25,8 +25,9 @@ from ..export import Columns, columns_from
 from ..orbits import Options
 from ..results import Result
 from ..servo.find_fold import find_fold
-from ..servo.friction import MODELS, Model, steepest
+from ..servo.friction import Model, steepest
 from ..servo.parts.loop import Loop
+from ..servo.parts.plain_loop import model_asked
 from ..servo.parts.verbs import check_present
 from ..servo.servo import Servo, a_servo
 from .sensitivity import NAMES
@@ -237,8 +238,7 @@ def fold_curve(
     """
     began = time.perf_counter()
     options = options or Options()
-    if not isinstance(servo, Loop):
-        choice_of("model", str(model), MODELS)
+    model_asked(servo, model)
     check_range(servo, vary, start, end, fold_in)
     require("points", points, at_least=2)
     task = _FoldCurveTask(servo, model, Axis(vary, float(start), float(end)), fold_in, options, 1 / (points - 1))
@@ -307,19 +307,13 @@ def _collect(
             return stop.value, False
         if report is not None:
             report(found[-1])
-        reason, gone = _fading(found, task.axis, goal)
-        if reason or gone:
-            return reason, gone
-
-
-def _fading(found: Sequence[FoldPoint], axis: Axis, goal: Servo | Loop) -> tuple[str, bool]:
-    """(why the curve is left at its last point, or ""; whether the gain tends to zero there)."""
-    last = found[-1]
-    share = last.border / max(point.border for point in found)
-    steepness = last.slope / last.border * axis.rate(axis.place(last.value))
-    if share < VANISHING and isinstance(goal, Servo) and unfed(goal) and abs(steepness) > STEEP_GAIN:
-        return "", True
-    return f"its gain has fallen to {share:.2g} of the largest one" if share < GONE else "", False
+        last = found[-1]
+        share = last.border / max(point.border for point in found)
+        steepness = last.slope / last.border * task.axis.rate(task.axis.place(last.value))
+        if share < VANISHING and isinstance(goal, Servo) and unfed(goal) and abs(steepness) > STEEP_GAIN:
+            return "", True
+        if share < GONE:
+            return f"its gain has fallen to {share:.2g} of the largest one", False
 
 
 def check_range(servo: Servo | Loop, vary: str, start: float, end: float, fold_in: str = "gain") -> None:

@@ -28,11 +28,11 @@ from ..servo.cold_start import stable_at
 from ..servo.event_map.half_cycle import StickMap
 from ..servo.event_map.scan import scan
 from ..servo.find_fold import find_fold
-from ..servo.friction import MODELS, Model, pairs_of
+from ..servo.friction import Model, pairs_of
 from ..servo.parts.loop import Loop
-from ..servo.parts.plain_loop import loop_asked
+from ..servo.parts.plain_loop import model_asked
 from ..servo.parts.table import unit_of
-from ..servo.servo import Servo, a_servo
+from ..servo.servo import Servo
 from .sensitivity import fold_sensitivities
 
 Array = np.ndarray
@@ -50,26 +50,22 @@ def check_asked(servo: Servo | Loop, model: Model | None) -> None:
 
     Raises InputError: neither a servo with its friction model nor a loop alone, or a loop whose controller has no gain.
     """
-    if not isinstance(servo, Loop):
-        a_servo(servo)
-        one_of("model", str(model), MODELS)
-    elif "gain" not in loop_asked(servo, model, None).parameters:
-        parts = ", ".join(part.name for part in servo.present)
+    if model_asked(servo, model) is None and "gain" not in servo.names:
+        parts = ", ".join(part.name for part in servo.present)  # type: ignore[union-attr]
         raise InputError(f"gain: must be a parameter of one of the parts, whose fold is asked for; {parts} have none")
 
 
-def fold_near(servo: Servo | Loop, model: Model | None, expected: float, options: Options) -> AnyFold | None:
-    """The fold of a servo whose gain is about known.
+def fold_near(servo: Any, model: Model | None, expected: float, options: Options) -> AnyFold | None:
+    """The fold of a servo, or of a loop and no model, whose gain is about known.
 
     expected: its fold gain [V/rad], about; nan: unknown. Returns the fold; None where the servo cannot hunt. Raises
     NoOrbit: the fold was not computed.
     """
-    if isinstance(servo, Loop):
+    if model is None:
         if np.isfinite(expected):
             with suppress(NoOrbit):
                 return upper(find_fold(servo.replace(gain=BELOW * expected), options=options))
         return upper(find_fold(servo, options=options))
-    assert model is not None
     start = None
     if np.isfinite(expected):
         with suppress(NoOrbit):  # where the prediction is too far off: from nothing

@@ -23,7 +23,7 @@ import numpy as np
 
 from .. import effort
 from ..axis_units import in_its_units
-from ..checks import choice_of, of_kind, to_error, to_error_beside
+from ..checks import of_kind, to_error, to_error_beside
 from ..continuation import Fold, fold_between, largest, left_by_motions, smallest
 from ..continuation.walk import walk
 from ..errors import InputError, NoOrbit, Status
@@ -35,15 +35,15 @@ from .event_map.fixed_points import fixed_points
 from .event_map.half_cycle import HalfCycle, StickMap
 from .event_map.scan import GROWING, Scan, scan
 from .event_map.secant_search import BESIDE_A_CYCLE, climbed, lowered, near_typical
-from .friction import MODELS, Model
+from .friction import Model
 from .gains import typical_gain
 from .linear.open_loop import open_loop
 from .parts.loop import Loop
-from .parts.plain_loop import loop_asked
-from .parts.verbs import fold_in, hunting_beyond, hunting_from, loop_cycle
+from .parts.plain_loop import loop_asked, model_asked
+from .parts.verbs import loop_fold
 from .problem import HuntingFold, HuntingOrbit
 from .refused import check_hunts, check_problem, check_times
-from .servo import Servo, a_servo
+from .servo import Servo
 
 SEARCH_FACTORS = 12
 """Gains searched for a first cycle: up to this many factors of two from the Routh-Hurwitz gain, each way."""
@@ -65,10 +65,6 @@ LOCATED_TO = (0.1, 1e-3)
 period and amplitude being of first order in it."""
 FOLD_DIGITS = 4
 """Digits of a fold gain in a refusal where they tell it from the gain asked: friction is known to per cents."""
-LARGER_GAINS = (1.5, 4.0)
-"""Times its own at which hunting of a loop is looked for where the branch of its cycle leads to no fold."""
-MOST_BEYOND = 8
-"""Folds of loops beyond which other hunting is looked for, one after the other."""
 HIGHEST = 1e9
 """Gain, in units of the first one, beyond which no fold is looked for."""
 MOST_WALKED = 1000
@@ -293,12 +289,11 @@ def find_fold(
     if isinstance(servo, Loop):
         if start is not None:
             raise InputError("start: must be left out, a loop begins where it hunts by itself")
-        return _of_a_loop(loop_asked(servo, model, None), vary, options)
+        return loop_fold(loop_asked(servo, model, None), vary, options)
     if vary != "gain":
         raise InputError(f"vary = {vary}: must be gain of a servo; of a loop of parts it is any parameter (loop_of)")
     began = time.perf_counter()
-    a_servo(servo)
-    friction: Any = choice_of("model", str(model), MODELS)
+    friction = model_asked(servo, model)
     options = of_kind("options", options or Options(), Options)
     rough = replace(options.rough(), provisional=True)
     first = start or find_any_orbit(servo, friction, options=rough)
@@ -308,56 +303,6 @@ def find_fold(
         if error.status is Status.NOT_FOUND:  # finer steps do not lead farther
             raise
     return _walked(first, replace(options, tol=min(options.tol, SHARP_TOLERANCE)), options, began)
-
-
-def _of_a_loop(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrbit]:
-    """The fold of a loop above the parameter's own value, or else below; of the gain also from a smaller one.
-
-    Where other hunting goes on beyond, as where slips ring in other numbers, its fold; the farthest of up to so many.
-    Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
-    """
-    cycle = loop_cycle(loop, vary, options=options, or_below=vary == "gain")
-    why, status, senses = "", Status.NOT_FOUND, (1, -1) if cycle.problem.value(vary) == loop.value(vary) else (1,)
-    for sense in senses:
-        try:
-            fold = fold_in(cycle, vary, sense=sense, options=options)
-        except NoOrbit as refusal:
-            further = _of_a_larger_gain(loop, cycle, options) if vary == "gain" and sense > 0 else None
-            if further is not None:
-                return _farthest(loop, further, options)
-            why += f"; {refusal}" if why else str(refusal)
-            status = refusal.status or status
-            if status is not Status.NOT_FOUND and vary == "gain":  # of which the largest is asked for
-                break
-        else:
-            return _farthest(loop, fold, options)
-    raise NoOrbit(why, status)
-
-
-def _of_a_larger_gain(loop: Loop, cycle: SystemOrbit, options: Options | None) -> Fold[SystemOrbit] | None:
-    """The fold of what hunts at some larger gains than a cycle whose branch does not lead to one: a lopsided one ends
-    where it meets the symmetric one, another where slips ring in other numbers.  None where none is found."""
-    for factor in LARGER_GAINS:
-        at = loop.replace(gain=factor * cycle.problem.value("gain"))
-        if isinstance(other := hunting_from(at, "gain", cycle.amplitude), SystemOrbit):
-            with suppress(NoOrbit):
-                return fold_in(other, "gain", options=options)
-    return None
-
-
-def _farthest(loop: Loop, fold: Fold[SystemOrbit], options: Options | None) -> Fold[SystemOrbit]:
-    """The fold of what hunts beyond a fold, and beyond that one, as far as such hunting is found and followed."""
-    for _ in range(MOST_BEYOND):
-        other = hunting_beyond(loop, fold)
-        if not isinstance(other, SystemOrbit):
-            break
-        with suppress(NoOrbit):
-            further = fold_in(other, fold.parameter, sense=int(fold.sense), options=options)
-            if further.sense * (further.value - fold.value) > 0:
-                fold = further
-                continue
-        break
-    return fold
 
 
 def _walked(first: HuntingOrbit, way: Options, options: Options, began: float) -> HuntingFold:

@@ -24,6 +24,7 @@ from ...servo.parts.loop import Loop
 from ...servo.parts.plain_loop import loop_asked
 from ...servo.sampled.plant import as_run
 from ...servo.servo import Servo
+from ..nearby import servo_at
 from ..record.file import Record
 from .best import best_of_starts
 from .fit import ALL_BUT_NOTHING, Data, Question
@@ -85,8 +86,13 @@ def check_axis(loop: Loop, free: Sequence[str], records: Sequence[Record]) -> tu
     return names
 
 
-def rigid(loop: Loop) -> Servo:
-    """Motor and load as one inertia, under the gains of the loop's controller.  Raises InputError: it has none."""
+def rigid(loop: Servo | Loop) -> Servo:
+    """Motor and load as one inertia, under the gains of the loop's controller; a servo as it is.
+
+    Raises InputError: the controller has no such gains.
+    """
+    if isinstance(loop, Servo):
+        return loop
     one = loop.replace(gain=1.0)
     start = one.at_rest(0.0)
     for signal in ("kp", "kd", "ki"):
@@ -104,15 +110,11 @@ def question_of(
     servo: Servo | Loop, model: Model | None, records: tuple[Data, ...], free: tuple[str, ...], options: Options
 ) -> Question:
     """What is fitted: a servo, or a loop with those that have the friction of one inertia to begin with."""
-    one, names = (rigid(servo), tuple(map(FRICTION.__getitem__, free))) if isinstance(servo, Loop) else (servo, free)
+    one, names = rigid(servo), tuple(FRICTION.get(name, name) for name in free)
     scales, lowest = scales_of(records[0], one, names), lowest_of(one, names)
     question = Question(records, one, model or "switch", names, options, scales, lowest)
-    if not isinstance(servo, Loop):
+    if one is servo:
         return question
-    found = best_of_starts(question)
-    tried: tuple[Loop, ...] = ()
-    if found is not None:
-        values = question.numbers(found[0].z).tolist()
-        tried = (servo.replace(**dict(zip(free, values, strict=True))),)
-    least = np.full(len(free), ALL_BUT_NOTHING)
+    found, least = best_of_starts(question), np.full(len(free), ALL_BUT_NOTHING)
+    tried = () if found is None else (servo_at(servo, free, question.numbers(found[0].z)),)
     return Question(records, servo, None, free, options, scales, least, tried=tried)

@@ -15,11 +15,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from ...servo.servo import flatten
 from .climb import FIRST_STEPS, MOST_FIT_STEPS, ROUGHLY_SETTLED, settled_from
 from .clipped import CLIPPED_SHARE
 from .fit import Array, Data, Point, Question, at, sharpened
@@ -75,17 +73,10 @@ def _plain(question: Question) -> list[Noise]:
     return [Noise(data.size, 0.0) for data in question.records]
 
 
-class OtherGain(NamedTuple):
-    """The factor of the gain with which the model explains records, and unknowns from which it is tried without."""
+def gain_that_fits(question: Question) -> tuple[float, Array] | None:
+    """The factor of the gain with which the model explains the records, and unknowns from which it is tried without.
 
-    factor: float
-    z: Array
-
-
-def gain_that_fits(question: Question) -> OtherGain | None:
-    """The other gain with which the model explains the records; None where none was found.
-
-    Asked where it does not explain them as they are stated.
+    None where none was found; asked where it does not explain them as they are stated.
     """
     few = any(data.amplitude < FEWEST_COUNTS * data.quantum for data in question.records)
     if few or MOTOR_GAIN in question.free:
@@ -95,7 +86,7 @@ def gain_that_fits(question: Question) -> OtherGain | None:
     freed = replace(question, free=free, scales=scales, lowest=lowest)
 
     def factor_of(point: Point) -> float:
-        return freed.values(point.z)[MOTOR_GAIN] / flatten(servo)[MOTOR_GAIN]
+        return freed.values(point.z)[MOTOR_GAIN] / float(servo.motor_gain)
 
     def another(point: Point) -> bool:
         return math.log(OTHER_GAIN) < abs(math.log(factor_of(point))) < math.log(FARTHEST_GAIN)
@@ -109,7 +100,7 @@ def gain_that_fits(question: Question) -> OtherGain | None:
     values, factor = freed.values(point.z), factor_of(point)
     torques = [name for name in question.free if name.startswith(("servo.inertia", "friction.")) and name != STRIBECK]
     own = [values[name] / (factor if name in torques else 1.0) for name in question.free]
-    return OtherGain(factor, np.concatenate([question.unknowns(np.array(own)), point.z[len(free) :]]))
+    return factor, np.concatenate([question.unknowns(np.array(own)), point.z[len(free) :]])
 
 
 def explained_from(question: Question, z: Array) -> tuple[Point, list[Noise]] | None:

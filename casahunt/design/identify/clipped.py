@@ -45,25 +45,17 @@ ENDS_THERE = 0.9
 """Share of the turns that must lie at the end."""
 
 
-def clipped_at(record: Record, quantum: float) -> float | None:
-    """The end at which positions are cut off; None where they are not, or where nobody can tell.
+def of_clipped(record: Record, quantum: float) -> str:
+    """What is said of positions that are cut off; "" where they are not, or where nobody can tell.
 
     quantum: of a rounded position [rad], 0 where it is not.
     """
     y = record.position
     for end in (float(y.max()), float(y.min())):
         if _stand_out(y, end, quantum) or _corners(record.times, np.abs(y - end), quantum):
-            return end
-    return None
-
-
-def of_clipped(record: Record, quantum: float) -> str:
-    """What is said of positions that are cut off; "" where they are not, or where nobody can tell."""
-    end = clipped_at(record, quantum)
-    if end is None:
-        return ""
-    share = float(np.mean(record.position == end))
-    return f"positions are clipped at {end:.6g} rad, where {share:.0%} of the samples lie exactly; {LARGER_RANGE}"
+            lie = f"{np.mean(y == end):.0%} of the samples lie exactly"
+            return f"positions are clipped at {end:.6g} rad, where {lie}; {LARGER_RANGE}"
+    return ""
 
 
 def flat_share(y: Array) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...axis_units import in_its_units
-from ...checks import choice_of, of_kind
+from ...checks import of_kind
 from ...errors import InputError, NoOrbit, Status
 from ...export import Columns
 from ...orbits import Options
@@ -24,7 +24,8 @@ from ...results import Result
 from ...servo.drive import Drive
 from ...servo.friction import MODELS, Model
 from ...servo.parts.loop import Loop
-from ...servo.servo import Servo, a_servo
+from ...servo.parts.plain_loop import model_asked
+from ...servo.servo import Servo
 from ...servo.trajectory import Trajectory
 from ...servo.units import unit_of
 from ..record.file import Record
@@ -235,9 +236,7 @@ def identify(
     True
     """
     samples = [as_record(record) for record in records]
-    if not isinstance(servo, Loop):
-        a_servo(servo)
-        model = choice_of("model", model or MODELS[0], MODELS)  # type: ignore[assignment]
+    model = model_asked(servo, model, MODELS[0])
     free, each, drive, left_out = sought(servo, model, gains, free, drive, samples)
     how = of_kind("options", options or Options(), Options).finer(CYCLE_SHARE)
 
@@ -332,14 +331,13 @@ def _elsewhere(question: Question) -> tuple[Point, list[Noise]] | None:
 
     Raises InputError: another gain explains them, and the one that is stated does not from there either.
     """
-    if isinstance(question.servo, Loop) or any(data.swings > 2 for data in question.records):
-        return None  # no gain makes a cycle of such a pattern
-    other = gain_that_fits(question)
+    patterned = any(data.swings > 2 for data in question.records)  # of which no gain makes a cycle
+    other = None if question.model is None or patterned else gain_that_fits(question)
     if other is None:
         return None
-    found = explained_from(question, other.z)
+    data, (factor, z) = question.records[0], other
+    found = explained_from(question, z)
     if found is None:
-        data, factor = question.records[0], other.factor
         raise InputError(
             f"gain = {data.gain:g}: does not fit {data.name}: no friction explains it there, but one does at "
             f"{factor:.2g} times that gain, {data.gain * factor:.2g} V/rad; are gain, motor gain and inertia right?"

@@ -100,13 +100,6 @@ def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, ri
     return Interval(*ends)
 
 
-def _farthest(question: Question, best: Point, j: int, sign: int) -> float:
-    """How far the unknown may go before it is said that nothing bounds it."""
-    q = question.numbers(best.z)
-    least = question.scales[j] / (SCALE if question.bends[j] else 1.0)
-    q[j] = FAR_OUT_FACTOR * max(q[j], least) if sign > 0 else 0.0
-    return abs(float(question.unknowns(q)[j] - best.z[j]))
-
 
 class _Seen(NamedTuple):
     """A place on a profile: how far out, root of the rise of the deviance there, and slope of that root."""
@@ -120,7 +113,10 @@ def _end(question: Question, best: Point, noises: Sequence[Noise], j: int, sign:
     """How far z_j goes to one side; infinite where nothing bounds it."""
     way = _way(best, j, sign)
     first = math.sqrt(max(float(way @ best.curvature @ way), 1e-12))
-    farthest, wanted = _farthest(question, best, j, sign), math.sqrt(rise)
+    q, wanted = question.numbers(best.z), math.sqrt(rise)
+    least = question.scales[j] / (SCALE if question.bends[j] else 1.0)
+    q[j] = FAR_OUT_FACTOR * max(q[j], least) if sign > 0 else 0.0
+    farthest = abs(float(question.unknowns(q)[j] - best.z[j]))  # before it is said that nothing bounds it
     if farthest == 0 or wanted > 2 * first * farthest and not (sign > 0 and question.bends[j]):
         return sign * math.inf  # next to nothing already, or the others make up for all of it, as linear as it is
     point, below, above, stride, unsure = best, _Seen(0.0, 0.0, first), None, math.inf, 0

@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...orbits import Orbit
 from ..record.verdict import chi_square
 from .fit import Array, Point, Question, at
 from .intervals import NORMAL_95, Interval, marginal_information
@@ -124,15 +123,13 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     factor = max(1.0, misfit if chance < UNSURE else 1.0, scatter if other < UNSURE else 1.0)
     factor += doubt / NORMAL_95**2
     systematic = math.sqrt(left / size)
-    fits = chance >= IMPROBABLE or systematic < max(NEGLIGIBLE, MOST_OFF * _apart(question))
+    # What the mean swings of the records differ by from those of their drives, relative to the amplitude.
+    built = [data.apart / data.amplitude for data in question.records if data.apart is not None]
+    apart = math.sqrt(sum(float(np.mean(np.sum(of**2, axis=1))) for of in built) / len(question.records))
+    fits = chance >= IMPROBABLE or systematic < max(NEGLIGIBLE, MOST_OFF * apart)
     fits = fits and sum(periods_off) <= MOST_OFF**2 * len(periods_off)
     return Judgement(misfit, scatter, fits, systematic, factor, math.sqrt(differ / size))
 
-
-def _apart(question: Question) -> float:
-    """What the mean swings of the records differ by from those of their drives, relative to the amplitude."""
-    built = [data.apart / data.amplitude for data in question.records if data.apart is not None]
-    return math.sqrt(sum(float(np.mean(np.sum(apart**2, axis=1))) for apart in built) / len(question.records))
 
 
 def _means(by: Array, values: Array) -> tuple[Array, Array]:
@@ -148,7 +145,13 @@ def _channels(
     """What was measured, positions and torques: parts of the period, noise, measured and computed, amplitude."""
     laid = zip(question.records, noises, point.orbits, point.positions, point.torques, strict=True)
     for i, (data, noise, orbit, x, m) in enumerate(laid):
-        parts = _parts(data.times / data.period - point.z[question.own(i).start], orbit)
+        # which period each sample belongs to, from 0 on, and which part of it
+        phase = data.times / data.period - point.z[question.own(i).start]
+        times, states = orbit.sample()
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states[0])))])
+        done = np.interp(phase % 1 * times[-1], times, (times / times[-1] + way / way[-1]) / 2)
+        periods = np.floor(phase).astype(int)
+        parts = periods - periods.min(), np.minimum(done * PARTS_OF_PERIOD, PARTS_OF_PERIOD - 1).astype(int)
         yield parts, noise, data.position, x, data.amplitude
         if data.torque is not None and m is not None:
             r, sigma = residual(data.torque, m)
@@ -161,14 +164,6 @@ def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
     total = float(np.sum(squares))
     return total / freedom, 1 - chi_square(freedom, min(total, 1e4 * freedom))
 
-
-def _parts(phase: Array, orbit: Orbit) -> tuple[Array, Array]:
-    """(m,) which period each phase belongs to, from 0 on, and which part of it."""
-    times, states = orbit.sample()
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states[0])))])
-    done = np.interp(phase % 1 * times[-1], times, (times / times[-1] + way / way[-1]) / 2)
-    periods = np.floor(phase).astype(int)
-    return periods - periods.min(), np.minimum(done * PARTS_OF_PERIOD, PARTS_OF_PERIOD - 1).astype(int)
 
 
 def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]]:

@@ -24,6 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...roots import golden
+
 Array = np.ndarray
 
 TABLE_ENDS, TABLE_STEP = (-37.0, 9.0), 0.01
@@ -34,9 +36,8 @@ count would speak against their model.  Two rests are as near as three times tha
 FINE_COUNTS = 2.0
 """Noise in units of the quantum from which on rounding is one error more, to 1e-6 of the information: a sum over all
 counts that it reaches takes minutes where a file's decimals are the quantum, and what a fit leaves is the noise."""
-NOISE_ROUNDS, NOISE_SPAN = 40, 1e-3
-"""Golden sections that take log sigma from a factor of 1e3 to 1e-5."""
-GOLDEN_PART = (math.sqrt(5) - 1) / 2
+NOISE_KNOWN, NOISE_SPAN = 1e-3, 1e-3
+"""Width in log sigma to which it is known; and the size that is stated, in units of the largest one looked at."""
 
 
 class Slopes(NamedTuple):
@@ -119,18 +120,8 @@ def likeliest(y: Array, x: Array, quantum: float, size: float) -> Noise:
     if quantum == 0:
         return Noise(math.sqrt(max(float(np.mean((y - x) ** 2)), (1e-6 * size) ** 2)), 0.0)
     low, high = math.log(LEAST_NOISE * quantum), math.log(max(size / NOISE_SPAN, 2 * LEAST_NOISE * quantum))
-    inner = [high - GOLDEN_PART * (high - low), low + GOLDEN_PART * (high - low)]
-    values = [Noise(math.exp(s), quantum).deviance(y, x) for s in inner]
-    for _ in range(NOISE_ROUNDS):
-        if high - low < 1e-3:
-            break
-        if values[0] < values[1]:
-            high, inner, values = inner[1], [inner[1] - GOLDEN_PART * (inner[1] - low), inner[0]], [math.nan, values[0]]
-            values[0] = Noise(math.exp(inner[0]), quantum).deviance(y, x)
-        else:
-            low, inner, values = inner[0], [inner[1], inner[0] + GOLDEN_PART * (high - inner[0])], [values[1], math.nan]
-            values[1] = Noise(math.exp(inner[1]), quantum).deviance(y, x)
-    return Noise(math.exp((low + high) / 2), quantum)
+    about = golden(lambda s: Noise(math.exp(s), quantum).deviance(y, x), low, high, NOISE_KNOWN)
+    return Noise(math.exp(sum(about) / 2), quantum)
 
 
 def log_phi(z: Array) -> Array:

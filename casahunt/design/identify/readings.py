@@ -21,15 +21,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...servo.parts.loop import Loop
-from ...servo.servo import Servo, flatten
+from ..nearby import values_of
 from .fit import Array, Point, Question, seen_by, state_at
 from .intervals import NORMAL_95, Interval
-from .start import MOTOR_GAIN
 from .torque import torque_of
 
-OF_CONTROLLER, GAIN, MOTOR_OF_A_LOOP = 3, "gain", "motor_gain"
-"""Numbers of a controller; the factor of them that a record is taken at; and what one by times needs besides."""
+OF_CONTROLLER = 3
+"""Numbers of a controller, with which its gains go; of one by times the motor gain is the third."""
 
 
 def unread(question: Question, point: Point) -> Array:
@@ -41,8 +39,9 @@ def unread(question: Question, point: Point) -> Array:
         own = [next(rows) for _ in range(1 + (data.passage is not None) + (data.torque is not None))]
         if not data.count and data.apart is None:
             continue
-        given = _controller(question.servo if isinstance(question.servo, Loop) else orbit.servo)
-        names, seen = tuple(given), seen_by(question.servo)
+        servo, seen = getattr(orbit, "servo", question.servo), seen_by(question.servo)
+        motor = (name for name in servo.names if name.endswith("motor_gain"))
+        names = (*servo.controller_names, *motor)[:OF_CONTROLLER]
         laid, with_period, _ = state_at(orbit, data, point.z[question.own(i)][0], names, stretched=False)
         log_period = laid.period_derivatives / orbit.period
         moved = [laid.derivatives[:, seen] + log_period[:, None] * laid.rates[seen] * with_period]
@@ -53,7 +52,7 @@ def unread(question: Question, point: Point) -> Array:
             moved.append(of_motor - of_motor.mean(axis=1)[:, None])
         pull = sum(each.J.T @ (each.weights[:, None] * by.T) for each, by in zip(own, moved, strict=True))
         e = data.count / (data.amplitude * math.sqrt(12))
-        size = e * np.array(list(given.values()))
+        size = e * values_of(servo, names)
         if data.passage is not None:
             level = point.z[question.own(i)][1] * data.amplitude
             read = own[0].J.T @ (own[0].weights * (point.positions[i] - level))
@@ -65,14 +64,6 @@ def unread(question: Question, point: Point) -> Array:
         found.append((question.slopes(point.z)[:, None] * dz * size).T)
     return np.concatenate(found)
 
-
-def _controller(servo: Servo | Loop) -> dict[str, float]:
-    """Three numbers of the controller, with which its three gains go, or what stands for them."""
-    if isinstance(servo, Loop):
-        own = [name for part in servo.present if "kp" in part.gives for name in part.parameters if name != GAIN]
-        return {name: servo.value(name) for name in sorted(own, key=MOTOR_OF_A_LOOP.__eq__)[:OF_CONTROLLER]}
-    names = (*servo.controller_names, MOTOR_GAIN)[:OF_CONTROLLER]
-    return {name: flatten(servo)[name] for name in names}
 
 
 def widened(ends: Sequence[Interval], q: Array, off: Array) -> list[Interval]:

@@ -18,8 +18,7 @@ import numpy as np
 from ...errors import InputError, NoOrbit
 from ...orbits import Orbit
 from ...servo.friction import Model
-from ...servo.parts.loop import Loop
-from ...servo.servo import Servo, flatten
+from ...servo.servo import Servo
 from .fit import ALL_BUT_NOTHING, NEXT_TO_NOTHING, Array, Data, Question, cycle_at, seen_by
 from .matched import COULOMB, STATIC, matched, static_of
 
@@ -50,13 +49,12 @@ STARTS = 3
 
 def scales_of(data: Data, servo: Servo, free: tuple[str, ...]) -> Array:
     """Scales of the free parameters: a part of their values; of friction, a part of what the record shows."""
-    own = flatten(servo)
     static = static_of(servo, data)
     guess = {
         STATIC: static, COULOMB: static, VISCOUS: _viscous_of(LITTLE_VISCOUS / SCALE, servo, data),
         STRIBECK: VS_MEASURE * _peak_speed(data),
     }  # fmt: skip
-    return np.array([SCALE * guess.get(name, own[name]) for name in free])
+    return np.array([SCALE * (guess[name] if name in guess else servo.value(name)) for name in free])
 
 
 def lowest_of(servo: Servo, free: tuple[str, ...]) -> Array:
@@ -106,7 +104,7 @@ def starts(question: Question) -> list[Array]:
 
     Tried as Switch servos, whose cycles are found quickly; what is promising, as the model that is asked for.
     """
-    if isinstance(question.servo, Loop):
+    if question.model is None:  # a loop of parts
         laid = (_laid_as_it_is(question, loop, None) for loop in (*question.tried, question.servo))
         return [one.z for one in laid if one is not None]
     tried = [found for servo in trials(question) if (found := _laid(question, servo, "switch")) is not None]
@@ -127,7 +125,7 @@ def _like(question: Question, servo: Servo, model: Model) -> Iterator[Servo]:
     like = matched(servo, model, question.records[0]) if sought else None
     with suppress(InputError):
         if like is not None:
-            yield servo.replace(**{name: flatten(like)[name] for name in sought})
+            yield servo.replace(**{name: like.value(name) for name in sought})
     if len(sought) < 2 or model != "switch":
         yield servo
 

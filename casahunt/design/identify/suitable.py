@@ -38,9 +38,11 @@ MOST_LEFT_OUT = 0.1
 def suitable(record: Record) -> Measurement:
     """What the record shows.  Raises InputError: friction cannot be identified from it."""
     found = measured(record)
-    if found.kind == "still" and _moves(record):
-        raise InputError(f"{record.name}: shows no whole period: {found.reason}; record three periods or more")
     if found.kind == "still":
+        steps = np.abs(np.diff(record.position))  # from sample to sample: noise, or a count
+        smallest = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+        if float(np.ptp(record.position)) > MOVED_STEPS * smallest > 0:
+            raise InputError(f"{record.name}: shows no whole period: {found.reason}; record three periods or more")
         raise InputError(f"{record.name}: shows a servo at rest, and no hunting: {found.reason}")
     if not found.hunting:
         grows = "; record until it grows no more, or at a lower gain" if found.kind == "growing" else ""
@@ -55,12 +57,6 @@ def suitable(record: Record) -> Measurement:
         raise InputError(f"{record.name}: its {clipped}")
     return found
 
-
-def _moves(record: Record) -> bool:
-    """Whether the position moves by far more than from sample to sample, whose difference is noise or a count."""
-    steps = np.abs(np.diff(record.position))
-    smallest = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    return float(np.ptp(record.position)) > MOVED_STEPS * smallest > 0
 
 
 def in_a_pattern(swings: int) -> str:

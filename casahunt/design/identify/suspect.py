@@ -16,7 +16,6 @@ from collections.abc import Callable
 from ...axis_units import shown
 from ...errors import InputError, NoOrbit
 from ...servo.problem import HuntingOrbit
-from ...servo.servo import flatten
 from ...servo.units import unit_of
 from ..record.units import Quantity, parsed_unit
 from .identify import Identification
@@ -92,7 +91,7 @@ def _unit(orbit: HuntingOrbit, period: float, amplitude: float, quantum: float) 
 
 def _others(orbit: HuntingOrbit, found: Identification) -> str:
     """The parameters that differ most from those given, of those that the record tells apart from them."""
-    given = flatten(orbit.servo)
+    given = {name: orbit.servo.value(name) for name in found.intervals}
     apart = [name for name, (low, high) in found.intervals.items() if not low <= given[name] <= high]
     apart.sort(key=lambda name: -abs(math.log(found.values[name] / max(given[name], 1e-6 * found.values[name]))))
     if not apart:

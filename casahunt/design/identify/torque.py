@@ -19,7 +19,7 @@ import numpy as np
 from ...orbits import StateSensitivity
 from ...servo.controller import torque_gains_of
 from ...servo.problem import HuntingOrbit
-from ...servo.servo import Servo, flatten
+from ...servo.servo import flatten
 from .likelihood import Rows
 
 Array = np.ndarray
@@ -41,18 +41,17 @@ class Torque(NamedTuple):
 def torque_of(orbit: HuntingOrbit, found: StateSensitivity, names: tuple[str, ...]) -> Torque:
     """The torque at the times of a sensitivity, with its derivatives by parameters of the servo."""
     gains = np.array(orbit.servo.torque_gains(orbit.gain))
-    slopes = np.array([_slopes(orbit.servo, orbit.gain, name) for name in names]).reshape(len(names), 3)
+    slopes = np.zeros((len(names), 3))  # of (kp, kd, ki)
+    for row, name in zip(slopes, names, strict=True):
+        values: dict[str, complex] = {key: complex(value) for key, value in flatten(orbit.servo).items()}
+        values[name] += 1j * COMPLEX_STEP
+        K = orbit.gain * values["servo.motor_gain"]
+        moved = torque_gains_of(K, *(values[key] for key in orbit.servo.controller_names))
+        row[:] = [complex(each).imag / COMPLEX_STEP for each in moved]
     x = found.states[:3]
     by_state = np.einsum("a,kam->km", gains, found.derivatives[:, :3])
     return Torque(-gains @ x, -gains @ found.rates[:3], -(by_state + slopes @ x))
 
-
-def _slopes(servo: Servo, gain: float, name: str) -> tuple[float, ...]:
-    """Of (kp, kd, ki) by a parameter: zero for those that are none of the motor or the controller."""
-    values: dict[str, complex] = {key: complex(value) for key, value in flatten(servo).items()}
-    values[name] += 1j * COMPLEX_STEP
-    gains = torque_gains_of(gain * values["servo.motor_gain"], *(values[key] for key in servo.controller_names))
-    return tuple(each.imag / COMPLEX_STEP for each in gains)
 
 
 def residual(measured: Array, torque: Array) -> tuple[Array, float]:

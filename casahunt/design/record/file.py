@@ -22,8 +22,6 @@ from ...export import Columns
 from ...files import bounded
 from ...results import Result
 from .reading import (
-    Column,
-    Layout,
     Reading,
     column_of,
     column_read,
@@ -33,7 +31,7 @@ from .reading import (
     torque_read,
     torque_wanted,
 )
-from .units import Quantity, Unit, parsed_unit, quantity_of, split_header
+from .units import Quantity, parsed_unit, quantity_of, split_header
 
 Array = np.ndarray
 
@@ -167,10 +165,12 @@ def read_record(
     if wanted is not None:
         columns += (column_of(name, *wanted, head.header, len(head.header or head.first)),)
     torque = None if wanted is None else torque_read(wanted[0], columns[2], head.header, torque_constant, name)
-    reading = _reading(name, head, columns, units, torque)
+    taken = zip(QUANTITIES, columns, units, strict=False)
+    time, position = (column_read(quantity, i, head.header, unit, name) for quantity, i, unit in taken)
+    reading = Reading(time, position, head.preamble, head.decimal, torque)
     values = _samples(read, name, head, columns)
     with np.errstate(over="ignore", under="ignore"):  # Record refuses what comes of it
-        t, y = values[:, 0] * reading.time.unit.factor, values[:, 1] * reading.position.unit.factor
+        t, y = values[:, 0] * time.unit.factor, values[:, 1] * position.unit.factor
         return Record(t, y, name, reading, None if torque is None else values[:, 2] * torque.unit.factor)
 
 
@@ -193,16 +193,6 @@ def _as_utf8(read: bytes, name: str) -> bytes:
         pass
     raise InputError(f"{name}: must be text (UTF-8 or Windows-1252); save it as CSV")
 
-
-def _reading(
-    name: str, head: _Head, columns: Sequence[int], units: Sequence[Unit | None], torque: Column | None
-) -> Reading:
-    """How the columns of a file are taken."""
-    time, position = (
-        column_read(quantity, i, head.header, unit, name)
-        for quantity, i, unit in zip(QUANTITIES, columns, units, strict=False)
-    )
-    return Reading(time, position, head.preamble, head.decimal, torque)
 
 
 @dataclass(frozen=True)
@@ -230,16 +220,13 @@ def _head(read: bytes, name: str, skip: int) -> _Head:
             header = _with_units(header, below) if _units(header, below) else below
     preamble = found.preamble + (len(found.header) == 2 and header == found.header[-1])
     width = len(found.header[0]) if found.header else 0
-    first = _first_row(read, name, found)
-    return _Head(found.delimiter, header, first or [""] * width, found.first, preamble + skip, found.decimal)
-
-
-def _first_row(read: bytes, name: str, found: Layout) -> list[str]:
+    first = [""] * width
     with text_of(read) as stream:
         for i, line in enumerate(stream, 1):
             if i > found.first and line.strip() and not line.lstrip().startswith("#"):
-                return _cells(name, i, line.rstrip("\r\n"), found.delimiter)
-    return []
+                first = _cells(name, i, line.rstrip("\r\n"), found.delimiter)
+                break
+    return _Head(found.delimiter, header, first, found.first, preamble + skip, found.decimal)
 
 
 def _with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
@@ -262,7 +249,10 @@ def _plain_head(read: bytes, name: str) -> _Head:
                 delimiter = next((d for d in ",;\t" if d in line), None)
             cells = _cells(name, i, line.rstrip("\r\n"), delimiter)
             if any(_float(cell) is not None for cell in cells) or (names is not None and not _units(names, cells)):
-                return _Head(delimiter, names or _commented(comment, delimiter, cells), cells, i - 1)
+                # The comment above, where it has as many columns and names one of the two
+                said = [cell.strip() for cell in (comment.split(delimiter) if comment else [])]
+                known = _matching(said, _TIME, "time") is not None or _matching(said, _POSITION, "angle") is not None
+                return _Head(delimiter, names or (said if known and len(said) == len(cells) else None), cells, i - 1)
             names = cells if names is None else _with_units(names, cells)
     if names is not None and len(names) < 2:
         raise _one_column(name, names)
@@ -280,12 +270,6 @@ def _units(names: Sequence[str], cells: Sequence[str]) -> bool:
     plain = all(split_header(cell)[1] is None for cell in names)
     return plain and len(names) == len(cells) and any(quantity_of(cell.strip("[]() ")) for cell in cells)
 
-
-def _commented(comment: str, delimiter: str | None, first: Sequence[str]) -> list[str] | None:
-    """The comment above the samples as a header, where it has as many columns and names one of the two."""
-    cells = [cell.strip() for cell in (comment.split(delimiter) if comment else [])]
-    named = _matching(cells, _TIME, "time") is not None or _matching(cells, _POSITION, "angle") is not None
-    return cells if len(cells) == len(first) and named else None
 
 
 def _cells(name: str, number: int, line: str, delimiter: str | None) -> list[str]:

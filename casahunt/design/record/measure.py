@@ -237,7 +237,12 @@ def measured(record: Record) -> Measurement:
     period, _ = find_period(grid, rounding)
     if not math.isfinite(period):
         return _nothing(record, still=not _moves(grid))
-    times, values = _thinned(t, y - origin, period)
+    times, values = t, y - origin
+    # Means of neighbouring samples, where there are many more than a period needs
+    if (block := int(min(t.size / MOST, period / ((t[-1] - t[0]) / t.size) / DETAIL))) > 1:
+        times, values = in_blocks(times, block), in_blocks(values, block)
+        near = times[:, -1] - times[:, 0] < 4 * block * usual_distance(t)  # not on both sides of a gap
+        times, values = times.mean(axis=1)[near], values.mean(axis=1)[near]
     # A jump comes half a distance of samples early or late; two rounded values differ by the squares of two roundings.
     blur = float(np.mean(np.diff(values) ** 2)) / 3 + quantum(y) ** 2 / 6
     found = _into_periods(times, values, grid, period, blur)
@@ -262,15 +267,6 @@ def measured(record: Record) -> Measurement:
         kind, reason = steps_alone(times, found, quantum(y))
     return _averages(record, times, values, found, kind, reason, origin)
 
-
-def _thinned(t: Array, y: Array, period: float) -> tuple[Array, Array]:
-    """Means of neighbouring samples, where there are many more than a period needs."""
-    block = int(min(t.size / MOST, period / ((t[-1] - t[0]) / t.size) / DETAIL))
-    if block < 2:
-        return t, y
-    times, values = in_blocks(t, block), in_blocks(y, block)
-    near = times[:, -1] - times[:, 0] < 4 * block * usual_distance(t)  # not on both sides of a gap
-    return times.mean(axis=1)[near], values.mean(axis=1)[near]
 
 
 def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: float) -> Periods | None:

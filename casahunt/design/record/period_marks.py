@@ -169,10 +169,21 @@ def _chosen(
 ) -> tuple[bool, float, Array] | None:
     """Direction, threshold and passages (2, k) that divide the record into most periods by the sharpest passages."""
     tried: list[tuple[int, float, bool, float, Array]] = []
+    (low, high), t, r = ends, grid.times[grid.covered], r[grid.covered]
     for share in THRESHOLDS:
-        for rising, passages in zip((True, False), _passages(grid, r, *ends, share), strict=True):
+        above, below = (low + (share + sign * BAND) * (high - low) for sign in (1, -1))
+        side = np.where(r > above, 1, np.where(r < below, -1, 0))
+        outside = np.flatnonzero(side)
+        turn = np.flatnonzero(side[outside[1:]] != side[outside[:-1]])
+        a, b = outside[turn], outside[turn + 1]
+        both = np.array([t[a], t[b]])  # last time before and first time behind the band
+        for rising, passages in ((True, both[:, side[b] > 0]), (False, both[:, ~(side[b] > 0)])):
             passages = passages[:, ~_between(passages, gaps)]
-            passages = passages[:, _chain(passages.mean(axis=0), period)]
+            at = passages.mean(axis=0)
+            if at.size > 1:  # those that follow each other by about a period, from the middle one on to either side
+                middle, last = at.size // 2, at.size - 1
+                before = [last - j for j in _chain_behind(-at[::-1], last - middle, period)]
+                passages = passages[:, [*before[::-1], middle, *_chain_behind(at, middle, period)]]
             if passages.shape[1] > 1:
                 whole, _ = _whole(passages.mean(axis=0), period, gaps)
                 tried.append((int(whole.sum()), float(np.median(passages[1] - passages[0])), rising, share, passages))
@@ -184,29 +195,6 @@ def _chosen(
     sharp = [entry for entry in tried if entry[1] <= EQUALLY_SHARP * sharpest + grid.step]
     # Of equally sharp ones the nearest to the middle, then the one with more periods, then the rising one.
     return min(sharp, key=lambda entry: (abs(entry[3] - 0.5), -entry[0], not entry[2]))[2:]
-
-
-def _passages(grid: Grid, r: Array, low: float, high: float, share: float) -> tuple[Array, Array]:
-    """(2, k) last time before and first time behind the band, of upward and of downward passages."""
-    t = grid.times[grid.covered]
-    r = r[grid.covered]
-    above, below = (low + (share + sign * BAND) * (high - low) for sign in (1, -1))
-    side = np.where(r > above, 1, np.where(r < below, -1, 0))
-    outside = np.flatnonzero(side)
-    turn = np.flatnonzero(side[outside[1:]] != side[outside[:-1]])
-    a, b = outside[turn], outside[turn + 1]
-    up = side[b] > 0
-    both = np.array([t[a], t[b]])
-    return both[:, up], both[:, ~up]
-
-
-def _chain(at: Array, period: float) -> list[int]:
-    """Passages that follow each other by about a period, from the middle one on to either side."""
-    middle, last = at.size // 2, at.size - 1
-    if at.size < 2:
-        return []
-    before = [last - j for j in _chain_behind(-at[::-1], last - middle, period)]
-    return [*before[::-1], middle, *_chain_behind(at, middle, period)]
 
 
 def _chain_behind(at: Array, i: int, period: float) -> list[int]:

@@ -42,8 +42,15 @@ def samples_of(name: str, what: str, values: Any, *, of_time: bool = False) -> A
     """
     try:
         array = np.full(np.shape(values), np.nan) if np.ma.is_masked(values) else np.asarray(values)
-        if array.dtype.kind == "O":
-            array = _of_objects(array, of_time)
+        if array.dtype.kind == "O":  # Python's own numbers, dates and durations
+            each = array.ravel().tolist()
+            if of_time and each and isinstance(each[0], datetime.datetime):
+                each = [date - each[0] for date in each]
+            if of_time and each and isinstance(each[0], datetime.timedelta):
+                each = [duration.total_seconds() for duration in each]
+            if any(isinstance(value, str | bytes | bool) for value in each):
+                raise TypeError("text")
+            array = np.array(each, float).reshape(array.shape)
         if of_time and array.dtype.kind == "M" and array.size:
             array = array - array.flat[0]
         if of_time and array.dtype.kind == "m":
@@ -56,17 +63,6 @@ def samples_of(name: str, what: str, values: Any, *, of_time: bool = False) -> A
     numbers = "numbers, dates or durations" if of_time else "numbers"
     raise InputError(f"{name}: {what} must be {numbers}, one of each sample ({found})")
 
-
-def _of_objects(array: Array, of_time: bool) -> Array:
-    """Of Python's own numbers, dates and durations."""
-    values = array.ravel().tolist()
-    if of_time and values and isinstance(values[0], datetime.datetime):
-        values = [each - values[0] for each in values]
-    if of_time and values and isinstance(values[0], datetime.timedelta):
-        values = [each.total_seconds() for each in values]
-    if any(isinstance(each, str | bytes | bool) for each in values):
-        raise TypeError("text")
-    return np.array(values, float).reshape(array.shape)
 
 
 @dataclass(frozen=True)

@@ -248,7 +248,8 @@ def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetChe
     )  # fmt: skip
     gains, failures = found.gains, dict(found.failures)
     above = [q for q, k in zip(rows, gains, strict=True) if k > answer.worst.gain * (1 + 10 * options.tol)]
-    falls = [_falls(servo) for servo in servos]
+    pairs = pairs_of(answer.servo).items()  # of friction, some of which must be less once it slides
+    falls = [any(servo.value(static) > servo.value(coulomb) for static, coulomb in pairs) for servo in servos]
     unknown = [i for i, k in enumerate(gains) if not k > 0 and falls[i]]
     left = []
     for n, i in enumerate(unknown):
@@ -263,9 +264,6 @@ def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetChe
     return SetCheck(int(np.isfinite(gains).sum()), largest, tuple(above), tuple(left))
 
 
-def _falls(servo: Any) -> bool:
-    """Whether some friction is less once it slides."""
-    return any(servo.value(static) > servo.value(coulomb) for static, coulomb in pairs_of(servo).items())
 
 
 def _no_cycle(servo: Any, model: Model | None, gain: float) -> bool:

@@ -163,11 +163,7 @@ def check_bounds(
 
 
 def cost_of(cost: str, servo: Servo | Loop, gain: float) -> float:
-    """The cost in the unit of `COSTS`; inf for the settling of an unstable loop.
-
-    cost: one of `COSTS`; servo, gain: the loop; gain K > 0 [V/rad].
-    Returns in the unit of `COSTS`; inf for the settling of an unstable loop.
-    """
+    """One of `COSTS` of a loop at gain K > 0 [V/rad], in its unit; inf for the settling of an unstable loop."""
     if cost == "gain":
         return gain
     if cost == "high-frequency":

@@ -37,7 +37,7 @@ from functools import partial
 
 import numpy as np
 
-from ...roots import Bracket
+from ...roots import Bracket, golden
 from ...servo.controller import torque_gains_of
 from ...servo.linear.sampled_loop import Lag, squared_size
 from ...servo.servo import Servo, flatten
@@ -175,9 +175,14 @@ def _worst(
     phases = _least_phases(points, lag)
     best, values = points[:1], phases[:1]
     if varied.size:
-        best = _apart(points, phases, (high - low)[varied], varied)
-        along = _along(varied.size, GRID_POINTS)
+        along, chosen = _along(varied.size, GRID_POINTS), list[Array]()
         width = (high - low)[varied] / (along - 1)
+        for i in np.argsort(phases):  # the best points, no two of which are neighbours
+            if all(np.max(np.abs((points[i] - other)[varied]) / width) > 1.5 for other in chosen):
+                chosen.append(points[i])
+            if len(chosen) == SEARCH_STARTS:
+                break
+        best = np.array(chosen)
         offsets = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=varied.size)))
         for _ in range(HALVINGS):
             tried = np.repeat(best[:, None, :], len(offsets), axis=1)
@@ -203,17 +208,6 @@ def _grid(low: Array, high: Array, varied: Array, most: int) -> Array:
     return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
-def _apart(points: Array, phases: Array, size: Array, varied: Array) -> Array:
-    """The best points, no two of which are neighbours."""
-    chosen: list[Array] = []
-    spacing = 1.5 / (_along(varied.size, GRID_POINTS) - 1)
-    for i in np.argsort(phases):
-        if all(np.max(np.abs((points[i] - other)[varied]) / size) > spacing for other in chosen):
-            chosen.append(points[i])
-        if len(chosen) == SEARCH_STARTS:
-            break
-    return np.array(chosen)
-
 
 def shortfall(boxes: Sequence[LoopBox], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:
     """By how much a demand is missed at a gain.
@@ -237,20 +231,19 @@ class Table:
     def __init__(self, boxes: Sequence[LoopBox], demands: Demands, low: float, high: float) -> None:
         n = max(2, int(math.ceil(math.log(high / low) / LOG_STEP)) + 1)
         self.gains = np.geomspace(low, high, n)
-        rows = [self._of_box(box, demands) for box in boxes]
-        self.missed = np.max(rows, axis=0)
-
-    def _of_box(self, box: LoopBox, demands: Demands) -> Array:
-        f, k = demands.gain_margin, np.log(self.gains)
-        first, last = k[0] + math.log(box.low[-1] / f), k[-1] + math.log(box.high[-1] * f)
-        x = np.arange(first, last + LOG_STEP, LOG_STEP)
-        least = _least_phase(box, x)
-        missed = []
-        for name in DEMANDS:
-            g = demands.factors(name)
-            left, right = k + math.log(g[0] * box.low[-1]), k + math.log(g[1] * box.high[-1])
-            missed.append(demands.least(name) - _window_minimum(x, least, left, right))
-        return np.array(missed)
+        f, k, missed = demands.gain_margin, np.log(self.gains), np.full((len(DEMANDS), n), -np.inf)
+        for box in boxes:
+            first, last = k[0] + math.log(box.low[-1] / f), k[-1] + math.log(box.high[-1] * f)
+            x = np.arange(first, last + LOG_STEP, LOG_STEP)
+            least = _least_phase(box, x)
+            for row, name in zip(missed, DEMANDS, strict=True):
+                g = demands.factors(name)
+                left, right = k + math.log(g[0] * box.low[-1]), k + math.log(g[1] * box.high[-1])
+                phases = np.minimum(np.interp(left, x, least), np.interp(right, x, least))
+                windows = zip(np.searchsorted(x, left), np.searchsorted(x, right), strict=True)
+                phases = np.minimum(phases, [least[i:j].min(initial=np.inf) for i, j in windows])
+                row[:] = np.maximum(row, demands.least(name) - phases)
+        self.missed = missed
 
 
 def _least_phase(box: LoopBox, x: Array) -> Array:
@@ -264,12 +257,6 @@ def _least_phase(box: LoopBox, x: Array) -> Array:
             found = np.minimum(found, np.interp(x, goal[way], phi[way], left=np.inf, right=np.inf))
     return found
 
-
-def _window_minimum(x: Array, values: Array, left: Array, right: Array) -> Array:
-    """Smallest value of a piecewise linear function between left and right, for each pair."""
-    at_ends = np.minimum(np.interp(left, x, values), np.interp(right, x, values))
-    windows = zip(np.searchsorted(x, left), np.searchsorted(x, right), strict=True)
-    return np.minimum(at_ends, [values[i:j].min(initial=np.inf) for i, j in windows])
 
 
 def allowed(boxes: Sequence[LoopBox], demands: Demands, table: Table, name: str) -> Intervals:
@@ -314,20 +301,7 @@ def common(sets: Sequence[Intervals]) -> Intervals:
 
 def lowest(f: Callable[[float], float], low: float, high: float) -> float:
     """The gain between two at which f is least, or one at which it is not positive: golden section."""
-    a, b = math.log(low), math.log(high)
-    part = (math.sqrt(5) - 1) / 2
-    c, d = b - part * (b - a), a + part * (b - a)
-    fc, fd = f(math.exp(c)), f(math.exp(d))
-    while b - a > LEAST_WIDTH and min(fc, fd) > 0:
-        if fc <= fd:
-            b, d, fd = d, c, fc
-            c = b - part * (b - a)
-            fc = f(math.exp(c))
-        else:
-            a, c, fc = c, d, fd
-            d = a + part * (b - a)
-            fd = f(math.exp(d))
-    return math.exp(c if fc <= fd else d)
+    return math.exp(golden(lambda k: f(math.exp(k)), math.log(low), math.log(high), LEAST_WIDTH, 0.0)[0])
 
 
 def _edge(missed: Callable[[float], float], kept: float, broken: float) -> float:

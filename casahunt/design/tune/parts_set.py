@@ -33,8 +33,14 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
 
     bounds: (low, high) by parameter; lag: sampling and delay. Raises InputError: one of them is not linear.
     """
+
+    def told(name: str, end: float) -> list[tuple[list[float], list[float]]]:
+        opened = (open_loop(way, 1.0) for way in either_way(loop.replace(**{name: float(end)})).values())
+        return [(each.numerator.tolist(), each.denominator.tolist()) for each in opened]
+
     # Of two points alone it is seen whether a parameter matters to the linear loop at all: friction does not.
-    names = [name for name, ends in bounds.items() if name not in ("motor_gain", "gain") and _matters(loop, name, ends)]
+    names = [name for name in bounds if name not in ("motor_gain", "gain")]
+    names = [name for name in names if told(name, bounds[name][0]) != told(name, bounds[name][1])]
     motor = bounds.get("motor_gain", (loop.parameters.get("motor_gain", 1.0),) * 2)
     low, high = np.array([*(bounds[name] for name in names), motor], float).T
     random = np.random.default_rng(np.random.SeedSequence(2))
@@ -48,7 +54,14 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
     if bool(np.all((low[:-1] <= own) & (own <= high[:-1]))):
         rows = np.vstack([own, rows]) if size else rows
     ways = [either_way(loop.replace(**dict(zip(names, row.tolist(), strict=True)))) for row in rows]
-    curves = [_curve(each, lag) for way in ways for each in way.values()]
+    curves: list[tuple[Array, Array]] = []
+    at_one = {name: 1.0 for name in ("gain", "motor_gain") if name in loop.parameters}
+    for each in (each for way in ways for each in way.values()):
+        opened = open_loop(each.replace(**at_one))
+        omega = frequencies_of(opened)
+        L = opened.response(omega)
+        phi = np.unwrap(np.angle(-L)) - omega * (lag.delay + 2 * lag.half)
+        curves.append((-np.log(np.abs(L)), phi))
     rows = np.repeat(np.array(rows, float), [len(way) for way in ways], axis=0)
 
     def worst(gain: float, factors: tuple[float, float]) -> WorstLoop:
@@ -68,18 +81,3 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
     return LoopBox((*names, "motor_gain"), low, high, worst, lambda x: curves)
 
 
-def _matters(loop: Loop, name: str, ends: tuple[float, float]) -> bool:
-    def told(end: float) -> list[tuple[list[float], list[float]]]:
-        opened = (open_loop(way, 1.0) for way in either_way(loop.replace(**{name: float(end)})).values())
-        return [(each.numerator.tolist(), each.denominator.tolist()) for each in opened]
-
-    return told(ends[0]) != told(ends[1])
-
-
-def _curve(loop: Loop, lag: Lag) -> tuple[Array, Array]:
-    """(ln kappa, phi) along the frequency."""
-    at_one = {name: 1.0 for name in ("gain", "motor_gain") if name in loop.parameters}
-    opened = open_loop(loop.replace(**at_one))
-    omega = frequencies_of(opened)
-    L = opened.response(omega)
-    return -np.log(np.abs(L)), np.unwrap(np.angle(-L)) - omega * (lag.delay + 2 * lag.half)

@@ -169,9 +169,11 @@ class TuningSearch:
         """
         q = self.given.start
         answer, worst = self.given.answer(q)
-        if not self.given.free:
-            return answer or self._refuse(q, worst)
+        if answer is None and not self.given.free:
+            raise NoOrbit(refusal(self.given, q, worst))
         if answer is not None:
+            if not self.given.free:
+                return answer
             self.gain_only = self._cost(answer)
         found = self._over_times()
         if found is not None and (answer is None or self._cost(found) <= self._cost(answer)):
@@ -187,7 +189,7 @@ class TuningSearch:
         self.given.points += points
         answer, worst = self.given.answer(q)
         if answer is None and not self.given.free:
-            self._refuse(q, worst)
+            raise NoOrbit(refusal(self.given, q, worst))
         return answer or self._over_times() or self._refuse_times()
 
     # Free times
@@ -346,8 +348,6 @@ class TuningSearch:
 
     # What is in the way
 
-    def _refuse(self, q: Array, worst: WorstCase) -> NoReturn:
-        raise NoOrbit(refusal(self.given, q, worst))
 
     def _refuse_times(self) -> NoReturn:
         if not self._known():

@@ -250,16 +250,14 @@ def _tuning(search: TuningSearch, answer: Answer, verification: Verification, be
 
 
 def _check_set(servo: Servo | Loop, uncertainty: Uncertainty | None, free: Sequence[str]) -> None:
-    if uncertainty is not None:
-        of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
     for name in () if isinstance(servo, Loop) else servo.controller_names:
         if servo.value(name) == 0:
             raise InputError(f"{name} = 0: must be greater than 0 to tune (there is no phase margin)")
-    for name in uncertainty.parameters if uncertainty is not None else ():
+    if uncertainty is None:
+        return
+    check_box(servo, uncertainty)
+    for name, low in zip(uncertainty.parameters, uncertainty.box(servo)[0], strict=True):
         if name.removeprefix("controller.") in free:
             raise InputError(f"free {name.removeprefix('controller.')}: must be left out, it is in the uncertainty set")
-    if uncertainty is not None:
-        check_box(servo, uncertainty)
-        for name, low in zip(uncertainty.parameters, uncertainty.box(servo)[0], strict=True):
-            if name in servo.controller_names and low <= 0:
-                raise InputError(f"{name} = {low:g} in the uncertainty set: must be greater than 0 to tune")
+        if name in servo.controller_names and low <= 0:
+            raise InputError(f"{name} = {low:g} in the uncertainty set: must be greater than 0 to tune")

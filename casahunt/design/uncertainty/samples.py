@@ -106,9 +106,17 @@ def draw(servo: Servo | Loop, uncertainty: Uncertainty, n: int, *, seed: int = 0
     if isinstance(seed, bool) or int(seed) != seed or seed < 0:
         raise InputError(f"seed = {seed!r}: must be a whole number, at least 0")
     random = np.random.default_rng(np.random.SeedSequence(int(seed)))
-    names = uncertainty.parameters
-    if uncertainty.covariance is None:
-        rows = _uniform(servo, uncertainty, int(n), random)
+    names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
+    if uncertainty.covariance is None:  # the first n servos of a sequence of points of the box
+        rows = np.empty((0, len(names)))
+        for _ in range(DRAWN_FOR_A_SAMPLE):
+            drawn = low + (high - low) * random.random((int(n), len(names)))
+            rows = np.vstack([rows, drawn[are_servos(servo, names, drawn)]])[:n]
+            if len(rows) == n:
+                break
+        else:
+            few = f"of {int(n) * DRAWN_FOR_A_SAMPLE} values drawn only {len(rows)} are of a servo"
+            raise InputError(f"{few}, the others have static below Coulomb friction; narrow one of the intervals")
     else:
         # The symmetric root exists for a singular matrix too, and has no sign to choose; of the correlations,
         # because the variances differ by many orders of magnitude.
@@ -123,18 +131,6 @@ def draw(servo: Servo | Loop, uncertainty: Uncertainty, n: int, *, seed: int = 0
             raise InputError(f"sample {i + 1} of {n}: {error}; make the uncertainty smaller") from None
     return rows
 
-
-def _uniform(servo: Servo | Loop, uncertainty: Uncertainty, n: int, random: np.random.Generator) -> Array:
-    """(n, k) the first n servos of a sequence of points of the box.  Raises InputError: hardly any is one."""
-    names, (low, high) = uncertainty.parameters, uncertainty.box(servo)
-    rows = np.empty((0, len(names)))
-    for _ in range(DRAWN_FOR_A_SAMPLE):
-        drawn = low + (high - low) * random.random((n, len(names)))
-        rows = np.vstack([rows, drawn[are_servos(servo, names, drawn)]])
-        if len(rows) >= n:
-            return rows[:n]
-    few = f"of {n * DRAWN_FOR_A_SAMPLE} values drawn only {len(rows)} are of a servo"
-    raise InputError(f"{few}, the others have static below Coulomb friction; narrow one of the intervals")
 
 
 def sample(

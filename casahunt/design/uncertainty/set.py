@@ -30,7 +30,7 @@ from ...checks import LARGEST, choice_of, number, of_kind, quoted, require, show
 from ...errors import InputError
 from ...servo.friction import pairs_of
 from ...servo.parts.loop import Loop
-from ...servo.servo import Servo, a_servo, read_toml
+from ...servo.servo import Servo, read_toml
 from ...servo.units import value_of
 from ..nearby import are_servos, one_value, servo_at, values_of
 
@@ -149,8 +149,6 @@ def check_box(servo: Servo | Loop, uncertainty: Uncertainty) -> None:
     Raises InputError: it has no such parameter, a bound is out of its parameter's range, or static < Coulomb friction
     all over the box.
     """
-    if not isinstance(servo, Loop):
-        a_servo(servo)
     of_kind("uncertainty", uncertainty, Uncertainty, "such as Uncertainty({'friction.static': (0.52, 0.54)})")
     names = uncertainty.parameters
     values_of(servo, names)

@@ -123,9 +123,7 @@ def linear_loop(servo: Servo | Loop, gain: float | None = None, *, back: bool = 
     >>> linear_loop(Servo(), 0.1).poles.round(3).tolist()
     [(-4.424+7.817j), (-4.424-7.817j), (-4.793+0j)]
     """
-    direction = ""
-    if isinstance(servo, Loop):
-        direction, servo = list(either_way(servo).items())[-1 if back else 0]
+    direction, servo = list(either_way(servo).items())[-1 if back else 0]
     loop = open_loop(servo, gain)
     if isinstance(servo, Loop):
         gain, (kp, kd, ki) = loop_asked(servo, None, gain, usual="switch").value("gain"), (math.nan,) * 3

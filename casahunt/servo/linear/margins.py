@@ -144,7 +144,7 @@ def margins(
     >>> round(found.phase_margin, 2), round(found.highest_factor, 2)
     (47.76, 18.48)
     """
-    if isinstance(servo, Loop) and len(ways := either_way(servo)) > 1:
+    if len(ways := either_way(servo)) > 1:
         return _of_both([margins(each, gain, delay=delay, drive=drive) for each in ways.values()])
     if drive is None:
         return margins_of(open_loop(servo, gain), require("delay", delay, at_least=0))

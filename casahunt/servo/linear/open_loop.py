@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -125,12 +126,13 @@ def open_loop_of_parts(loop: Loop) -> OpenLoop | None:
     return OpenLoop(*_polynomials(A[:-1, :-1], A[:-1, -1], -c[:-1]))
 
 
-def either_way(loop: Loop) -> dict[str, Loop]:
-    """The loop with the viscous friction of each direction in both, by direction; by "" where that is the same."""
-    forwards, back = (loop.parameters.get(name) for name in ("viscous", "viscous_back"))
+def either_way(servo: Any) -> dict[str, Any]:
+    """The loop with the viscous friction of each direction in both, by direction; by "" where that is the same, as of
+    a servo."""
+    forwards, back = (servo.value(name) if name in servo.names else None for name in ("viscous", "viscous_back"))
     if forwards is None or back is None or forwards == back:
-        return {"": loop}
-    return {"forwards": loop.replace(viscous_back=forwards), "back": loop.replace(viscous=back)}
+        return {"": servo}
+    return {"forwards": servo.replace(viscous_back=forwards), "back": servo.replace(viscous=back)}
 
 
 def linear_stable(loop: Loop) -> bool | None:

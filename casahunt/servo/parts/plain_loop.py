@@ -90,24 +90,34 @@ class LoopResult(Result):
         return tuple(part.name for part in self.loop.present)
 
 
+def model_asked(servo: Servo | Loop, model: Model | None, usual: Model | None = None) -> Any:
+    """The friction model of a servo, `usual` where none is given, or None of a loop.
+
+    Raises InputError: it is neither, an unknown model, or a loop with one.
+    """
+    if not isinstance(servo, Loop):
+        a_servo(servo)
+        return choice_of("model", str(model or usual), MODELS)
+    if model is not None:
+        raise InputError(f"model = {model!r}: must be left out, a loop has its friction as a part")
+    return None
+
+
 def loop_asked(
     servo: Servo | Loop, model: Model | None, gain: float | None, *, usual: Model | None = None
 ) -> Loop:
     """What is asked about as a loop: a servo with a friction model at a gain, or a loop at its own gain or another.
 
-    usual: the model of a servo, where none is given. Raises InputError: it is neither, a servo without model or gain,
-    or a loop with a model.
+    usual: the model of a servo, where none is given. Raises InputError: as `model_asked`, or a servo without a gain.
     """
-    if isinstance(servo, Loop):
-        if model is not None:
-            raise InputError(f"model = {model!r}: must be left out, a loop has its friction as a part")
-        return servo if gain is None else servo.replace(gain=sensible("gain", gain, power=COMPUTED))
-    a_servo(servo)
-    model = model or usual
-    if model is None or gain is None:
+    if isinstance(servo, Servo) and None in (gain, model or usual):
         raise InputError(ASKED_ALONE)
-    friction: Any = choice_of("model", model, MODELS)
-    return loop_of(servo, friction, sensible("gain", gain, power=COMPUTED))
+    friction = model_asked(servo, model, usual)
+    gain = None if gain is None else sensible("gain", gain, power=COMPUTED)
+    if isinstance(servo, Loop):
+        return servo if gain is None else servo.replace(gain=gain)
+    assert gain is not None
+    return loop_of(servo, friction, gain)
 
 
 def servo_of_loop(loop: Loop) -> tuple[Servo, Model, float] | None:

@@ -4,6 +4,8 @@
               which the first one settles
               (where turns are events, a state of it is known from fate.py, and no motion that rests is searched)
               else: that of a smaller gain, followed up to the gain
+    fold      of its branch; where hunting goes on a little beyond it, or at larger gains if its branch has none, that
+              of the other hunting, and so on
 
 All else the engine does with such a cycle: `follow` leads along its branch in any parameter, `special_curve` along its
 fold in two.
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -47,6 +50,10 @@ WORK_OF_A_START, WORK_OF_THE_WAY = 3e6, 8e4
 following a cycle to another gain, five seconds of a processor or less."""
 BESIDE_A_FOLD, OF_ITS_AMPLITUDE = 0.01, (2.0, 1.0, 0.5)
 """How far beyond a fold other hunting is looked for, and from where motions start at rest there."""
+LARGER_GAINS = (1.5, 4.0)
+"""Times its own at which hunting of a loop is looked for where the branch of its cycle leads to no fold."""
+MOST_BEYOND = 8
+"""Folds of loops beyond which other hunting is looked for, one after the other."""
 MOST_CYCLES_TO_A_FOLD = 1000
 """Cycles on the way to a fold: where slips creep for long before they jump, half of them lie within 1 % of it."""
 FAR_UP, FARTHEST_FOLD = 1e3, 1e6
@@ -264,6 +271,56 @@ def unstable_cycle(cycle: SystemOrbit, vary: str = "gain", *, options: Options |
         raise NoOrbit(f"the branch of the stable cycle comes back to {vary} = {here:.6g} {back}", Status.NOT_FOUND)
     raise NoOrbit(f"the branch of the stable cycle does not come back to {vary} = {here:.6g}: {branch.end}",
                   Status.NOT_FOUND)  # fmt: skip
+
+
+def loop_fold(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrbit]:
+    """The fold of a loop above the parameter's own value, or else below; of the gain also from a smaller one.
+
+    Where other hunting goes on beyond, as where slips ring in other numbers, its fold; the farthest of up to so many.
+    Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
+    """
+    cycle = loop_cycle(loop, vary, options=options, or_below=vary == "gain")
+    why, status, senses = "", Status.NOT_FOUND, (1, -1) if cycle.problem.value(vary) == loop.value(vary) else (1,)
+    for sense in senses:
+        try:
+            fold = fold_in(cycle, vary, sense=sense, options=options)
+        except NoOrbit as refusal:
+            further = _of_a_larger_gain(loop, cycle, options) if vary == "gain" and sense > 0 else None
+            if further is not None:
+                return _farthest(loop, further, options)
+            why += f"; {refusal}" if why else str(refusal)
+            status = refusal.status or status
+            if status is not Status.NOT_FOUND and vary == "gain":  # of which the largest is asked for
+                break
+        else:
+            return _farthest(loop, fold, options)
+    raise NoOrbit(why, status)
+
+
+def _of_a_larger_gain(loop: Loop, cycle: SystemOrbit, options: Options | None) -> Fold[SystemOrbit] | None:
+    """The fold of what hunts at some larger gains than a cycle whose branch does not lead to one: a lopsided one ends
+    where it meets the symmetric one, another where slips ring in other numbers.  None where none is found."""
+    for factor in LARGER_GAINS:
+        at = loop.replace(gain=factor * cycle.problem.value("gain"))
+        if isinstance(other := hunting_from(at, "gain", cycle.amplitude), SystemOrbit):
+            with suppress(NoOrbit):
+                return fold_in(other, "gain", options=options)
+    return None
+
+
+def _farthest(loop: Loop, fold: Fold[SystemOrbit], options: Options | None) -> Fold[SystemOrbit]:
+    """The fold of what hunts beyond a fold, and beyond that one, as far as such hunting is found and followed."""
+    for _ in range(MOST_BEYOND):
+        other = hunting_beyond(loop, fold)
+        if not isinstance(other, SystemOrbit):
+            break
+        with suppress(NoOrbit):
+            further = fold_in(other, fold.parameter, sense=int(fold.sense), options=options)
+            if further.sense * (further.value - fold.value) > 0:
+                fold = further
+                continue
+        break
+    return fold
 
 
 def fold_in(

@@ -62,14 +62,13 @@ def item(label: str, text: str) -> str:
 
 def called(servo: Servo | Loop, model: str | None = None) -> str:
     """What a servo or a loop is called; a file gives a loop no name."""
-    if isinstance(servo, Servo):
-        return f"{model} servo"
-    return "loop" if servo.name == Loop.name else servo.name
+    name = getattr(servo, "name", f"{model} servo")
+    return "loop" if name == Loop.name else name
 
 
 def parts_of(servo: Servo | Loop) -> list[str]:
     """The line of its parts, of a loop of a file; and of which mass positions are, where it has more than one."""
-    if isinstance(servo, Servo) or servo.name != Loop.name:
+    if not isinstance(servo, Loop) or servo.name != Loop.name:
         return []
     lines = [item("parts", ", ".join(part.name for part in servo.present))]
     if any(len(part.angles) > 1 for part in servo.present):
@@ -86,9 +85,7 @@ def runs_away(loop: Loop) -> list[str]:
 
 def record_of(servo: Servo | Loop) -> dict[str, Any]:
     """What the JSON object says of a loop of parts; {} of a servo."""
-    if isinstance(servo, Servo):
-        return {}
-    return {"parts": [part.name for part in servo.present], "parameters": servo.parameters, "gain": servo.value("gain")}
+    return {} if isinstance(servo, Servo) else {**servo.to_dict(), "gain": servo.value("gain")}
 
 
 def named(parameter: str) -> str:

@@ -283,9 +283,11 @@ class Asked(argparse.Namespace):
 
         gain: that of the servo too, of a loop None.
         """
-        model, loop = self.friction_model(), self.loop()
-        asked = (self.servo(), model) if loop is None else (loop, None)
-        return (*asked, self.at_gain() if loop is None else None) if gain else asked
+        asked: Any = (self.loop(), None, None)
+        if asked[0] is None:
+            model = self.friction_model()
+            asked = self.servo(), model, self.at_gain() if gain else None
+        return asked if gain else asked[:2]
 
     def servo(self) -> Servo:
         """The servo: file or Table 1, with the overrides."""
@@ -362,13 +364,9 @@ class Asked(argparse.Namespace):
         return uncertainty
 
     def friction_model(self) -> Model:
-        """The one friction model, or that of a loop of parts, by whether it has a bristle."""
-        loop = self.loop()
-        if loop is not None:
-            from ...servo.parts import LUGRE
-
-            return "lugre" if LUGRE in loop.present else "switch"
-        return self._with_its_bristle(choice_of("model", self.model or MODELS[0], MODELS))[0]
+        """The one friction model of a servo."""
+        model = choice_of("model", getattr(self, "model", None) or MODELS[0], MODELS)
+        return self._with_its_bristle(model)[0]
 
     def friction_models(self) -> list[Any]:
         """Those of a command that may have several: each once, all where none is named; [None] of a loop.

@@ -79,7 +79,10 @@ def run(options: Asked) -> int:
     else:
         asked = found.servo, found.model, gain
         table = table_of(options, demands, asked, options=how, uncertainty=found.uncertainty)
-    suspect, doubt = identification.suspected(options, found), _doubt(found)
+    suspect = identification.suspected(options, found)
+    doubt = "" if found.model else "of the values as found: of a loop of parts sizes for the worst ones are not known"
+    if not found.judgement.explained:
+        doubt = "of a servo that is in doubt, since the model does not explain all of the records: see below"
     record = {
         "suspect": suspect or None, "doubt": doubt or None,
         "advice": advice_of(table), "gain": gain, "limits": table.limits,
@@ -109,14 +112,6 @@ def _judged(found: Identification, table: Table) -> int:
     if not found.judgement.explained:
         complain("casahunt cure", identification.not_explained(found))
     return judged("casahunt cure", table) or int(not found.judgement.explained)
-
-
-def _doubt(found: Identification) -> str:
-    """What speaks against the servo for which remedies are sought; "" where nothing does."""
-    if found.judgement.explained:
-        as_found = "of the values as found: of a loop of parts sizes for the worst ones are not known"
-        return "" if found.model else as_found
-    return "of a servo that is in doubt, since the model does not explain all of the records: see below"
 
 
 def _unbounded(found: Identification) -> Iterator[str]:

@@ -77,8 +77,14 @@ def _results(options: Asked) -> dict[str, bytes]:
 def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
     models, loop, vary, how = options.friction_models(), options.loop(), options.varied(), options.how()
-    start, to = _number(options, "from", loop, vary), _number(options, "to", loop, vary)
     servo = loop or options.servo()
+
+    def number(key: str, text: str | None) -> float | None:
+        if text is None:
+            return None
+        return positive(key, text, GAIN_UNIT) if loop is None else finite(key, text, *kinds_of(vary))
+
+    start, to = number("from", options.start), number("to", options.to)
     results, out = _results(options), Path(options.out)
     with folder(options.out, results):
         found = _Branches(options, servo, vary, start, to, how, out, dict(results))
@@ -107,13 +113,6 @@ def run(options: Asked) -> int:
     give(options, summary, diagram_answer(found.branches, parts_of(servo), written), said=said)
     return 1 if found.failures else 0
 
-
-def _number(options: Asked, key: str, loop: Loop | None, vary: str) -> float | None:
-    """The value of an option, in the parameter that is varied; None where it is not given."""
-    text = options.start if key == "from" else options.to
-    if text is None:
-        return None
-    return positive(key, text, GAIN_UNIT) if loop is None else finite(key, text, *kinds_of(vary))
 
 
 @dataclass
@@ -253,6 +252,7 @@ def _pictures(branches: list[Any], out: Path) -> None:
 
 
 # What `casahunt diagram` says of branches of cycles
+
 
 
 def diagram_answer(branches: Sequence[Branch[Any]], parts: list[str], out: str) -> Answer:

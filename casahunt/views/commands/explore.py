@@ -14,7 +14,7 @@ from ...axis_units import shown
 from ...errors import InputError
 from ...servo.drive import Drive
 from ...servo.units import GAIN_UNIT
-from ..explore.state import State, state_of_loop, state_of_servo
+from ..explore.state import state_of_loop, state_of_servo
 from .arguments import Asked, add_command, count_of, positive
 from .progress import say
 
@@ -39,7 +39,16 @@ def run(options: Asked) -> int:
             "rad stands for m, N m for N; or ask casahunt simulate, orbit, fold and remedies"
         )
     port = None if options.port is None else count_of("port", options.port, 1, 65535)
-    server = Server(_first(options), host=options.host or THIS_MACHINE, port=port)
+    loop = options.loop()
+    gain = {} if options.first is None else {"gain": positive("gain", options.first, GAIN_UNIT)}
+    if loop is not None:
+        first = state_of_loop(options.tables()["loop"]["parts"], loop)
+    else:
+        first = state_of_servo(options.servo()).choose("model", options.friction_model())
+    drive = options.drive() if loop is None else None
+    built = {} if drive is None else {k: v for k, v in vars(drive).items() if v != getattr(Drive, k, None)}
+    first = replace(first, values={**first.values, **gain}, drive=built)
+    server = Server(first, host=options.host or THIS_MACHINE, port=port)
     if opened := server.opened():
         say(opened)
     if options.json:
@@ -52,15 +61,3 @@ def run(options: Asked) -> int:
     server.run()
     return 0
 
-
-def _first(options: Asked) -> State:
-    """The state of the page without an address."""
-    loop = options.loop()
-    gain = {} if options.first is None else {"gain": positive("gain", options.first, GAIN_UNIT)}
-    if loop is not None:
-        state = state_of_loop(options.tables()["loop"]["parts"], loop)
-    else:
-        state = state_of_servo(options.servo()).choose("model", options.friction_model())
-    drive = options.drive() if loop is None else None
-    built = {} if drive is None else {k: v for k, v in vars(drive).items() if v != getattr(Drive, k, None)}
-    return replace(state, values={**state.values, **gain}, drive=built)

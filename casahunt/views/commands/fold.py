@@ -40,25 +40,23 @@ WAS_FOLLOWED = "the hunting that was followed goes"
 
 def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    model, how, vary = options.friction_model(), options.how(), options.varied()
-    asked, loop = options.subject(), options.loop()
-    fold: Any = find_fold(*asked, vary=vary, options=how)
+    (servo, model), how, vary = options.subject(), options.how(), options.varied()
+    fold: Any = find_fold(servo, model, vary=vary, options=how)
     slopes, orbit = fold_sensitivities(fold), fold.orbit
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
-    ranges, way = stable_ranges(fold, loop), "up" if fold.sense > 0 else "down"
+    ranges, way = stable_ranges(fold, None if model else servo), "up" if fold.sense > 0 else "down"
     more["stable"] = stable = stability_of(fold, ranges)
-    possible, last, named = "hunting is possible", stable["value"], word(vary)
-    if loop is None:
-        name = f"{model} servo"
+    possible, last, named, name = "hunting is possible", stable["value"], word(vary), called(servo, model)
+    if model:
         below, built = seen_by_encoder(options, orbit.amplitude, beyond=True)
         more |= built
     else:
-        name, at_fold = called(loop), loop.replace(**{vary: fold.value})
-        below = [*runs_away(at_fold), *parts_of(loop)]
+        at_fold = servo.replace(**{vary: fold.value})
+        below = [*runs_away(at_fold), *parts_of(servo)]
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
         more |= {"way": way, **record_of(at_fold), "other": None}
         possible = possible if vary == "gain" else WAS_FOLLOWED
-        if (other := hunting_beyond(loop, fold)) is not None:
+        if (other := hunting_beyond(servo, fold)) is not None:
             at, possible = beyond_fold(fold), WAS_FOLLOWED
             more["other"] = {vary: at, "amplitude": other.amplitude}
             low, high = np.broadcast_to(other.amplitude, 2)
@@ -71,7 +69,7 @@ def run(options: Asked) -> int:
     if last is not None and last != fold.value:
         ends = value_of(vary, last)
         head = f"{name}: {WAS_FOLLOWED} {way} to {named} {ends}; its cycles go on, unstable, to their fold at {first}"
-    answer = fold_answer(head, fold, slopes, ranges, how, "" if loop else WHAT_TO_DO, below)
+    answer = fold_answer(head, fold, slopes, ranges, how, WHAT_TO_DO if model else "", below)
     picture = "fold_curve.elasticities", [fold], [slopes]
     give(options, fold.to_dict(table=False) | more, answer, table=tables_of([slopes]), picture=picture)
     return 0

@@ -48,12 +48,9 @@ def add(commands: Any) -> None:
 
 def run(options: Asked) -> int:
     """Compute, write and print; returns the exit code."""
-    loop = options.loop()
-    if loop is None:
+    servo, models, how = options.loop() or options.servo(), options.friction_models(), options.how()
+    if models[0]:
         options.leave_out("a servo's hunting ends in its gain; it is of a loop of parts", "fold_in")
-    models = options.friction_models()
-    how = options.how()
-    servo = loop or options.servo()
     asked: dict[str, Any] = {"vary": options.vary, "fold_in": options.fold_in or "gain"}
     asked |= {"start": finite("from", options.start, *kinds_of(options.vary))}
     asked |= {"end": finite("to", options.to, *kinds_of(options.vary))}
@@ -71,8 +68,7 @@ def run(options: Asked) -> int:
         complain("casahunt fold-curve", failure, details=options.details)
     said = [str(each) for each in failures]
     record = {"curves": curves, "failures": said, "wall_s": options.outputs.seconds}
-    if loop is not None:
-        record |= record_of(loop) | {"way": curves[0].way}
+    record |= record_of(servo) | ({} if curves[0].model else {"way": curves[0].way})
     answer = Answer([line for curve in curves for line in _plain(curve)], _details(curves, how.tol))
     give(options, record, answer, picture=("fold_curve.fold_curves", curves))
     return 1 if failures else 0

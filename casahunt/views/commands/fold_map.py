@@ -45,11 +45,20 @@ def run(options: Asked) -> int:
     how, (servo, model) = options.how(), options.subject()
     check_asked(servo, model)
     points = count_of("points", options.points, *SIDES)
-    names, axes = _axes(options, points)
+    names, axes = [], []
+    for which in ("vary", "and"):
+        key, *ends = getattr(options, which)
+        name = shown().own_name(key)
+        low, high = (finite(f"{which} {name}", end, *kinds_of(name)) for end in ends)
+        if not low < high:
+            raise InputError(f"{which} {name} {low:g} {high:g}: the range must begin below its end")
+        names.append(name)
+        axes.append(np.linspace(low, high, points))
     tell("computing the fold of the servo itself")
     fold = upper(find_fold(servo, model, options=how))
     tell(orbit_line(fold.orbit, mu="+1 (fold)"))
-    found = fold_map(servo, model, names, *axes, options=how, fold=fold, report=_reporter(points**2))
+    report = _reporter(points**2)
+    found = fold_map(servo, model, (names[0], names[1]), *axes, options=how, fold=fold, report=report)
     answer = Answer(_plain(found), _details(found))
     give(options, found, answer, table=tables_of([found]), picture=("fold_curve.fold_map", found))
     if not np.isfinite(found.gains).any():
@@ -70,18 +79,6 @@ def _reporter(total: int) -> Callable[[int], None]:
 
     return report
 
-
-def _axes(options: Asked, points: int) -> tuple[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
-    names, axes = [], []
-    for which in ("vary", "and"):
-        called, *ends = getattr(options, which)
-        name = shown().own_name(called)
-        low, high = (finite(f"{which} {name}", end, *kinds_of(name)) for end in ends)
-        if not low < high:
-            raise InputError(f"{which} {name} {low:g} {high:g}: the range must begin below its end")
-        names.append(name)
-        axes.append(np.linspace(low, high, points))
-    return (names[0], names[1]), (axes[0], axes[1])
 
 
 # What `casahunt fold-map` says: where hunting ends, over two parameters

@@ -28,8 +28,7 @@ from ...errors import InputError, NoOrbit
 from ...results import tables_of
 from ...servo.drive import DRIVE_KEYS, DRIVE_TABLE, Drive
 from ...servo.find_orbit import find_orbit
-from ...servo.parts.loop import Loop
-from ...servo.servo import LOOP_TABLE, Servo, flatten, toml_value
+from ...servo.servo import LOOP_TABLE, flatten, toml_value
 from ...servo.units import GAIN_UNIT, unit_of
 from ..answers.answer import PLAIN_DIGITS, Answer
 from .arguments import Asked, add_command, add_gain, add_out, positive
@@ -107,25 +106,20 @@ def fit_of(options: Asked) -> tuple[Callable[[], Identification], list[str]]:
         taken.append("without --servo inertia, motor and controller are those of Table 1 of the report; is that yours?")
     taken += [record.reading.sentence for record in records if record.reading is not None]
     if drive is not None:
-        taken += _of_drive(servo, max(gains), drive, taken_in=built is not None)
+        one = rigid(servo)
+        where = "where friction alone is sought, from positions alone"
+        where = where if one is servo else "whose friction is the same both ways"
+        left = f"the loop is taken as a continuous one: of [drive] sampling and delay are taken into account {where}"
+        taken.append(left if built is None else "sampling, delay and counts of [drive] are taken into account")
+        time = drive.sample_time + drive.filter_of(one.controller)
+        time += sum(servo.value(name) for name in FILTERS_OF_RATE if name in servo.names)
+        shaken = one.torque_gains(max(gains))[1] * drive.count / time / one.friction.static
+        if shaken > SHAKEN:
+            taken.append(
+                f"each count of the encoder makes the derivative's torque jump by {shaken:.2g} of static friction, as "
+                "given: that shakes a servo loose, and what is found may be the friction of the shaken one"
+            )
     return fit, [f"  {sentence}" for sentence in taken]
-
-
-def _of_drive(servo: Servo | Loop, gain: float, drive: Drive, *, taken_in: bool) -> Iterator[str]:
-    """What is said of the drive that made records; taken_in: its lags are taken into account."""
-    parts = isinstance(servo, Loop)
-    where = "whose friction is the same both ways" if parts else "where friction alone is sought, from positions alone"
-    left = f"the loop is taken as a continuous one: of [drive] sampling and delay are taken into account {where}"
-    yield "sampling, delay and counts of [drive] are taken into account" if taken_in else left
-    one = rigid(servo) if isinstance(servo, Loop) else servo
-    time = drive.sample_time + drive.filter_of(one.controller)
-    time += sum(servo.value(name) for name in FILTERS_OF_RATE if parts and name in servo.names)
-    shaken = one.torque_gains(gain)[1] * drive.count / time / one.friction.static
-    if shaken > SHAKEN:
-        yield (
-            f"each count of the encoder makes the derivative's torque jump by {shaken:.2g} of static friction, as "
-            "given: that shakes a servo loose, and what is found may be the friction of the shaken one"
-        )
 
 
 def run(options: Asked) -> int:

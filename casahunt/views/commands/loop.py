@@ -9,7 +9,6 @@ from ...servo.gains import lowest_stable_gain, routh_hurwitz_gain
 from ...servo.linear.linear_loop import linear_loop
 from ...servo.linear.margins import margins
 from ...servo.linear.open_loop import either_way
-from ...servo.servo import Servo
 from ...servo.units import GAIN_UNIT
 from ..answers.loop import loop_answer
 from .arguments import Asked, add_command, add_gain, positive
@@ -27,19 +26,18 @@ def add(commands: Any) -> None:
 def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
     gains = [positive("gain", text, GAIN_UNIT) for text in options.gain or ()] or [options.stated_gain()]
-    parts, drive = options.loop(gains[0]), options.drive()
-    servo = options.servo() if parts is None else parts
-    ways = either_way(parts) if parts is not None else {"": servo}
+    (servo, model), drive = options.subject(), options.drive()
+    ways = either_way(servo)
     loops = [linear_loop(servo, gain, back=way == "back") for gain in gains for way in ways]
     built = [margins(ways[loop.direction], loop.gain, drive=drive) for loop in loops] if drive is not None else []
     record: dict[str, Any] = {"loops": loops}
     limits = None
-    if isinstance(servo, Servo):
+    if model:
         limits = lowest_stable_gain(servo), routh_hurwitz_gain(servo)
         record |= dict(zip(("lowest_stable_gain", "lowest_stable_gain_without_viscous_friction"), limits, strict=True))
     if drive is not None:
         record |= {"as_built": {"drive": drive, "margins": built}}
-    within = [] if parts is None else [part.name for part in parts.present if part.saturates]
+    within = [] if model else [part.name for part in servo.present if part.saturates]
     picture = "loop.bode", servo, loops, drive
     give(options, record, loop_answer(loops, limits, drive, built, within), table=tables_of(loops), picture=picture)
     return 0

@@ -21,7 +21,6 @@ from ...servo.find_orbit import BRANCHES, find_orbit
 from ...servo.parts.ahead import LOPSIDED_BY
 from ...servo.parts.exponent import told
 from ...servo.parts.plain_loop import loop_asked
-from ...servo.servo import Servo
 from ...servo.units import column
 from ..answers.answer import (
     Answer,
@@ -73,14 +72,14 @@ def run(options: Asked) -> int:
         raise hunts_on(options, NoOrbit(told(irregular), irregular.status), gain) from None
     except NoOrbit as refusal:
         raise hunts_on(options, refusal, gain) from None
-    below = [*parts_of(servo), *runs_away(loop_asked(servo, model, gain if model else None))]
+    below = [*parts_of(servo), *runs_away(loop_asked(*asked))]
     if branch == "lopsided":
         below.append(item("", "one of a pair: the other one is its mirror image"))
     if bool(orbit.half and orbit.multipliers.leading.real < -1):
         how_to = "; --branch lopsided" if model else ""
         below.append(item("beside it", f"a cycle that reaches farther to one side may hunt in its place{how_to}"))
     record = {**orbit.to_dict(table=False), **record_of(servo), "branch": branch}
-    if isinstance(servo, Servo):
+    if model:
         seen, built = seen_by_encoder(options, orbit.amplitude)
         below, record = below + seen, record | built
     second = orbit.integrator_multipliers if route == "integrator" else None

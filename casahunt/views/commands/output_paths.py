@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from ...errors import InputError
@@ -44,7 +44,12 @@ def keep_inputs(options: argparse.Namespace) -> None:
             if not (found := _file(path)):
                 continue
             taken[found] = f"{what} {path!r}, which is read"
-    for name, place in _outputs(options):
+    # Names and places of all that it writes: paths, and the handle that the shell may have led into a file
+    written: list[tuple[str, str | int]] = [("standard output", 1)]
+    written += [(name, path) for name in WRITTEN if (path := getattr(options, name, None))]
+    if getattr(options, "out", None):
+        written += [("out", os.path.join(options.out, name)) for name in options.results(options)]
+    for name, place in written:
         found = _file(place)
         if found in taken:
             said = f"{name} = {place!r}" if isinstance(place, str) else name
@@ -54,16 +59,6 @@ def keep_inputs(options: argparse.Namespace) -> None:
     for name, suffixes in WRITTEN.items():
         setattr(options, name, writable(name, getattr(options, name, None), suffixes))
 
-
-def _outputs(options: argparse.Namespace) -> Iterator[tuple[str, str | int]]:
-    """Names and places of all that a command writes: paths, and the handle that the shell may have led into a file."""
-    yield "standard output", 1
-    for name in WRITTEN:
-        if path := getattr(options, name, None):
-            yield name, path
-    if getattr(options, "out", None):
-        for name in options.results(options):
-            yield "out", os.path.join(options.out, name)
 
 
 def _file(place: str | int) -> tuple[int, int] | str | None:

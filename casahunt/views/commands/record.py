@@ -85,7 +85,15 @@ def run(options: Asked) -> int:
             orbit = find_orbit(servo, model, gain, options=how)
     except NoOrbit as error:
         failure = str(error)
-    suspect = _suspect(record, found, orbit) if isinstance(orbit, HuntingOrbit) and found.hunting else ""
+    suspect = ""
+    if isinstance(orbit, HuntingOrbit) and found.hunting:
+
+        def fit() -> Identification:
+            tell("far from the predicted frequency: looking for a friction that explains the record")
+            return identify([record], servo, gain, model, advise=False)
+
+        step, swings = float(np.median(np.diff(record.times))), swings_of(found.shape, found.amplitude)
+        suspect = suspicion(orbit, found.period, found.amplitude, found.quantum, step, swings, fit)
     rows = _rows(found, orbit)
     seen = _record(options.file, record, found, orbit, failure, set_point)
     lines = [*_lines(options.file, record, found, orbit, set_point), *([f"  {suspect}"] if suspect else [])]
@@ -102,16 +110,6 @@ def run(options: Asked) -> int:
         complain("casahunt record", f"nothing predicted: {failure}")
     return 0 if found.hunting and failure is None else 1
 
-
-def _suspect(record: Record, m: Measurement, orbit: HuntingOrbit) -> str:
-    """What to suspect where the frequency is not the predicted one."""
-
-    def fit() -> Identification:
-        tell("far from the predicted frequency: looking for a friction that explains the record")
-        return identify([record], orbit.servo, orbit.gain, orbit.model, advise=False)
-
-    step = float(np.median(np.diff(record.times)))
-    return suspicion(orbit, m.period, m.amplitude, m.quantum, step, swings_of(m.shape, m.amplitude), fit)
 
 
 def half_swing(orbit: Orbit) -> float:
@@ -153,9 +151,17 @@ def _lines(
     if known:
         noise = quantity(m.noise, "rad", ".2g")
         yield f"  noise {noise}; above its mean line for {m.above:.1%} of a period (50% if symmetric)"
-        for sentence in (*_remarks(m), of_clipped(record, m.quantum)):
-            if sentence:
-                yield f"  {sentence}"
+        before, behind = (time > 1.25 * m.period for time in m.left_out)
+        if before:
+            yield f"  left out: the first {m.left_out[0]:.4g} s, which do not repeat like the rest (a transient?)"
+        if behind:
+            yield f"  left out: the last {m.left_out[1]:.4g} s, which hold no whole period"
+        if m.missing > 0.01 * m.period:
+            yield f"  left out: {m.missing:.4g} s in between, in gaps or without a whole period"
+        if m.quantum > 0:
+            yield f"  positions come in steps of {quantity(m.quantum, 'rad')}; the error of the amplitude covers that"
+        if clipped := of_clipped(record, m.quantum):
+            yield f"  {clipped}"
     if orbit:
         whose = f"{orbit.model} model" if isinstance(orbit, HuntingOrbit) else "loop"
         yield f"  predicted by the {whose} at gain {orbit.problem.value('gain'):.10g} V/rad"
@@ -183,21 +189,6 @@ def _beside(m: Measurement, orbit: Orbit | None, most: int) -> Iterator[str]:
         errors = f"{row['error']:8.2g}  {row['scatter']:8.2g}"
         yield f"  {row['quantity']:9}  {measured:>12}  {errors}{beside}  {row['unit']}"
 
-
-def _remarks(m: Measurement) -> list[str]:
-    """What a reader must know of the averages."""
-    remarks = []
-    before, behind = (time > 1.25 * m.period for time in m.left_out)
-    if before:
-        remarks.append(f"left out: the first {m.left_out[0]:.4g} s, which do not repeat like the rest (a transient?)")
-    if behind:
-        remarks.append(f"left out: the last {m.left_out[1]:.4g} s, which hold no whole period")
-    if m.missing > 0.01 * m.period:
-        remarks.append(f"left out: {m.missing:.4g} s in between, in gaps or without a whole period")
-    if m.quantum > 0:
-        step = quantity(m.quantum, "rad")
-        remarks.append(f"positions come in steps of {step}; the error of the amplitude covers that")
-    return remarks
 
 
 def _record(

@@ -28,7 +28,7 @@ from ...results import tables_of
 from ...servo.drive import with_remedy
 from ...servo.outcome import SETTLES
 from ...servo.parts.loop import Loop
-from ...servo.parts.plain_loop import loop_of as parts_of
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.parts.table import remedy_of
 from ...servo.sampled.check import AsBuilt, as_built
 from ...servo.sampled.plant import DRIVE_PARTS
@@ -131,13 +131,12 @@ def table_of(
     demands: as of `demands_of`; asked: servo, model and gain; more: arguments of `remedies`.
     """
     (what, limits, jobs), (servo, model, gain) = demands, asked
-
-    def as_it_is_found(row: Cure) -> None:
-        tell(f"{row.name}: {_exact(row, PLAIN_DIGITS) if math.isfinite(row.size) else row.why}")
-
     with processes(jobs) as pool:
-        found = remedies(servo, model, gain, progress=as_it_is_found, executor=pool, **what, **limits, **more)
-    run_by_drive = servo if model is None else parts_of(servo, "switch", gain)
+        found = remedies(
+            servo, model, gain, executor=pool, **what, **limits, **more,
+            progress=lambda row: tell(f"{row.name}: {_exact(row, PLAIN_DIGITS) if row.size < math.inf else row.why}"),
+        )  # fmt: skip
+    run_by_drive = loop_asked(servo, model and "switch", gain)
     table = Table(found, limits, more["uncertainty"] is not None, remedies_as_built(command, found, run_by_drive))
     does = [row for row in found.remedies if row.name in table.resting]
     best = cheapest(does, limits.get("max_error"), limits.get("max_torque", math.inf), of_a_set=table.of_a_set)

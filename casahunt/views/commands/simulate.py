@@ -25,7 +25,7 @@ from ...servo.drive import DERIVATIVES, DRIVE_KEYS, INTEGRATIONS, SHARES, drive_
 from ...servo.other_end import OtherEnd, other_end
 from ...servo.parts.loop import Loop
 from ...servo.parts.lugre import LUGRE
-from ...servo.parts.plain_loop import loop_of as loop_of_servo
+from ...servo.parts.plain_loop import loop_asked
 from ...servo.parts.table import remedies_for, with_remedy
 from ...servo.sampled.plant import DRIVE_PARTS
 from ...servo.simulate import simulate
@@ -81,8 +81,7 @@ def add(commands: Any) -> None:
 
 def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
-    model, of_file = options.friction_model(), options.loop()
-    gain = options.at_gain()
+    asked: Any = options.subject(gain=True)
     length = positive("time", options.time, "s")
     numbers: dict[str, Any] = {
         key: moderate(name := key.replace("_", "-"), finite(name, text, unit))
@@ -96,7 +95,7 @@ def run(options: Asked) -> int:
         raise InputError(f"step = {step:g}: must be at least {length / MOST_ROWS:g} s, for {MOST_ROWS} rows at most")
     remedies = remedies_given(options)
     drive = options.drive(by_options=True)
-    loop = with_remedies(of_file or loop_of_servo(options.servo(), model, gain), remedies)
+    loop = with_remedies(loop_asked(*asked), remedies)
     numbers["start"] = numbers_of(assigned(options.state, "state", loop.system.states, "name=value"), loop.units)
     if drive is not None:
         options.leave_out("moves by a profile are those of the continuous loop", *PROFILE)

@@ -55,19 +55,26 @@ def evidence_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     """
     p = _Page(record)
     figures = {name: figure(CAPTIONS[name], _seen(name, record), data) for name, data in images.items()}
+    ranked = sorted(record["elasticities"].items(), key=lambda item: -abs(item[1]))
+    moves = [[words(name), p.n(f"elasticities/{name}", f"+.{known_decimals(p.tol, 4)}f") + " %"] for name, _ in ranked]
     return document(TITLE, [
         *_answer(p),
         *_demands(p),
         *_fold(p),
         figures.get("diagram", ""),
-        *([*_elasticities(p), figures.get("sensitivities", "")] if record["elasticities"] else []),
+        *(["<h2>What moves the fold</h2>", table(["one per cent more of", "changes the fold gain by"], moves),
+           figures.get("sensitivities", "")] if moves else []),
         *_verification(p),
         *built_section(p, {"the tuned servo": "as_built"} if "as_built" in record else {}),
         "<h2>Simulated regulator tasks</h2>",
         table(["gain [V/rad]", "friction", "start", "largest torque [N m]", "voltage [V]", "what it does", "why"],
               [_task_row(p, f"verification/tasks/{i}") for i in range(len(record["verification"]["tasks"]))]),
         figures.get("responses", ""),
-        *_limits(p),
+        "<h2>What this does not prove</h2><ul>",
+        *[f"<li>{p.text(f'proves_not/{i}')}</li>" for i in range(len(record["proves_not"]))],
+        "</ul><h2>The servo as given</h2>",
+        table([], [[words(key), p.with_unit(f"servo/{key}", unit_of(key))] for key in record["servo"]]),
+        f"<p class=dim>Computed in {p.n('wall_s', '.1f')} s, status {p.text('status')}.</p>",
     ])  # fmt: skip
 
 
@@ -163,11 +170,6 @@ def _fold(p: _Page) -> list[str]:
     return ["<h2>The fold and its uncertainty</h2>", table([], rows)]
 
 
-def _elasticities(p: _Page) -> list[str]:
-    ranked = sorted(p.record["elasticities"].items(), key=lambda item: -abs(item[1]))
-    rows = [[words(name), p.n(f"elasticities/{name}", f"+.{known_decimals(p.tol, 4)}f") + " %"] for name, _ in ranked]
-    return ["<h2>What moves the fold</h2>", table(["one per cent more of", "changes the fold gain by"], rows)]
-
 
 def _verification(p: _Page) -> list[str]:
     check = p.record["verification"]
@@ -203,16 +205,6 @@ def _loop_rows(p: _Page) -> list[list[str]]:
     rows = [("; ".join(_loop_names(p, names)), names[0]) for names in alike.values()]
     return [[said, *margins(p, f"verification/loops/{name}", ".5g")] for said, name in rows]
 
-
-def _limits(p: _Page) -> list[str]:
-    """What the evidence does not prove, and the servo it is about."""
-    return [
-        "<h2>What this does not prove</h2><ul>",
-        *[f"<li>{p.text(f'proves_not/{i}')}</li>" for i in range(len(p.record["proves_not"]))],
-        "</ul><h2>The servo as given</h2>",
-        table([], [[words(key), p.with_unit(f"servo/{key}", unit_of(key))] for key in p.record["servo"]]),
-        f"<p class=dim>Computed in {p.n('wall_s', '.1f')} s, status {p.text('status')}.</p>",
-    ]
 
 
 def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:

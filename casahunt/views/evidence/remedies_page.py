@@ -42,21 +42,36 @@ def remedies_page(record: Mapping[str, Any], images: Mapping[str, bytes]) -> str
     ending = [i for i, row in enumerate(record["remedies"]) if row["ends_hunting"]]
     rows = [i for i, row in enumerate(p.record["remedies"]) if not row["ends_hunting"]]
     items = [f"<li>{p.text(f'remedies/{i}/name')}: {p.text(f'remedies/{i}/said')}</li>" for i in rows]
+    worst = [[p.text(f"remedies/{i}/name"), _sized(p, i, "worst_size")] for i in ending if record["uncertain"]]
+    moved = [i for i in ending if record["remedies"][i]["moves"]]
+    names = [name for name in MOVED_BY if all(name in record["remedies"][i]["moves"] for i in moved)]
+    linear = []
+    for i, row in enumerate(record["remedies"]):
+        if row["phase_margin"] is not None:
+            phase, *factors = margins(p, f"remedies/{i}", ".4g")
+            ends = ["<span class=bad>unstable</span>"] * 2 if row["lowest_factor"] is None else factors
+            linear.append([p.text(f"remedies/{i}/name"), phase, *ends])
     return document(TITLE, [
         *_answer(p),
         *(["<h2>What ends it, the cheapest first</h2>", table([*HEAD], [_row(p, i) for i in ending]),
            f"<p class=dim>To choose: {p.n('margin', 'g', 100.0)} % more of the remedy than ends hunting"
            f"{' of the worst servo of the set' if record['uncertain'] else ''}; torque, voltage and settling are those "
            f"of a {p.text('task')} from rest with that size.</p>"] if ending else []),
-        *_worst(p, ending),
+        *(["<h2>The worst servo of the set</h2>", table(["remedy", "ends hunting"], worst)] if worst else []),
         *built_section(p, {name: f"as_built/{name}" for name in record.get("as_built", {})}),
         figures.get("sizes", ""),
         *(["<h2>What does not end it</h2><ul>", *items, "</ul>"] if items else []),
         "<h2>Where the servo may rest</h2>",
         "<p>Without a remedy the servo rests at its set point alone, with any torque that static friction holds.</p>",
         figures.get("rests", ""),
-        *_margins(p),
-        *_moves(p, ending),
+        *(["<h2>Linear loop without dry friction</h2>",
+           "<p>With the size to choose. Remedies that are not here make the loop nonlinear, or have no size that ends "
+           "hunting.</p>",
+           table(["remedy", "phase margin", "stable down to", "stable up to"], linear)] if linear else []),
+        *(["<h2>What moves the smallest size</h2>", "<p>Per cent of it for one per cent more of each.</p>",
+           table(["remedy", *map(words, names)],
+                 [[p.text(f"remedies/{i}/name"), *[p.n(f"remedies/{i}/moves/{name}", "+.3g") for name in names]]
+                  for i in moved])] if moved and names else []),
         "<h2>What this does not prove</h2><ul>",
         *[f"<li>{html.escape(sentence)}</li>" for sentence in PROVES_NOT],
         "</ul><h2>The servo as given</h2>",
@@ -105,45 +120,6 @@ def _row(p: Fragments, i: int) -> list[str]:
     ]  # fmt: skip
 
 
-def _worst(p: Fragments, ending: list[int]) -> list[str]:
-    """Sizes for the worst servo, where one was asked for."""
-    if not p.record["uncertain"] or not ending:
-        return []
-    rows = [[p.text(f"remedies/{i}/name"), _sized(p, i, "worst_size")] for i in ending]
-    return ["<h2>The worst servo of the set</h2>", table(["remedy", "ends hunting"], rows)]
-
-
-def _margins(p: Fragments) -> list[str]:
-    """Margins of the linear loops."""
-    rows = []
-    for i, row in enumerate(p.record["remedies"]):
-        if row["phase_margin"] is not None:
-            phase, *factors = margins(p, f"remedies/{i}", ".4g")
-            unstable = ["<span class=bad>unstable</span>"] * 2
-            rows.append([p.text(f"remedies/{i}/name"), phase, *(unstable if row["lowest_factor"] is None else factors)])
-    if not rows:
-        return []
-    return [
-        "<h2>Linear loop without dry friction</h2>",
-        "<p>With the size to choose. Remedies that are not here make the loop nonlinear, or have no size that ends "
-        "hunting.</p>",
-        table(["remedy", "phase margin", "stable down to", "stable up to"], rows),
-    ]
-
-
-def _moves(p: Fragments, ending: list[int]) -> list[str]:
-    """What moves the borders, per cent for one per cent more of each parameter."""
-    rows = [i for i in ending if p.record["remedies"][i]["moves"]]
-    names = [name for name in MOVED_BY if all(name in p.record["remedies"][i]["moves"] for i in rows)]
-    if not rows or not names:
-        return []
-    return [
-        "<h2>What moves the smallest size</h2>",
-        "<p>Per cent of it for one per cent more of each.</p>",
-        table(["remedy", *map(words, names)],
-              [[p.text(f"remedies/{i}/name"), *[p.n(f"remedies/{i}/moves/{name}", "+.3g") for name in names]]
-               for i in rows]),
-    ]  # fmt: skip
 
 
 def _seen(name: str, record: Mapping[str, Any]) -> str:

@@ -31,7 +31,6 @@ from ...servo.parts.fate import Swing, on_the_cycle
 from ...servo.parts.verbs import first_off, fold_in
 from ...servo.servo import Servo
 from ...servo.simulate import simulate
-from ...servo.trajectory import Trajectory
 from ...servo.units import GAIN_UNIT
 from ..answers.answer import ENDS
 from .numbers import (
@@ -89,19 +88,17 @@ class Stages:
         """Does it hunt."""
         try:
             return self._of_cycle(self._cycle_at(self.problem.gain, Options()))
-        except NoOrbit as why:
-            return self._no_cycle(why)
-
-    def _no_cycle(self, why: NoOrbit) -> dict[str, Any]:
-        proved = why.status is None
-        self.verdict, more = "rests" if proved else "unknown", refused(why)
-        self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
-        if isinstance(why, HuntsIrregularly):
-            self.verdict, more = "uneven", {"why": "none: no swing repeats", "evidence": told(why)}
-            self.said = "It hunts irregularly: it turns {:.4g} to {:.4g} rad from the set point.".format(*why.amplitude)
-        if isinstance(why, ComesToRest):
-            self.verdict, self.rests, more = "unknown", True, {"evidence": str(why)}
+        except ComesToRest as rests:
+            self.verdict, self.rests, more = "unknown", True, {"evidence": str(rests)}
             self.said = "No hunting was found: from every start that was tried it comes to rest."
+        except HuntsIrregularly as irregular:
+            self.verdict, more = "uneven", {"why": "none: no swing repeats", "evidence": told(irregular)}
+            low, high = irregular.amplitude
+            self.said = f"It hunts irregularly: it turns {low:.4g} to {high:.4g} rad from the set point."
+        except NoOrbit as why:
+            proved = why.status is None
+            self.verdict, more = "rests" if proved else "unknown", refused(why)
+            self.said = "It does not hunt at this gain." if proved else "Whether it hunts is not known."
         return {"verdict": self.verdict, "sentence": self.said, **more}
 
     def _of_cycle(self, orbit: Orbit, *, partly: bool = False) -> dict[str, Any]:
@@ -188,20 +185,17 @@ class Stages:
             "peak": seen_number(motion.peak_torque),
             **({} if math.isnan(voltage) else {"voltage": seen_number(voltage)}),
         }  # fmt: skip
-        return shown | self._end_of(motion)
-
-    def _end_of(self, motion: Trajectory) -> dict[str, Any]:
-        """Where a step ends; and where it comes to rest though the servo can hunt, from which start that does."""
+        # Where a step ends; and where it comes to rest though the servo can hunt, from which start that does
         kind = motion.verdict.kind
         ends = f"the step ends: {ENDS[kind].state}" if kind != "undecided" else "where the step ends is not seen yet"
         if self.verdict not in HUNTING or kind not in SETTLES:
-            return {"ends": ends}
+            return shown | {"ends": ends}
         assert self.orbit is not None
         self.said = hunts(self.orbit.amplitude, self.orbit.period, self.orbit.stable, partly=True)
         with suppress(effort.GivenUp):
             other = other_end(motion)
             ends += f"; {hunts_from(other.start)}" if other is not None and other.hunts else ""
-        return {"ends": ends, "sentence": sentence_of((self.said, self.more))}
+        return shown | {"ends": ends, "sentence": sentence_of((self.said, self.more))}
 
     def _foot(self) -> Orbit:
         """The cycle from which the branch in the gain is followed: the same for most gains, so that a move along it
@@ -209,7 +203,17 @@ class Stages:
 
         Where none is found at a lower gain it is the present one.  Raises NoOrbit: there is none either.
         """
-        low = self._lowest()
+        present = self.problem.gain
+        low = BELOW_THE_GAIN ** (math.floor(math.log(present, BELOW_THE_GAIN)) - 1)
+        if self.problem.loop is None:
+            try:
+                low = self._fold().value / BELOW_THE_FOLD
+                while low > present:
+                    low /= BELOW_THE_GAIN
+            except NoOrbit as why:
+                if self.orbit is None and why.status is None:  # it hunts at no gain
+                    raise
+                low = present / BELOW_THE_GAIN
         for gain in (part * low for part in LOWER_GAINS):
             if ("foot", gain) not in self.memory:
                 self.memory["foot", gain] = None
@@ -221,20 +225,6 @@ class Stages:
             raise NoOrbit("no hunting was found at this gain or below, from which its cycles could be followed")
         return self.orbit
 
-    def _lowest(self) -> float:
-        """The gain of the foot."""
-        gain = self.problem.gain
-        if self.problem.loop is None:
-            try:
-                low = self._fold().value / BELOW_THE_FOLD
-            except NoOrbit as why:
-                if self.orbit is None and why.status is None:  # it hunts at no gain
-                    raise
-                return gain / BELOW_THE_GAIN
-            while low > gain:
-                low /= BELOW_THE_GAIN
-            return low
-        return BELOW_THE_GAIN ** (math.floor(math.log(gain, BELOW_THE_GAIN)) - 1)
 
     def _fold(self) -> Fold[Any]:
         """The fold, found once for all gains of a servo, or for all with one foot.  Raises NoOrbit."""
@@ -256,7 +246,13 @@ class Stages:
 
         Where `hunts` has found nothing, and one of them is farther on, a branch may lead to a cycle all the same.
         """
-        remedy, found = self.problem.remedy, self._size_border()
+        remedy, without, found = self.problem.remedy, self.problem.without, None
+        if remedy is not None and without is not None:
+            memory = self.remembered(remedy.size)  # it does not depend on the present size
+            if "border" not in memory:
+                bare = self._bare_at(self.problem.gain)
+                memory["border"] = None if bare is None else border(without, remedy, Swing.of(bare), ROUGH)
+            found = memory["border"]
         if remedy is not None and found is not None and found.first is not None:
             self._led_to(lambda: found.first, remedy.size, found.size, remedy.sense)
         try:
@@ -304,17 +300,6 @@ class Stages:
             "sentence": sentence_of((self.said, self.more)),
         }  # fmt: skip
 
-    def _size_border(self) -> Border | None:
-        """Where the remedy ends hunting at this gain; None without a remedy, or without a cycle that it could end."""
-        remedy, without = self.problem.remedy, self.problem.without
-        if remedy is None or without is None:
-            return None
-        memory = self.remembered(remedy.size)  # it does not depend on the present size
-        if "border" not in memory:
-            bare = self._bare_at(self.problem.gain)
-            memory["border"] = None if bare is None else border(without, remedy, Swing.of(bare), ROUGH)
-        found: Border | None = memory["border"]
-        return found
 
     def diagram(self) -> dict[str, Any]:
         """Amplitude against gain, from a cycle up, round the fold and back."""

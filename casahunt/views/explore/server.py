@@ -166,7 +166,10 @@ class Server:
         """Whether somebody who calls this server so is meant to: not where another site has given it its own name."""
         told = HOST.fullmatch(host.lower())
         name = told[1].strip("[]") if told else ""
-        return name in self.names or (self.host in EVERYWHERE and _in_numbers(name))
+        if name not in self.names and self.host in EVERYWHERE:
+            with suppress(ValueError):  # no address of the network itself
+                return bool(ipaddress.ip_address(name))
+        return name in self.names
 
     def enter(self, shown: Any) -> Worker | None:
         """A worker for a page; None where there are too many."""
@@ -216,14 +219,6 @@ def _listening(host: str, port: int | None) -> tuple[socket.socket, int]:
     asked = f"port = {port}" if port is not None else f"ports from {FIRST_PORT} on"
     raise InputError(f"{asked} at {host}: cannot be listened at ({why}); give another --port")
 
-
-def _in_numbers(name: str) -> bool:
-    """Whether a name is an address of the network itself."""
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
 
 
 def _looked_at(server: Server) -> Any:

@@ -190,14 +190,6 @@ class Worker:
         """Let somebody else hear the answers from here on."""
         self._heard = heard
 
-    def _ending(self) -> str:
-        """Why the process has ended, and behind which question."""
-        code, asked = self._process.exitcode, f"asked last: {self._asked}"
-        if self._silent:
-            return f"a worker was silent for {LONGEST_SILENCE:g} s and was ended ({asked})"
-        if code == 0:
-            return f"a worker had {MOST_MEGABYTES:g} MB of memory and ended ({asked})"
-        return f"a worker broke off with exit code {code} ({asked})"
 
     def _start(self) -> None:
         ours, theirs = self._context.Pipe()
@@ -229,7 +221,10 @@ class Worker:
             self._process.join(TO_END)
             meant = self._process.exitcode == 0
             again, number = self._question, self._newest.value
-            _LOG.warning("%s; another one takes its place", self._ending())
+            had = f"had {MOST_MEGABYTES:g} MB of memory and ended"
+            why = had if meant else f"broke off with exit code {self._process.exitcode}"
+            why = f"was silent for {LONGEST_SILENCE:g} s and was ended" if self._silent else why
+            _LOG.warning("a worker %s (asked last: %s); another one takes its place", why, self._asked)
             self._silent = False
             self._start()
             if meant and again is not None:

@@ -102,7 +102,18 @@ def diagram(branches: Sequence[Branch[Any]], *, equilibria: bool = True, ax: Any
             ax.set_ylabel(ax.get_ylabel().replace("[", f"[{power(k)} "))
     below.set_xlabel(_label(branches))
     if equilibria and all(hasattr(branch, "model") for branch in branches):
-        _draw_equilibria(above)
+        # A strip of ticks at the bottom edge for what an axis without zero cannot show
+        room, (low, high) = 0.16, np.log10(above.get_ylim())  # of the height, for the strip and its note
+        above.set_ylim(bottom=10 ** (low - (high - low) * room / (1 - room)))
+        above.plot(
+            np.linspace(0, 1, 101), np.full(101, 0.02), transform=above.transAxes, linestyle="none", marker="|",
+            markersize=8, color="0.3", zorder=2, scalex=False, scaley=False,
+        )  # fmt: skip
+        above.text(
+            0.012, 0.05, "equilibria (stuck): x = 0 exists at every gain; amplitude 0 is below this axis",
+            transform=above.transAxes, fontsize=SMALL, color="0.15", va="bottom",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0}, zorder=2,
+        )  # fmt: skip
     _label_folds(above, curves)
     legend(figure, below, handles, ncols=LEGEND_COLUMNS)
     return both
@@ -140,7 +151,17 @@ def multipliers(branches: Sequence[Branch[Any]], *, ax: Axes | None = None) -> A
         mu = np.array([orbit.half_multiplier for orbit in curve.orbits])
         everything += list(mu[np.isfinite(mu)])
         _draw_curve(axes, curve, mu, markers)
-    _multiplier_axis(axes, min(everything), max(everything))
+    # Linear from -1 to 1, logarithmic beyond, with ticks that can be read in both parts
+    low, high = min(everything), max(everything)
+    decades = math.log10(high) + math.log10(max(-low, 1.0))
+    axes.set_yscale("symlog", linthresh=1.0, linscale=max(1.0, decades / 3))
+    axes.set_ylim(3 * min(low, -1.0), 3 * max(high, 1.0))
+    step = max(1, math.ceil(decades / 6))
+    powers = [10.0**k for k in range(step, math.floor(math.log10(max(high, 1.0))) + 1, step)]
+    negative = [-(10.0**k) for k in range(step, math.floor(math.log10(max(-low, 1.0))) + 1, step)]
+    axes.yaxis.set_major_locator(FixedLocator([*reversed(negative), -1, -0.5, 0, 0.5, 1, *powers]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(_multiplier_tick))
     beside = axes.get_yaxis_transform()  # x in axes fractions, y in data
     for level, text in ((1, "fold\nμ = +1"), (0, "stable\n|μ| < 1"), (-1, "symmetry\nbreaking\nμ = −1")):
         if level:
@@ -272,21 +293,6 @@ def _rows(handles: Sequence[Any]) -> int:
     return math.ceil(len(handles) / LEGEND_COLUMNS)
 
 
-def _draw_equilibria(axes: Axes) -> None:
-    """A strip of ticks at the bottom edge for what an axis without zero cannot show."""
-    room = 0.16  # of the height, for the strip and its note
-    low, high = np.log10(axes.get_ylim())
-    axes.set_ylim(bottom=10 ** (low - (high - low) * room / (1 - room)))
-    axes.plot(
-        np.linspace(0, 1, 101), np.full(101, 0.02), transform=axes.transAxes, linestyle="none", marker="|",
-        markersize=8, color="0.3", zorder=2, scalex=False, scaley=False,
-    )  # fmt: skip
-    axes.text(
-        0.012, 0.05, "equilibria (stuck): x = 0 exists at every gain; amplitude 0 is below this axis",
-        transform=axes.transAxes, fontsize=SMALL, color="0.15", va="bottom",
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0}, zorder=2,
-    )  # fmt: skip
-
 
 def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
     """Write K at every fold, on its open side, each once, the labels of one side kept apart."""
@@ -324,18 +330,6 @@ def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
                 arrowprops={"arrowstyle": "-", "color": "0.3", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 4},
             )  # fmt: skip
 
-
-def _multiplier_axis(axes: Axes, low: float, high: float) -> None:
-    """Linear from -1 to 1, logarithmic beyond, with ticks that can be read in both parts."""
-    decades = math.log10(high) + math.log10(max(-low, 1.0))
-    axes.set_yscale("symlog", linthresh=1.0, linscale=max(1.0, decades / 3))
-    axes.set_ylim(3 * min(low, -1.0), 3 * max(high, 1.0))
-    step = max(1, math.ceil(decades / 6))
-    powers = [10.0**k for k in range(step, math.floor(math.log10(max(high, 1.0))) + 1, step)]
-    negative = [-(10.0**k) for k in range(step, math.floor(math.log10(max(-low, 1.0))) + 1, step)]
-    axes.yaxis.set_major_locator(FixedLocator([*reversed(negative), -1, -0.5, 0, 0.5, 1, *powers]))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(_multiplier_tick))
 
 
 def _multiplier_tick(value: float, position: int) -> str:

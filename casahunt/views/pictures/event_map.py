@@ -6,6 +6,7 @@ it and a little outside.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,12 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     if seen.fixed:
         inner = seen.fixed[0].amplitude
         for factor, more, word in ((1 + ASIDE, MORE_LOOKS[0], "above"), (1 - ASIDE, MORE_LOOKS[1], "below")):
-            x, y = _web(seen, inner * factor)
+            x, y = [inner * factor], [inner * factor]
+            with suppress(MarchFailure):
+                for _ in range(DRAWN_SWINGS):
+                    if not (P_a := abs(map_at(seen.servo, seen.gain, x[-1]).position)) > 0:
+                        break
+                    x, y = [*x, x[-1], P_a], [*y, P_a, P_a]
             axes.plot(x, y, color=more.colour, linewidth=1.1, linestyle=more.dashes, zorder=5,
                       label=f"motion from 2 % {word} the innermost")  # fmt: skip
     logarithmic(axes, "x", "y")
@@ -83,21 +89,6 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     legend(figure, axes, frameon=False, ncols=2)
     return axes
 
-
-def _web(seen: FixedPoints, a: float) -> tuple[list[float], list[float]]:
-    """Corners of the cobweb from a."""
-    x, y = [a], [a]
-    for _ in range(DRAWN_SWINGS):
-        try:
-            P = abs(map_at(seen.servo, seen.gain, a).position)
-        except MarchFailure:
-            break
-        if not P > 0:
-            break
-        x += [a, P]
-        y += [P, P]
-        a = P
-    return x, y
 
 
 @picture()

@@ -184,7 +184,14 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     low, high = float(positive.min()), float(positive.max())
     q, r = folds.values
     seen = np.ma.masked_where(~(gains > 0), gains)
-    levels, norm = _levels(low, high), "log" if high > WIDE * low else "linear"
+    # Round gains from the lowest to the highest: equally far apart, or 1, 2, 5, 10 where they span decades
+    levels, norm = np.array([low * (1 - 1e-9), low * (1 + 1e-9)]), "log" if high > WIDE * low else "linear"
+    if norm == "log":
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+        levels = np.sort(np.outer(decades, [1.0, 2.0, 5.0]).ravel())
+        levels = levels[(levels > low / 2.5) & (levels < high * 2.5)]
+    elif high > low:
+        levels = np.asarray(MaxNLocator(CONTOURS).tick_values(low, high))
     filled = axes.contourf(q, r, seen, levels=levels, cmap="cividis", extend="both", norm=norm)
     lines = axes.contour(q, r, seen, levels=levels, colors="black", linewidths=0.5)
     for text in axes.clabel(lines, fontsize=SMALL, fmt="%.3g"):
@@ -207,16 +214,6 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     axes.set_title(f"The largest gain at which the servo can hunt{friction}")
     return axes
 
-
-def _levels(low: float, high: float) -> np.ndarray:
-    """Round gains from the lowest to the highest: equally far apart, or 1, 2, 5, 10 where they span decades."""
-    if not high > low:
-        return np.array([low * (1 - 1e-9), low * (1 + 1e-9)])
-    if high <= WIDE * low:
-        return np.asarray(MaxNLocator(CONTOURS).tick_values(low, high))
-    decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    levels = np.sort(np.outer(decades, [1.0, 2.0, 5.0]).ravel())
-    return levels[(levels > low / 2.5) & (levels < high * 2.5)]
 
 
 # Pictures of a fold: the elasticities of its gain, as bars

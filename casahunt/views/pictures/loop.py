@@ -56,11 +56,11 @@ def bode(
     """
     if not loops:
         raise InputError("loops = []: must be at least one to draw")
-    ways = either_way(servo) if isinstance(servo, Loop) else {"": servo}
+    ways, controller = either_way(servo), getattr(servo, "controller", None)
     opened = [open_loop(ways[loop.direction], loop.gain) for loop in loops]
     last = math.pi / drive.sample_time if drive is not None else math.nan
     omega = _frequencies(loops, opened, last)
-    controller = None if isinstance(servo, Loop) else servo.controller
+
     figure, axes = panels(ax, 2, 1 if controller is None else 2, sharex=True)
     sizes, phases = np.reshape(axes, (2, -1)).tolist()
     l_size, l_phase, firsts = sizes[-1], phases[-1], {loop.direction: i for i, loop in reversed([*enumerate(loops)])}

@@ -116,15 +116,6 @@ def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     return _three(ax, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, levels)
 
 
-def _goes_on_until(t: Array, curves: Sequence[Array]) -> float:
-    """How far the time axis goes: to the end, or a little beyond the time behind which no curve changes any more."""
-    last = 0
-    for values in curves:
-        away = np.flatnonzero(np.abs(values - values[-1]) > LEAST_SHOWN * np.ptp(values))
-        last = max(last, int(away[-1]) + 1 if away.size else 0)
-    shown = t[0] + (1 + STILL_SHOWN) * (t[last] - t[0])
-    return float(shown if 0 < last and shown < t[-1] / MOSTLY_STILL else t[-1])
-
 
 def _three(
     given: Any, t: Array, curves: Sequence[Array], sticks: Sequence[tuple[float, float]], title: str, colour: str,
@@ -161,7 +152,11 @@ def _three(
             said = f"off the scale, farthest: {values[np.argmax(away)]:.3g} {unit}"
             box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 2}
             ax.text(0.99, 0.93, said, transform=ax.transAxes, ha="right", va="top", fontsize=SMALL, bbox=box, zorder=5)
-    end = _goes_on_until(t, curves)
+    # The time axis goes to the end, or a little beyond the time behind which no curve changes any more.
+    changed = [np.flatnonzero(np.abs(each - each[-1]) > LEAST_SHOWN * np.ptp(each)) for each in curves]
+    last = max(int(away[-1]) + 1 if away.size else 0 for away in changed)
+    still = t[0] + (1 + STILL_SHOWN) * (t[last] - t[0])
+    end = float(still if 0 < last and still < t[-1] / MOSTLY_STILL else t[-1])
     if end < t[-1]:
         three[2].set_xlim(t[0], end)
     three[2].set_xlabel("time [s]" + (f"; nothing more happens until {t[-1]:.4g} s" if end < t[-1] else ""))
