@@ -184,7 +184,6 @@ class Linearisation:
         return du
 
 
-
 Array = np.ndarray
 
 class NodeSystem:

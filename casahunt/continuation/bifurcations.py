@@ -214,7 +214,6 @@ class Inside(Generic[AnyOrbit]):
         return 0.0 if near and monitor.confirmed(station.orbit) else float("nan")
 
 
-
 Array = np.ndarray
 
 COMPLEX = 1e-6

@@ -185,7 +185,6 @@ def folds_of(
     )  # fmt: skip
 
 
-
 class _Member(NamedTuple):
     """(6 + j,) gain, period and amplitude, each with its relative error, elasticities; the words of `FoldEnsemble`."""
 

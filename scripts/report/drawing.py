@@ -89,4 +89,3 @@ def label_space(axes: Axes, labels: tuple[str, str, str], zoom: float, ticks: in
     axes.zaxis.set_tick_params(pad=6)
     axes.locator_params(nbins=ticks)
     axes.set_box_aspect((1, 1, 1.1), zoom=zoom)
-

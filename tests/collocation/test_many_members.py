@@ -154,5 +154,3 @@ def test_a_singular_member_is_its_own(members, monkeypatch):
     lin = t.linearise(u, settings)
     assert lin.finite().tolist() == [b != 1 for b in range(B)]
     assert np.array_equal(lin.maps[2], whole.maps[2])
-
-

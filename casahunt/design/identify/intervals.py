@@ -100,7 +100,6 @@ def profile(question: Question, best: Point, noises: Sequence[Noise], j: int, ri
     return Interval(*ends)
 
 
-
 class _Seen(NamedTuple):
     """A place on a profile: how far out, root of the rise of the deviance there, and slope of that root."""
 

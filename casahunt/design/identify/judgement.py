@@ -131,7 +131,6 @@ def judged(question: Question, point: Point, noises: Sequence[Noise]) -> Judgeme
     return Judgement(misfit, scatter, fits, systematic, factor, math.sqrt(differ / size))
 
 
-
 def _means(by: Array, values: Array) -> tuple[Array, Array]:
     """Of the values of each number, and how many there are; of numbers that there are."""
     count = np.bincount(by)
@@ -163,7 +162,6 @@ def _ratio(squares: list[float], unknowns: int) -> tuple[float, float]:
     freedom = max(len(squares) - unknowns, 1)
     total = float(np.sum(squares))
     return total / freedom, 1 - chi_square(freedom, min(total, 1e4 * freedom))
-
 
 
 def untold(question: Question, J: Array, factor: float) -> list[dict[str, float]]:

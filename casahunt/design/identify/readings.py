@@ -65,7 +65,6 @@ def unread(question: Question, point: Point) -> Array:
     return np.concatenate(found)
 
 
-
 def widened(ends: Sequence[Interval], q: Array, off: Array) -> list[Interval]:
     """Intervals of parameters q (k,) that may also be off by `off` (n, k)."""
     by = NORMAL_95 * np.linalg.norm(off, axis=0)

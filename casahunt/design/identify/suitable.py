@@ -58,7 +58,6 @@ def suitable(record: Record) -> Measurement:
     return found
 
 
-
 def in_a_pattern(swings: int) -> str:
     """What to suspect where a record repeats only after more swings than the two of a cycle."""
     return (

@@ -53,7 +53,6 @@ def torque_of(orbit: HuntingOrbit, found: StateSensitivity, names: tuple[str, ..
     return Torque(-gains @ x, -gains @ found.rates[:3], -(by_state + slopes @ x))
 
 
-
 def residual(measured: Array, torque: Array) -> tuple[Array, float]:
     """Measured less computed, but for an offset; and the noise that it is taken for."""
     r = measured - torque

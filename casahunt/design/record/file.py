@@ -194,7 +194,6 @@ def _as_utf8(read: bytes, name: str) -> bytes:
     raise InputError(f"{name}: must be text (UTF-8 or Windows-1252); save it as CSV")
 
 
-
 @dataclass(frozen=True)
 class _Head:
     """What stands above the samples: the delimiter, the header or None, the first row, lines to skip; and how many
@@ -269,7 +268,6 @@ def _units(names: Sequence[str], cells: Sequence[str]) -> bool:
     """A second line of the header with the unit of each column."""
     plain = all(split_header(cell)[1] is None for cell in names)
     return plain and len(names) == len(cells) and any(quantity_of(cell.strip("[]() ")) for cell in cells)
-
 
 
 def _cells(name: str, number: int, line: str, delimiter: str | None) -> list[str]:

@@ -268,7 +268,6 @@ def measured(record: Record) -> Measurement:
     return _averages(record, times, values, found, kind, reason, origin)
 
 
-
 def _into_periods(times: Array, values: Array, grid: Grid, period: float, blur: float) -> Periods | None:
     """The record divided by its period, or by a part of that if several were taken for one."""
     while True:

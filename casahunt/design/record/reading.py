@@ -64,7 +64,6 @@ def samples_of(name: str, what: str, values: Any, *, of_time: bool = False) -> A
     raise InputError(f"{name}: {what} must be {numbers}, one of each sample ({found})")
 
 
-
 @dataclass(frozen=True)
 class Column:
     """Where the values of a quantity were read.

@@ -264,8 +264,6 @@ def _check_set(answer: Answer, given: Given, uncertainty: Uncertainty) -> SetChe
     return SetCheck(int(np.isfinite(gains).sum()), largest, tuple(above), tuple(left))
 
 
-
-
 def _no_cycle(servo: Any, model: Model | None, gain: float) -> bool:
     """The scan of the event map, or motions of a loop, find neither a cycle at this gain nor a motion that grows."""
     if model is None:

@@ -208,7 +208,6 @@ def _grid(low: Array, high: Array, varied: Array, most: int) -> Array:
     return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
-
 def shortfall(boxes: Sequence[LoopBox], demands: Demands, gain: float, name: str) -> tuple[float, WorstLoop]:
     """By how much a demand is missed at a gain.
 
@@ -256,7 +255,6 @@ def _least_phase(box: LoopBox, x: Array) -> Array:
             way = slice(a, b + 1) if rises[a] else slice(b, a - 1 if a else None, -1)
             found = np.minimum(found, np.interp(x, goal[way], phi[way], left=np.inf, right=np.inf))
     return found
-
 
 
 def allowed(boxes: Sequence[LoopBox], demands: Demands, table: Table, name: str) -> Intervals:

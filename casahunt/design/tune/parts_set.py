@@ -79,5 +79,3 @@ def parts_box(loop: Loop, bounds: Mapping[str, tuple[float, float]], lag: Lag) -
         return WorstLoop(phase, dict(zip(names, rows[i].tolist(), strict=True)), math.exp(kappa_there))
 
     return LoopBox((*names, "motor_gain"), low, high, worst, lambda x: curves)
-
-

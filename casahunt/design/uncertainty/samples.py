@@ -132,7 +132,6 @@ def draw(servo: Servo | Loop, uncertainty: Uncertainty, n: int, *, seed: int = 0
     return rows
 
 
-
 def sample(
     servo: Servo | Loop,
     model: Model | None,

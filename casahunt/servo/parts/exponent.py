@@ -107,4 +107,3 @@ def _after(stops: int) -> Callable[[Segment], bool]:
         return met >= stops
 
     return enough
-

@@ -114,7 +114,6 @@ def run(options: Asked) -> int:
     return 1 if found.failures else 0
 
 
-
 @dataclass
 class _Branches:
     """The branches of a run, and what is missing of them; what is asked for, as in `diagram`, comes first."""
@@ -252,7 +251,6 @@ def _pictures(branches: list[Any], out: Path) -> None:
 
 
 # What `casahunt diagram` says of branches of cycles
-
 
 
 def diagram_answer(branches: Sequence[Branch[Any]], parts: list[str], out: str) -> Answer:

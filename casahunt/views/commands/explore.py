@@ -60,4 +60,3 @@ def run(options: Asked) -> int:
         webbrowser.open(server.address)
     server.run()
     return 0
-

@@ -80,7 +80,6 @@ def _reporter(total: int) -> Callable[[int], None]:
     return report
 
 
-
 # What `casahunt fold-map` says: where hunting ends, over two parameters
 
 

@@ -210,4 +210,3 @@ def _multipliers(m: Multipliers, *, half: bool) -> Iterator[str]:
 def difference(one: Multipliers, other: Multipliers) -> float:
     """|mu_1 - mu_2| / max(1, |mu_1|) of the leading multipliers: next to a superstable cycle mu itself is 0."""
     return float(abs(one.leading - other.leading) / max(1.0, abs(one.leading)))
-

@@ -60,7 +60,6 @@ def keep_inputs(options: argparse.Namespace) -> None:
         setattr(options, name, writable(name, getattr(options, name, None), suffixes))
 
 
-
 def _file(place: str | int) -> tuple[int, int] | str | None:
     """What the system knows a file by; its path where there is none yet, None for what can be read and written."""
     try:

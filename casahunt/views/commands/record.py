@@ -111,7 +111,6 @@ def run(options: Asked) -> int:
     return 0 if found.hunting and failure is None else 1
 
 
-
 def half_swing(orbit: Orbit) -> float:
     """Half of top minus bottom of a cycle's position [rad], as a record's amplitude; no lopsided orbit's is."""
     return orbit.amplitude if orbit.half else float(np.ptp(orbit.sample()[1][orbit.cycle.states.index("x1")])) / 2
@@ -188,7 +187,6 @@ def _beside(m: Measurement, orbit: Orbit | None, most: int) -> Iterator[str]:
             beside = f"  {predicted:>12}  {ratio:>7}"
         errors = f"{row['error']:8.2g}  {row['scatter']:8.2g}"
         yield f"  {row['quantity']:9}  {measured:>12}  {errors}{beside}  {row['unit']}"
-
 
 
 def _record(

@@ -170,7 +170,6 @@ def _fold(p: _Page) -> list[str]:
     return ["<h2>The fold and its uncertainty</h2>", table([], rows)]
 
 
-
 def _verification(p: _Page) -> list[str]:
     check = p.record["verification"]
     factor = p.n("demands/gain_margin", "g")
@@ -204,7 +203,6 @@ def _loop_rows(p: _Page) -> list[list[str]]:
             alike.setdefault(json.dumps(loop, sort_keys=True), []).append(name)
     rows = [("; ".join(_loop_names(p, names)), names[0]) for names in alike.values()]
     return [[said, *margins(p, f"verification/loops/{name}", ".5g")] for said, name in rows]
-
 
 
 def _loop_names(p: _Page, names: Sequence[str]) -> list[str]:

@@ -120,8 +120,6 @@ def _row(p: Fragments, i: int) -> list[str]:
     ]  # fmt: skip
 
 
-
-
 def _seen(name: str, record: Mapping[str, Any]) -> str:
     """What a picture shows, with its numbers, for who does not see it."""
     if name == "rests":

@@ -73,4 +73,3 @@ def explore(
     first = state_of_servo(Servo() if servo is None else a_servo(servo)).choose("model", model)
     first = State({**first.values, "gain": require("gain", gain, above=0)}, first.model)
     return Explorer(first, port)
-

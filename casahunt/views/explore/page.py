@@ -252,7 +252,6 @@ def _changes(servo: Servo) -> dict[str, float]:
     return {key: value for key, value in flatten(servo).items() if base.get(key) != value}
 
 
-
 HEIGHT = 210
 """Of a figure, in pixels; its width is that of the page."""
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#666666"

@@ -220,7 +220,6 @@ def _listening(host: str, port: int | None) -> tuple[socket.socket, int]:
     raise InputError(f"{asked} at {host}: cannot be listened at ({why}); give another --port")
 
 
-
 def _looked_at(server: Server) -> Any:
     """What every handler does first: whoever calls this server by a name that is not its own is sent away."""
     web = extra("tornado.web", "explore", "explore")

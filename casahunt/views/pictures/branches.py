@@ -293,7 +293,6 @@ def _rows(handles: Sequence[Any]) -> int:
     return math.ceil(len(handles) / LEGEND_COLUMNS)
 
 
-
 def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
     """Write K at every fold, on its open side, each once, the labels of one side kept apart."""
     letter, away, apart = 0.011, 0.03, 0.13  # of the axes: for one of a label, from its fold, between labels
@@ -329,7 +328,6 @@ def _label_folds(axes: Axes, curves: list[_Curve]) -> None:
                 ha="left" if side > 0 else "right", va="center", zorder=7, bbox=paper,
                 arrowprops={"arrowstyle": "-", "color": "0.3", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 4},
             )  # fmt: skip
-
 
 
 def _multiplier_tick(value: float, position: int) -> str:

@@ -90,7 +90,6 @@ def cobweb(seen: FixedPoints, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-
 @picture()
 def basin(found: Basin, *, ax: Any = None) -> Axes:
     """Stick position against the number of the swing, of the motions from both sides, with the two cycles as lines.

@@ -215,7 +215,6 @@ def fold_map(folds: FoldMap, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-
 # Pictures of a fold: the elasticities of its gain, as bars
 
 MINUS = "\N{MINUS SIGN}"

@@ -116,7 +116,6 @@ def sampled_motion(found: SampledMotion, *, ax: Any = None) -> Array:
     return _three(ax, t[kept], curves, sticks, title, LOOKS[found.model].colour, found.set_point, levels)
 
 
-
 def _three(
     given: Any, t: Array, curves: Sequence[Array], sticks: Sequence[tuple[float, float]], title: str, colour: str,
     set_point: float, levels: Sequence[float],
