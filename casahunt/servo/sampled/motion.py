@@ -12,7 +12,8 @@ in the second half of the motion; swings S_i = |T_{i+1} - T_i|.
     at rest     it is stuck with nothing to integrate and a torque within static friction: proven (loop.py); LuGre,
                 which never is: in the second half of the motion it moves by less than bristles bend, Fs/sigma0, and the
                 integral does not wind up to a breakaway; with noise, which proves nothing for ever: stuck all through
-                the second half, by torques that go on as they have would not move it for as long again
+                the second half, by torques that go on as they have would not move it for as long again; or a pattern
+                repeats that is smaller than `UNSEEN` of a count
     hunting     swings and the times that they take repeat within `PATTERN_WITHIN` (and half a count of the encoder)
                 after a pattern of p swings, p even, over two patterns, and do not drift: the period is the pattern's.
                 Counts that do not lie the same way on both sides make patterns longer than two swings.
@@ -55,6 +56,8 @@ from .plant import as_run
 
 TURNED_BACK = 0.25
 """Part of the range of the position that it moves back by at a turning point, or more."""
+UNSEEN = 1e-2
+"""Of a count of the encoder: swings that repeat and are smaller are no hunting: a torque next to static friction."""
 PATTERN_WITHIN, DRIFT = 2e-2, 1e-4
 """Parts of the largest swing, and of the longest one: by which those of two patterns may differ, and if all differ one
 way."""
@@ -141,6 +144,9 @@ def judge(times: Array, x: Array, end: Ending) -> Outcome:
     pattern, in_size, in_time = _pattern(S, np.diff(t), end.count / 2)
     if pattern:
         amplitude, period = float(S[-pattern:].max()) / 2, float(t[-1] - t[-1 - pattern])
+        if amplitude < UNSEEN * end.count:
+            trembles = f"it trembles by {quantity(amplitude, 'rad', '.2g')}, less than a hundredth of a count"
+            return Outcome("at rest", f"{trembles}, in swings that repeat", swings=last)
         count = "each swing repeats" if pattern == 2 else f"a pattern of {pattern} swings repeats"
         text = f"{count}, {_how_closely(in_size, in_time)}"
         return Outcome("hunting", text, amplitude, period, pattern, last, lasts)

@@ -219,6 +219,8 @@ def test_by_how_much_swings_repeat_is_said():
     exact = judge(t, np.cos(np.pi * t), Ending(np.nan, False, "", 0.0, 1.0))
     assert exact.sentence == "each swing repeats, in size and time"
     x = (1 + 0.1 * np.sin(np.arange(80) ** 2)) * (-1.0) ** np.arange(80)  # a fifth apart, which half a count allows
+    for count, kind in ((99.0, "hunting"), (101.0, "at rest")):  # an amplitude of 1 against a hundredth of a count
+        assert judge(t, np.cos(np.pi * t), Ending(np.nan, False, "", count, 1.0)).kind == kind
     counted = judge(np.arange(80.0), x, Ending(np.nan, False, "", 1.0, 1.0)).sentence
     assert counted == "each swing repeats, in time to 0 %, in size to less than half a count"
 
