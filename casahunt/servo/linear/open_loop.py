@@ -129,7 +129,8 @@ def open_loop_of_parts(loop: Loop) -> OpenLoop | None:
 def either_way(servo: Any) -> dict[str, Any]:
     """The loop with the viscous friction of each direction in both, by direction; by "" where that is the same, as of
     a servo."""
-    forwards, back = (servo.value(name) if name in servo.names else None for name in ("viscous", "viscous_back"))
+    numbers = servo.parameters if isinstance(servo, Loop) else {}
+    forwards, back = (numbers.get(name) for name in ("viscous", "viscous_back"))
     if forwards is None or back is None or forwards == back:
         return {"": servo}
     return {"forwards": servo.replace(viscous_back=forwards), "back": servo.replace(viscous=back)}
