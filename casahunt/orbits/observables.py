@@ -87,10 +87,10 @@ class Values:
             value = ca.SX(g(x, p))
         except NotImplementedError:
             raise InputError("the expression must be a scalar: one made of the states by CasADi's functions") from None
-        if value.is_constant() and not np.isfinite(float(value)):
-            raise InputError("the expression is no number; of states, functions are CasADi's: casadi.sin for math.sin")
         if value.shape != (1, 1):
             raise InputError(f"the expression must be a scalar, not one of shape {value.shape}")
+        if value.is_constant() and not np.isfinite(float(value)):
+            raise InputError("the expression is no number; of states, functions are CasADi's: casadi.sin for math.sin")
         gradient = ca.densify(ca.gradient(value, x))
         rate = ca.dot(gradient, mode.field(x, p, mode.sign))
         function = ca.Function("g", [x, p], [ca.densify(value), ca.densify(rate), gradient])

@@ -289,7 +289,7 @@ def find_fold(
     if isinstance(servo, Loop):
         if start is not None:
             raise InputError("start: must be left out, a loop begins where it hunts by itself")
-        return loop_fold(loop_asked(servo, model, None), vary, options)
+        return loop_fold(loop_asked(servo, model, None), vary, options)[0]
     if vary != "gain":
         raise InputError(f"vary = {vary}: must be gain of a servo; of a loop of parts it is any parameter (loop_of)")
     began = time.perf_counter()

@@ -164,8 +164,7 @@ class Given:
     def held(self, servo: Any) -> float:
         """The torque of the motor that carries a constant load [N m], beside that of a step against it."""
         loop = loop_asked(servo, None, 1.0, usual="switch")
-        rest = loop.at_rest(0.0)
-        return abs(float(loop.signal("torque", loop.mode_at(**rest), np.array(list(rest.values()))[:, None])[0]))
+        return abs(loop.signal_at("torque", loop.at_rest(0.0)))
 
     def room(self, needed: float, servo: Any) -> tuple[float, float]:
         """As `gains`, up to the largest that the torque allows; where it allows none, the first is above the second."""

@@ -183,8 +183,7 @@ def at_the_start(servo: Servo | Loop, signal: str, position: float) -> float:
     if signal not in UNGIVEN and not any(signal in part.gives for part in one.present):
         parts = " and ".join(repr(part.name) for part in one.present if "demand" in part.gives)
         raise InputError(f"{signal}: {parts or 'no part'} gives none, so that nothing can be said of it")
-    start = one.settled(dict.fromkeys(one.angles, position))
-    return float(one.signal(signal, one.mode_at(**start), np.array(list(start.values()))[:, None])[0])
+    return one.signal_at(signal, one.settled(dict.fromkeys(one.angles, position)))
 
 
 def controller_said(servo: Servo | Loop) -> str:

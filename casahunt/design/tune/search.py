@@ -348,7 +348,6 @@ class TuningSearch:
 
     # What is in the way
 
-
     def _refuse_times(self) -> NoReturn:
         if not self._known():
             raise NoOrbit("no fold was computed at any of the times tried; try other bounds", Status.NOT_CONVERGED)

@@ -219,8 +219,7 @@ class Loop:
         found, filters = self.state(**state), [each for part in self.present for each in part.stands.items()]
         for name, signal in filters * len(filters):  # one may be that of what another has filtered
             if name not in given:
-                at = np.array(list(found.values()))[:, None]
-                found[name] = float(self.signal(signal, self.mode_at(**found), at)[0])
+                found[name] = self.signal_at(signal, found)
         return found
 
     @property
@@ -312,6 +311,10 @@ class Loop:
         named = SimpleNamespace(**dict(zip(states, x, strict=True)))
         value = getattr(Signals(wiring, named, Numbers(**self.parameters)), name)
         return np.broadcast_to(np.asarray(value, float), x.shape[1:])
+
+    def signal_at(self, name: str, state: Mapping[str, float]) -> float:
+        """A signal at every state of a start, by name."""
+        return float(self.signal(name, self.mode_at(**state), np.array(list(state.values()))[:, None])[0])
 
     def along(self, name: str, motion: Motion, times: Array) -> Array:
         """A signal along a motion of the loop.

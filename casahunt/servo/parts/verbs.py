@@ -273,10 +273,15 @@ def unstable_cycle(cycle: SystemOrbit, vary: str = "gain", *, options: Options |
                   Status.NOT_FOUND)  # fmt: skip
 
 
-def loop_fold(loop: Loop, vary: str, options: Options | None) -> Fold[SystemOrbit]:
+Beyond = SystemOrbit | HuntsIrregularly | None
+"""What hunts a little beyond a fold all the same, where it is not known where that ends."""
+
+
+def loop_fold(loop: Loop, vary: str, options: Options | None) -> tuple[Fold[SystemOrbit], Beyond]:
     """The fold of a loop above the parameter's own value, or else below; of the gain also from a smaller one.
 
-    Where other hunting goes on beyond, as where slips ring in other numbers, its fold; the farthest of up to so many.
+    Where other hunting goes on beyond, as where slips ring in other numbers, its fold; the farthest of up to so many,
+    and what still hunts beyond that.
     Raises NoOrbit: the loop does not hunt as it is, its branch turns nowhere, or the fold is not computed.
     """
     cycle = loop_cycle(loop, vary, options=options, or_below=vary == "gain")
@@ -308,19 +313,20 @@ def _of_a_larger_gain(loop: Loop, cycle: SystemOrbit, options: Options | None) -
     return None
 
 
-def _farthest(loop: Loop, fold: Fold[SystemOrbit], options: Options | None) -> Fold[SystemOrbit]:
+def _farthest(loop: Loop, fold: Fold[SystemOrbit], options: Options | None) -> tuple[Fold[SystemOrbit], Beyond]:
     """The fold of what hunts beyond a fold, and beyond that one, as far as such hunting is found and followed."""
     for _ in range(MOST_BEYOND):
         other = hunting_beyond(loop, fold)
         if not isinstance(other, SystemOrbit):
-            break
-        with suppress(NoOrbit):
+            return fold, other
+        try:
             further = fold_in(other, fold.parameter, sense=int(fold.sense), options=options)
-            if further.sense * (further.value - fold.value) > 0:
-                fold = further
-                continue
-        break
-    return fold
+        except NoOrbit:
+            return fold, other
+        if not further.sense * (further.value - fold.value) > 0:
+            return fold, other
+        fold = further
+    return fold, hunting_beyond(loop, fold)
 
 
 def fold_in(
@@ -339,7 +345,7 @@ def fold_in(
     return extremum(cycle, vary, to=to, options=options, max_points=max_points, progress=progress)
 
 
-def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> SystemOrbit | HuntsIrregularly | None:
+def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> Beyond:
     """What hunts all the same a little beyond a fold, where the cycle that was followed has ended.
 
     As of `hunting_from`.
@@ -347,7 +353,7 @@ def hunting_beyond(loop: Loop, fold: Fold[SystemOrbit]) -> SystemOrbit | HuntsIr
     return hunting_from(loop.replace(**{fold.parameter: beyond_fold(fold)}), fold.parameter, fold.orbit.amplitude)
 
 
-def hunting_from(loop: Loop, vary: str, amplitude: float) -> SystemOrbit | HuntsIrregularly | None:
+def hunting_from(loop: Loop, vary: str, amplitude: float) -> Beyond:
     """What motions lead to from rest about as far beside the set point as an amplitude.
 
     None where they come to rest, or it is not known of any what it leads to.

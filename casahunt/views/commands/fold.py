@@ -15,7 +15,7 @@ from ...axis_units import word
 from ...design.sensitivity import fold_sensitivities
 from ...results import tables_of
 from ...servo.find_fold import find_fold
-from ...servo.parts.verbs import beyond_fold, hunting_beyond
+from ...servo.parts.verbs import beyond_fold, loop_fold
 from ...servo.stable_up_to import stable_ranges
 from ..answers.answer import angle, called, item, parts_of, record_of, runs_away, short
 from ..answers.fold import WHAT_TO_DO, fold_answer, stability_of, value_of
@@ -41,7 +41,7 @@ WAS_FOLLOWED = "the hunting that was followed goes"
 def run(options: Asked) -> int:
     """Compute and print; returns the exit code."""
     (servo, model), how, vary = options.subject(), options.how(), options.varied()
-    fold: Any = find_fold(servo, model, vary=vary, options=how)
+    fold, other = (find_fold(servo, model, vary=vary, options=how), None) if model else loop_fold(servo, vary, how)
     slopes, orbit = fold_sensitivities(fold), fold.orbit
     more: dict[str, Any] = {"elasticities": slopes.elasticities, "solver": how.solver}
     ranges, way = stable_ranges(fold, None if model else servo), "up" if fold.sense > 0 else "down"
@@ -56,7 +56,7 @@ def run(options: Asked) -> int:
         more |= {key: getattr(orbit, key) for key in ("amplitude", "amplitude_error", "period", "period_error")}
         more |= {"way": way, **record_of(at_fold), "other": None}
         possible = possible if vary == "gain" else WAS_FOLLOWED
-        if (other := hunting_beyond(servo, fold)) is not None:
+        if other is not None:
             at, possible = beyond_fold(fold), WAS_FOLLOWED
             more["other"] = {vary: at, "amplitude": other.amplitude}
             low, high = np.broadcast_to(other.amplitude, 2)

@@ -225,7 +225,6 @@ class Stages:
             raise NoOrbit("no hunting was found at this gain or below, from which its cycles could be followed")
         return self.orbit
 
-
     def _fold(self) -> Fold[Any]:
         """The fold, found once for all gains of a servo, or for all with one foot.  Raises NoOrbit."""
         servo, model = self.problem[:2]
@@ -299,7 +298,6 @@ class Stages:
             "size": shown_number(found.size, error), "size_unit": remedy.unit, "size_name": remedy.name,
             "sentence": sentence_of((self.said, self.more)),
         }  # fmt: skip
-
 
     def diagram(self) -> dict[str, Any]:
         """Amplitude against gain, from a cycle up, round the fold and back."""

@@ -190,7 +190,6 @@ class Worker:
         """Let somebody else hear the answers from here on."""
         self._heard = heard
 
-
     def _start(self) -> None:
         ours, theirs = self._context.Pipe()
         self._pipe, self._spoke = ours, time.monotonic()

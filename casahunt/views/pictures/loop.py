@@ -60,7 +60,6 @@ def bode(
     opened = [open_loop(ways[loop.direction], loop.gain) for loop in loops]
     last = math.pi / drive.sample_time if drive is not None else math.nan
     omega = _frequencies(loops, opened, last)
-
     figure, axes = panels(ax, 2, 1 if controller is None else 2, sharex=True)
     sizes, phases = np.reshape(axes, (2, -1)).tolist()
     l_size, l_phase, firsts = sizes[-1], phases[-1], {loop.direction: i for i, loop in reversed([*enumerate(loops)])}
