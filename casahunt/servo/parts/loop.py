@@ -313,7 +313,17 @@ class Loop:
         return np.broadcast_to(np.asarray(value, float), x.shape[1:])
 
     def signal_at(self, name: str, state: Mapping[str, float]) -> float:
-        """A signal at every state of a start, by name."""
+        """A signal where a motion starts.
+
+        Parameters
+        ----------
+        name, state
+            the signal, such as "torque", and every state by name.
+
+        Returns
+        -------
+        Its value.
+        """
         return float(self.signal(name, self.mode_at(**state), np.array(list(state.values()))[:, None])[0])
 
     def along(self, name: str, motion: Motion, times: Array) -> Array:
