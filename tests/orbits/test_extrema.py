@@ -62,6 +62,16 @@ def test_where_an_expression_is_zero(tol, level):
     assert min(abs(between - arc), abs(orbit.period - between - arc)) < error * orbit.period / y
 
 
+def test_a_zero_next_to_a_point_that_the_polynomial_puts_on_its_other_side():
+    """Levels that polynomials of a coarse orbit reach at the points at which they are looked at, or a little beside."""
+    orbit = circle(1e-4)
+    x = orbit.sample(16)[1][0]
+    for level in x[np.abs(x - 0.3) < 0.9][:40]:
+        for beside in (-1e-7, 0.0, 1e-7):
+            found = orbit.crossings(lambda x, p, at=level + beside: x.x - at)
+            assert found.states[0] == pytest.approx([level + beside] * 2, abs=1e-13)
+
+
 def test_where_half_a_cycle_is_zero():
     """A circle about the origin, of which half is computed: at y = 0.6 on both sides, -0.6 in the other half."""
 
