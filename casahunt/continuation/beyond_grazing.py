@@ -125,7 +125,7 @@ def behind_grazing(orbits: tuple[AnyOrbit, ...], vary: str, failure: Complaint, 
     sense = float(np.sign(parameter_value(last, vary) - parameter_value(orbits[-2:][0], vary))) or 1.0
     for _, fewer in without(posed, start):
         other = solved_at(last.problem, fewer, options)
-        if other is not None and other.signature != last.signature and _alike(last, other):
+        if other is not None and not same_events(other, last) and _alike(last, other):
             other = next((o for o in next_to(other, vary, sense, options) if o.signature == other.signature), other)
             return Behind(special_point(GRAZING, last, vary), cast(AnyOrbit, other))
     distance, mode, event = nearest_touch(posed, start)

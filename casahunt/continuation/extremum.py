@@ -29,9 +29,9 @@ from .fold_check import confirmed
 from .following import follow
 from .grazing_contact import contacts, events_of
 from .poincare_section import cut_by_planes
-from .special_points import FOLD, SpecialPoint, special_point
+from .special_points import FOLD, GRAZING, SpecialPoint, special_point
 from .surface import finer
-from .vanishing import from_strongest
+from .vanishing import from_strongest, turns_where_it_vanishes
 
 
 def largest(
@@ -156,7 +156,11 @@ def _met(
     turned, last = (None, None) if fold is None else (fold.orbit, fold.behind)
     many = 1 + next((k for k, each in enumerate(branch.orbits) if each is last), len(branch.orbits))
     top = max(branch.orbits[:many], key=lambda each: sense * parameter_value(each, vary))
-    beside = top if turned is None and any(missed.kind == FOLD.kind for missed in branch.missed) else turned
+    at_end = abs(top.problem.distance(vary, parameter_value(branch.orbits[-1], vary))) <= rough.tol
+    ends = at_end and branch.end.kind == GRAZING.kind
+    told = any(missed.kind == FOLD.kind for missed in branch.missed)
+    told = told or ends and turns_where_it_vanishes(branch.orbits, vary, rough.tol)
+    beside = top if told and turned is None else turned
     if beside is not None and sense * beside.problem.distance(vary, parameter_value(top, vary)) <= rough.tol:
         try:
             return special_point(FOLD, optimal_beside(beside, vary, finer(options), sense), vary)
@@ -165,7 +169,7 @@ def _met(
                 raise
             return _met(orbit, vary, sense, to, options, max_points, progress, provisional=False)
     word, title = "largest" if sense > 0 else "smallest", orbit.problem.title
-    if top is not branch.orbits[-1]:
+    if not at_end:
         at = f"its {word} {vary} = {parameter_value(top, vary):.8g}, about"
         sentence = f"the branch of {title} turns back at {at}, where its phases change: no fold; `follow` locates it"
         raise NoOrbit(sentence, Status.NOT_FOUND)

@@ -21,7 +21,7 @@ from typing import Any, Generic
 
 import numpy as np
 
-from ..checks import to_error
+from ..checks import to_absolute_error
 from ..orbits.orbit import AnyOrbit, Orbit
 from ..results import Result
 from .curve import CurvePoint, parameter_value, secant_direction
@@ -29,6 +29,8 @@ from .curve import CurvePoint, parameter_value, secant_direction
 ACCEPTED_TOLERANCES = 1e3
 """A point counts as located within this many tolerances of its monitor; at a fold, whose parameter is second
 order in that, within 1e-12."""
+UNESTIMATED = 1e-6
+"""Relative error with which the parameter of a provisional orbit is shown, whose own was not estimated."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,8 +184,8 @@ def special_point(
     `SpecialPoint`.
     """
     value, absolute = parameter_value(orbit, vary) if at is None else at, absolute_error(orbit, vary, error)
-    digits = to_error(value, absolute / abs(value)) if abs(value) > absolute else "0"
-    meaning = monitor.meaning.format(name=vary, value=float(digits), beyond=orbit.problem.beyond_a_fold)
+    shown = to_absolute_error(value, absolute if math.isfinite(absolute) else UNESTIMATED * abs(value))
+    meaning = monitor.meaning.format(name=vary, value=float(shown), beyond=orbit.problem.beyond_a_fold)
     if multiplicity > 1:
         what = "pairs of multipliers" if math.isnan(monitor.multiplier) else "multipliers"
         meaning += f" ({multiplicity} {what} at once)"

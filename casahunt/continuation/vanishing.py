@@ -67,6 +67,8 @@ SEEN_BETTER = 10.0
 UNLOCATED = 1e-5
 """Relative error of the parameter at the last cycle before one that is another motion, where what that meets was not
 located: admissibility has a slack, and where the place was located afterwards it lay 1e-6 beside."""
+TURNS_FROM = 1.5
+"""Power of a duration from which on what the parameter lacks goes like its square."""
 CHANGE_WIDTH, CHANGE_ROUNDS = 1e-7, 40
 """Relative width to which the last orbit with the phases of the first one is sought; steps of that search."""
 
@@ -91,7 +93,7 @@ def orbit_at_contact(orbit: AnyOrbit, vary: str, options: Options) -> AnyOrbit |
     with_image = (fewest for fewer in alone for _, fewest in islice(without(posed, fewer), 1))
     for fewer in chain(alone, with_image):
         other = solved_at(there, fewer, options)
-        if other is not None and other.signature != orbit.signature:
+        if other is not None and not same_events(other, orbit):
             return cast(AnyOrbit, replace(other, parameter_error=max(other.parameter_error, error)))
     return None
 
@@ -166,6 +168,24 @@ def lacking(start: Start, k: int) -> float:
     """|d lambda / d ln T_k|: what lambda lacks to where phase k has no duration is some part of this, next to it."""
     t, u, setting = start
     return abs(float(t.linearise(u, setting).tangent(_row(t, u, k))[1][-1]))
+
+
+def turns_where_it_vanishes(orbits: Sequence[Orbit], vary: str, tol: float) -> bool:
+    """Whether the parameter turns where the phase that vanishes at the end of a branch has no duration.
+
+    What it lacks goes like the square of the duration there, like the duration itself where the branch only ends.
+    """
+    k, lacks = may_vanish([arc.duration for arc in orbits[-1].arcs]), []
+    if k is None:
+        return False
+    for orbit in takewhile(lambda orbit: orbit.signature == orbits[-1].signature, reversed(orbits)):
+        t, u, setting = unknowns_of(orbit)
+        short = lacking((t, u, replace(setting, dp=along(orbit.problem, vary))), k)
+        lacks.append((math.log(orbit.arcs[k].duration), short))
+        if len(lacks) > 1 and lacks[-2][1] > tol:  # nearer to the end they are rounding, and the error of the mesh
+            (after, less), (before, more) = lacks[-2:]
+            return math.log(more / less) > TURNS_FROM * (before - after)
+    return False
 
 
 def _shrunk(t: Transcription, u: Array, setting: Setting, k: int, tol: float) -> tuple[Array, float] | None:

@@ -59,6 +59,7 @@ LARGEST_ANGLE = 0.5  # rad, between successive tangents
 LEAST_COSINE, SHARP_STEP = 0.5, 1e-6  # least cosine between successive tangents, of steps longer than this
 LANDED = 1e-12  # of a unit of the parameter, from a bound of its range
 ASTRAY_BY = 1.5  # lengths of a step from one orbit to the next: at most 48 degrees off the tangent
+OTHER_CYCLES = 1.5  # than predicted: the period of other cycles, with phases of the same names
 CHANGED_TOO_MUCH = 1.01  # of the change that is asked for: the curve bends
 CAUTION, RECOVERY = 0.7, 1.25
 """After a step that failed the next ones stay below this part of its length, and grow by this factor each."""
@@ -272,6 +273,9 @@ def step_along(
         row = with_other_phases(row, last.arcs[0].duration, orbit.arcs[0].duration)
     if not 0.3 * ds * float(row @ row) < float(way @ row) or np.linalg.norm(way) > ASTRAY_BY * ds:
         return "the corrector went to another part of the curve"
+    leapt = orbit.period / (orbit.repeats * float(point.t.durations_of(u).sum()))
+    if ds > SHARP_STEP and orbit.signature == last.signature and not 1 / OTHER_CYCLES < leapt < OTHER_CYCLES:
+        return "the corrector went to cycles of another period"
     return orbit, solved, bound is not None
 
 

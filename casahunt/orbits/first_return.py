@@ -291,13 +291,18 @@ class FirstReturn:
         return Guess([*met[1:], last], r.closure, r.distance, (), None, self.scale)
 
     def _cut(self, r: Return) -> Guess | None:
-        """From plane to plane, the first of them through the start; or from turn to turn."""
+        """From plane to plane, the first of them through the start; or from turn to turn.
+
+        None where it has left the mode by rounding, an event that it met just behind that time.
+        """
         if self.step:
             return self._by_turns(r)
         (plane,) = planes = self._planes(0.0, 1)
         exits = list(self._exits(plane))
         end = exits.pop(self.way).event.name
         *met, last = self._march(lambda _: False, exits, max_time=r.left)
+        if last.mode != self.mode:
+            return None
         return Guess([*met, replace(last, event=end)], r.closure, r.distance, planes, None, self.scale)
 
     def _by_turns(self, r: Return) -> Guess | None:

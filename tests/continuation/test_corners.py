@@ -216,3 +216,52 @@ def test_a_leap_that_is_one_is_said_to_be():
 
 def test_the_smallest_value_is_at_the_fold_behind_the_corner(behind):
     assert smallest(behind.orbits[-1], "p", to=0.9).value == pytest.approx(lowest(1.5), abs=1e-9)
+
+
+# A phase with no duration at the end of a branch ---------------------------------------------------------------------
+
+
+def left_by(way, growth):
+    """The circle of radius 1; from where a scalar rises through q it grows, until y falls through 0, next to (1, 0)."""
+
+    def turning(x, p):
+        grows = 0.5 * (1 - x.x**2 - x.y**2)
+        return {"x": x.y + grows * x.x, "y": -x.x + grows * x.y}
+
+    def growing(x, p):
+        return {"x": x.y + growth * x.x, "y": -x.x + growth * x.y}
+
+    out, back = Event("out", lambda x, p: way(x) - p.q, +1, to="out"), Event("back", lambda x, p: x.y, -1, to="in")
+    modes = Mode("in", turning, ends=(out,)), Mode("out", growing, ends=(back,))
+    return find_cycle(System("circle", ("x", "y"), {"q": 0.8}, modes), "in", x=-1.0, y=0.0)
+
+
+def test_a_branch_ends_with_a_phase_and_its_parameter_does_not_turn():
+    """q goes like the duration: past 1 y falls through 0 a turn later, and that is another cycle, twice as long."""
+    orbit = left_by(lambda x: x.x - x.y, 0.3)
+    branch = follow(orbit, "q", to=2.0)
+    assert branch.end.kind == "grazing" and branch.end.value == pytest.approx(1.0, abs=1e-7)
+    assert np.all(np.diff(branch.values) > 0) and not branch.missed
+    with pytest.raises(NoOrbit, match="has no largest q"):
+        largest(orbit, "q", to=2.0)
+
+
+@pytest.mark.parametrize("growth", [0.0, 0.3, 3.0])
+def test_a_parameter_turns_where_a_phase_has_next_to_no_duration(growth):
+    """1/r^2 - 1 dies out like e^-t, and q is r cos(t): largest at t = 0 where it does not grow, else just before."""
+
+    def lacks(t):
+        away, back = np.expm1(-2 * growth * t), np.exp(t - 2 * np.pi)
+        return 1 - np.cos(t) / np.sqrt(1 + away * back / (1 - (1 + away) * back))
+
+    truth = 1 - minimize_scalar(lacks, bounds=(0, 0.1), method="bounded", options={"xatol": 1e-12}).fun
+    fold = largest(left_by(lambda x: x.x, growth), "q", to=2.0)
+    assert fold.value == pytest.approx(truth, abs=2e-11) and fold.absolute_error < 1e-9
+
+
+def test_a_wall_behind_which_no_motion_returns():
+    away = Mode("gone", lambda x, p: {"x": 1.0 + 0 * x.x, "y": 0 * x.x})
+    hit = Event("hit", lambda x, p: x.x - 1, +1, to="gone")
+    orbit = find_cycle(System("lost", ("x", "y"), {"p": 0.5}, (Mode("turns", turns, ends=(hit,)), away)), x=0.7, y=0.0)
+    with pytest.raises(NoOrbit, match="has no largest p .* grazing at p = 1: mode 'turns' meets 'hit'"):
+        largest(orbit, "p", to=2.0)
