@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from .crossings import special_points_between
     from .equilibrium_branch import Equilibrium, EquilibriumBranch, SpecialEquilibrium, equilibria
     from .extremum import grazing, largest, left_by_motions, smallest
-    from .fold import Fold, fold_between
+    from .fold import Fold, Vanishing, fold_between
     from .fold_check import next_fold
     from .fold_conditions import FoldConstraints
     from .fold_ensemble import Folds, expansion, expansion_beside, folds_near
@@ -71,8 +71,9 @@ if TYPE_CHECKING:
 __all__ = [
     "FOLD", "GRAZING", "SUPERSTABLE", "SYMMETRY_BREAKING", "Axis", "Branch", "End", "Equilibrium",
     "EquilibriumBranch", "Expansion", "Fold", "FoldConstraints", "Folds", "Missed", "Monitor", "SpecialCurve",
-    "SpecialEquilibrium", "SpecialOrbit", "SpecialPoint", "born_at", "branch_off", "equilibria", "expansion",
-    "expansion_beside", "fold_between", "folds_near", "follow", "grazing", "largest", "left_by_motions", "monitors_of",
-    "next_fold", "smallest", "special_curve", "special_points_between", "special_walk", "user_monitor", "walk_to_end",
+    "SpecialEquilibrium", "SpecialOrbit", "SpecialPoint", "Vanishing", "born_at", "branch_off", "equilibria",
+    "expansion", "expansion_beside", "fold_between", "folds_near", "follow", "grazing", "largest", "left_by_motions",
+    "monitors_of", "next_fold", "smallest", "special_curve", "special_points_between", "special_walk", "user_monitor",
+    "walk_to_end",
 ]  # fmt: skip
 __getattr__ = lazily(__name__)

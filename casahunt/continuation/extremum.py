@@ -24,14 +24,18 @@ from ..orbits.adapt import Options
 from ..orbits.orbit import AnyOrbit, Orbit
 from .branching import as_whole_as_needed
 from .curve import parameter_value
-from .fold import Fold, optimal_beside
+from .fold import Fold, at_rest, optimal_beside
 from .fold_check import confirmed
 from .following import follow
 from .grazing_contact import contacts, events_of
 from .poincare_section import cut_by_planes
 from .special_points import FOLD, GRAZING, SpecialPoint, special_point
 from .surface import finer
+from .terminations import REST_KIND
 from .vanishing import from_strongest, turns_where_it_vanishes
+
+NEXT_TO_NOTHING = 1e-8
+"""Tolerance to which cycles are known that have shrunk to next to nothing; to less, they are not followed so far."""
 
 
 def largest(
@@ -130,6 +134,8 @@ def _extremum(
     if special is None:
         orbit = as_whole_as_needed(orbit, (vary,), (math.copysign(math.inf, sense) if math.isinf(to) else to,), options)
         special = _met(orbit, vary, sense, to, options, max_points, progress)
+    if special.kind == REST_KIND:
+        return at_rest(special, began, sense)
     return confirmed(special, vary, options, began, sense)
 
 
@@ -160,6 +166,11 @@ def _met(
     ends = at_end and branch.end.kind == GRAZING.kind
     told = any(missed.kind == FOLD.kind for missed in branch.missed)
     told = told or ends and turns_where_it_vanishes(branch.orbits, vary, rough.tol)
+    if at_end and branch.end.kind == REST_KIND:  # whose law is known as well as the cycles are
+        how = replace(options, tol=max(options.tol, NEXT_TO_NOTHING))
+        branch = follow(orbit, vary, to=min(max(to, lowest), highest), options=how, monitors=(), recut=False)
+        if branch.end.kind == REST_KIND and math.isfinite(branch.end.value):
+            return SpecialPoint(REST_KIND, branch.orbits[-1], branch.ended, branch.end.value, vary, branch.end.error)
     beside = top if told and turned is None else turned
     if beside is not None and sense * beside.problem.distance(vary, parameter_value(top, vary)) <= rough.tol:
         try:

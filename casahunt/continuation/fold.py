@@ -16,6 +16,7 @@ adjoint of lambda at a fixed a, which at a fold is the fold,
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Generic
@@ -111,6 +112,38 @@ class Fold(Result, Generic[AnyOrbit]):
     def absolute_error(self) -> float:
         """Estimated error of the value, in its own unit."""
         return float(self.value_error * abs(self.orbit.problem.unit(self.parameter)))
+
+
+class Vanishing(Fold[AnyOrbit]):
+    """The end of a branch at which its cycle stands ever longer and moves ever less, in the place of a fold.
+
+    Attributes
+    ----------
+    orbit : the last one that was computed, next to nothing.
+    value, value_error : where the power law of the last cycles leads to, and how far two of them differ, relative.
+    parameter, confirmed_value, status, wall_s, sense : as of a `Fold`.
+
+    Examples
+    --------
+    >>> from casahunt import find_fold
+    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, WITH_EXPONENT, Loop
+    >>> friction = Loop((INERTIA, WITH_EXPONENT, PID_BY_TIMES, INTEGRATOR), {"gain": 0.4, "stribeck_exponent": 1.0})
+    >>> end = find_fold(friction)
+    >>> type(end).__name__, round(end.value, 6)
+    ('Vanishing', 1.235529)
+    """
+
+    def __str__(self) -> str:
+        return super().__str__().replace("fold of", "no fold: cycles vanish of", 1)
+
+
+def at_rest(special: SpecialPoint[AnyOrbit], began: float, sense: float) -> Vanishing[AnyOrbit]:
+    """The end of a branch whose cycle comes to rest, as the answer to where a parameter is largest."""
+    orbit, vary = special.orbit, special.vary
+    error = special.error / abs(orbit.problem.unit(vary))
+    return Vanishing(
+        orbit, vary, special.value, error, special.value, orbit.status, time.perf_counter() - began, sense
+    )
 
 
 def turns_back(before: Orbit, after: Orbit, vary: str, sense: float = 1.0) -> bool:

@@ -2,6 +2,7 @@
 
     Hopf                   the cycle shrinks to an equilibrium of a smooth mode, its period does not
     shrinks to a point     the same where modes meet, and where the period shrinks, too: a birth at a switching
+    comes to rest          what moves shrinks, some states alone, as beside a line of rests, and it stands ever longer
     grows without bound    the cycle's size tends to infinity
     vertical family        the parameter stands still, and every size has its cycle
     homoclinic orbit       the cycle comes up to an equilibrium, and its period grows without bound
@@ -56,6 +57,8 @@ Array = np.ndarray
 
 MUCH_SMALLER = 1e-2
 """A cycle is next to an end when its size, or one over it, is less than this part of what it was ..."""
+NEARLY_ONE = 0.1
+"""A power that differs from one by less than this is one where that is expected."""
 BARELY_SHRUNK = 0.3
 """... or less than this where no step leads on."""
 SHRUNK_TO = 1e-3
@@ -95,6 +98,15 @@ POINT = (
     "{name} tends to {value} while the cycle shrinks to a point, its size like |{away}|^{size}, its period "
     "{period}: which is where it ends"
 )
+REST_KIND = "comes to rest"
+REST = (
+    "{name} tends to {value} while what moves of the cycle shrinks to nothing, like |{away}|^{size}, and it stands "
+    "ever longer, its period {period}: which is where it ends, without a fold"
+)
+AS_GOOD_AS_REST = (
+    "what moves of the cycle has shrunk to {part} of what it was at {name} = {value}, and stands ever longer; no value "
+    "of {name} is seen at which that ends"
+)
 UNBOUNDED = (
     "{name} tends to {value} while the cycle grows without bound, its size like |{away}|^{size}, its period "
     "{period}: which is where it ends"
@@ -114,10 +126,11 @@ class End(Result):
     Attributes
     ----------
     kind : "range" (a bound of the parameter is reached), "points", "time" (as many as were asked for), "closed" (it
-        meets its own image, or where it began), "Hopf", "shrinks to a point", "grows without bound", "vertical
-        family", "one of many" (at the same parameters), "homoclinic orbit", "level reached", "grazing", "the successor
-        changes" (no cycle was found behind one), the kind of a special point at which it was to end, or "stuck" (no
-        step converged: nothing is known of what follows).
+        meets its own image, or where it began), "Hopf", "shrinks to a point", "comes to rest" (what moves shrinks to
+        nothing, and it stands ever longer), "grows without bound", "vertical family", "one of many" (at the same
+        parameters), "homoclinic orbit", "level reached", "grazing", "the successor changes" (no cycle was found behind
+        one), the kind of a special point at which it was to end, or "stuck" (no step converged: nothing is known of
+        what follows).
     sentence : the same in words.
     value : value of the parameter that the branch tends to; NaN where it only stops.
     error : estimated absolute error of that.
@@ -161,7 +174,7 @@ def ranges(orbit: Orbit) -> Array:
     return _ranges(orbit)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)
 def _ranges(orbit: Orbit) -> Array:
     states = orbit.sample()[1]
     many = len(orbit.problem.vocabulary(orbit.cycle.states).states)
@@ -182,6 +195,22 @@ def law_of(values: Sequence[float], b: Sequence[float] | Array) -> PowerLaw | No
         return None
     error = abs(first[0] - last[0])
     return PowerLaw(*last, error) if error <= AGREE * abs(lam[-1] - last[0]) else None
+
+
+def polynomial_law(values: Sequence[float], b: Array) -> PowerLaw:
+    """The law of a parameter that goes like a polynomial of what tends to zero, from values (m,) and b (m,).
+
+    Next to a stop all is linear but for what friction adds, by v: known better, and sooner, than by any power.
+    """
+
+    def at_zero(lam: Array, b: Array) -> float:
+        others = ~np.eye(b.size, dtype=bool)
+        weights = np.array([np.prod(b[k] / (b[k] - b[i])) for i, k in enumerate(others)])
+        return float(weights @ lam)
+
+    lam = np.asarray(values, float)
+    value = at_zero(lam, b)
+    return PowerLaw(value, 1.0, abs(value - at_zero(lam[1:], b[1:])))
 
 
 def _fitted(lam: Array, b: Array) -> tuple[float, float] | None:
@@ -219,17 +248,29 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
     first = ranges(orbits[0])
     moves = first > 0
 
-    def size_of(orbit: Orbit) -> float:
+    def largest(orbit: Orbit) -> float:
         return float(np.max(ranges(orbit)[moves] / first[moves], initial=0.0))
 
-    last, unit = size_of(orbits[-1]), orbits[-1].problem.unit(vary)
-    for sign, kind, words in ((1, POINT_KIND, POINT), (-1, "grows without bound", UNBOUNDED)):
+    def smallest(orbit: Orbit) -> float:
+        return float(np.min(ranges(orbit)[moves] / first[moves], initial=1.0))
+
+    unit = orbits[-1].problem.unit(vary)
+    for size_of, sign, kind, words in (
+        (largest, 1, POINT_KIND, POINT), (largest, -1, "grows without bound", UNBOUNDED), (smallest, 1, REST_KIND, REST)
+    ):  # fmt: skip
+        last = size_of(orbits[-1])
         if not last > 0 or last**sign > (BARELY_SHRUNK if stuck else MUCH_SMALLER):
             continue
         four, sizes = _spaced(orbits, size_of, sign)
         values = [parameter_value(orbit, vary) for orbit in four]
         b = np.array(sizes) ** sign
+        if kind == REST_KIND and not (len(four) == 4 and four[-1].period > (1 + SPACED) * four[0].period):
+            continue  # one state passes zero
         law = law_of(values, b) if len(four) == 4 else None
+        if kind == REST_KIND and law is not None and abs(law.power - 1) < NEARLY_ONE:
+            law = polynomial_law(values, b)
+        if kind == REST_KIND and law is None and last <= NOT_SMALLER:
+            return End(kind, AS_GOOD_AS_REST.format(name=vary, value=f"{values[-1]:.6g}", part=f"{last:.1g}"))
         if law is None or not (stuck or law.error <= WELL_KNOWN * unit or b[-1] <= NOT_SMALLER):
             continue
         away = np.abs(np.array(values) - law.value)
@@ -239,7 +280,8 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
         value = _shown(law.value, law.error, unit)
         distance = {"0": vary}.get(value, f"{vary} + {value[1:]}" if value.startswith("-") else f"{vary} - {value}")
         sentence = words.format(name=vary, value=value, away=distance, size=f"{size:.3g}", period=tends)
-        return End(kind, sentence, law.value, law.error, size, 0.0 if abs(of_period) < LEAST_CHANGE else of_period)
+        error = law.error + max(orbit.parameter_error for orbit in four) * abs(unit)
+        return End(kind, sentence, law.value, error, size, 0.0 if abs(of_period) < LEAST_CHANGE else of_period)
     return None
 
 

@@ -17,7 +17,7 @@ from itertools import takewhile
 from typing import Any
 
 from .. import effort
-from ..continuation import FOLD, GRAZING, Branch, Fold, SpecialPoint, follow
+from ..continuation import FOLD, GRAZING, Branch, Fold, SpecialPoint, Vanishing, follow
 from ..errors import NoOrbit, Status
 from ..orbits import Options, Orbit
 from .find_fold import find_any_orbit
@@ -127,7 +127,8 @@ def _in_front(branch: Branch[Any], fold: Fold[Any]) -> tuple[list[Orbit], bool]:
         raise NoOrbit(f"another fold is met: {turned.meaning}", Status.NOT_FOUND)
     found = list[Orbit]()
     for orbit in branch.orbits:
-        if _left(orbit, fold) <= SET_TO:
+        next_to_nothing = isinstance(fold, Vanishing) and orbit.seen_stable is None
+        if _left(orbit, fold) <= SET_TO or next_to_nothing:
             return found, True
         found.append(orbit)
         if turned is not None and orbit is turned.behind:

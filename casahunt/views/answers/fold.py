@@ -13,7 +13,7 @@ from typing import Any
 
 from ...axis_units import quantity, word
 from ...checks import error_text, known_decimals, to_error
-from ...continuation import Fold
+from ...continuation import Fold, Vanishing
 from ...design.sensitivity import Sensitivities
 from ...orbits import Options
 from ...servo.parts.table import unit_of
@@ -38,18 +38,26 @@ def fold_answer(
     title: the first line; ranges: of stable cycles in front of it; how: it was computed; to_do: what to do; below:
     lines of its own.
     """
-    orbit, vary = fold.orbit, fold.parameter
+    vary = fold.parameter
     plain = [
         title,
         item("what to do", to_do) if to_do else "",
-        item("amplitude there", angle(orbit.amplitude, orbit.amplitude_error)),
-        item("period there", rhythm(orbit.period, orbit.period_error)),
+        *_there(fold),
         item("it hunts", hunts(fold, ranges)),
         *below,
         f"  one per cent more of        changes that {word(vary)} by",
         *_sensitivities(slopes, PLAIN_DECIMALS, NAMED_FROM),
     ]
     return Answer([line for line in plain if line], _details(fold, slopes, ranges, how))
+
+
+def _there(fold: Fold[Any]) -> list[str]:
+    """How it hunts where that ends."""
+    orbit = fold.orbit
+    if isinstance(fold, Vanishing):
+        return [item("there", "its swings have shrunk to nothing, and it stands ever longer between them")]
+    swings, takes = angle(orbit.amplitude, orbit.amplitude_error), rhythm(orbit.period, orbit.period_error)
+    return [item("amplitude there", swings), item("period there", takes)]
 
 
 def value_of(vary: str, value: float, text: Any = short, *error: float) -> str:
