@@ -34,7 +34,7 @@ from .surface import finer
 from .terminations import REST_KIND
 from .vanishing import from_strongest, turns_where_it_vanishes
 
-NEXT_TO_NOTHING = 1e-8
+BEST_AT_REST = 1e-8
 """Tolerance to which cycles are known that have shrunk to next to nothing; to less, they are not followed so far."""
 
 
@@ -167,7 +167,7 @@ def _met(
     told = any(missed.kind == FOLD.kind for missed in branch.missed)
     told = told or ends and turns_where_it_vanishes(branch.orbits, vary, rough.tol)
     if at_end and branch.end.kind == REST_KIND:  # whose law is known as well as the cycles are
-        how = replace(options, tol=max(options.tol, NEXT_TO_NOTHING))
+        how = replace(options, tol=max(options.tol, BEST_AT_REST))
         branch = follow(orbit, vary, to=min(max(to, lowest), highest), options=how, monitors=(), recut=False)
         if branch.end.kind == REST_KIND and math.isfinite(branch.end.value):
             return SpecialPoint(REST_KIND, branch.orbits[-1], branch.ended, branch.end.value, vary, branch.end.error)

@@ -125,12 +125,17 @@ class Vanishing(Fold[AnyOrbit]):
 
     Examples
     --------
-    >>> from casahunt import find_fold
-    >>> from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, WITH_EXPONENT, Loop
-    >>> friction = Loop((INERTIA, WITH_EXPONENT, PID_BY_TIMES, INTEGRATOR), {"gain": 0.4, "stribeck_exponent": 1.0})
-    >>> end = find_fold(friction)
-    >>> type(end).__name__, round(end.value, 6)
-    ('Vanishing', 1.235529)
+    >>> from casahunt.continuation import smallest
+    >>> from casahunt.hybrid import Event, Mode, System
+    >>> from casahunt.orbits import find_cycle
+    >>> def until_one(to, left):
+    ...     return Event(to, lambda x, p: x.z - 1, +1, to=to, reset=lambda x, p: {"x": left * x.x, "z": 0 * x.z})
+    >>> move = Mode("move", lambda x, p: {"x": x.x * (p.p - x.x), "z": 1.0}, ends=(until_one("wait", 0.9),))
+    >>> wait = Mode("wait", lambda x, p: {"x": 0 * x.x, "z": x.x}, ends=(until_one("move", 1.0),))
+    >>> system = System("moves and waits", ("x", "z"), {"p": 0.5}, (move, wait))
+    >>> end = smallest(find_cycle(system, "move", x=0.5, z=0.0), "p")  # x lasts for ever where 0.9 exp(p) = 1
+    >>> type(end).__name__, round(end.value, 8)
+    ('Vanishing', 0.10536052)
     """
 
     def __str__(self) -> str:

@@ -99,7 +99,7 @@ POINT = (
     "{period}: which is where it ends"
 )
 REST_KIND = "comes to rest"
-REST = (
+TO_REST = (
     "{name} tends to {value} while what moves of the cycle shrinks to nothing, like |{away}|^{size}, and it stands "
     "ever longer, its period {period}: which is where it ends, without a fold"
 )
@@ -256,7 +256,8 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
 
     unit = orbits[-1].problem.unit(vary)
     for size_of, sign, kind, words in (
-        (largest, 1, POINT_KIND, POINT), (largest, -1, "grows without bound", UNBOUNDED), (smallest, 1, REST_KIND, REST)
+        (largest, 1, POINT_KIND, POINT), (largest, -1, "grows without bound", UNBOUNDED),
+        (smallest, 1, REST_KIND, TO_REST),
     ):  # fmt: skip
         last = size_of(orbits[-1])
         if not last > 0 or last**sign > (BARELY_SHRUNK if stuck else MUCH_SMALLER):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from casahunt import InputError, NoOrbit
-from casahunt.continuation import follow, largest, smallest
+from casahunt.continuation import Vanishing, follow, largest, smallest
 from casahunt.continuation.special_points import SpecialPoint
 from casahunt.errors import Status
-from casahunt.hybrid import Mode, System
+from casahunt.hybrid import Event, Mode, System
 from casahunt.hybrid.examples import ball
 from casahunt.orbits import Options, find_cycle
 from problems import bouncing_ball
@@ -110,3 +110,19 @@ def test_the_way_to_a_fold_is_told():
     fold = smallest(orbit, "a", progress=told.append)
     values = [each.problem.value("a") for each in told]
     assert len(values) > 1 and min(values) >= fold.value * (1 - 1e-6) and values[0] < orbit.problem.value("a")
+
+
+def test_a_cycle_that_moves_less_and_waits_longer():
+    """x grows like exp(p) and falls to 0.9 in a turn, and waits for 1/x: it ends at p = -log 0.9, but z does not."""
+
+    def until_one(to, left):
+        return Event(to, lambda x, p: x.z - 1, +1, to=to, reset=lambda x, p: {"x": left * x.x, "z": 0 * x.z})
+
+    move = Mode("move", lambda x, p: {"x": x.x * (p.p - x.x), "z": 1.0}, ends=(until_one("wait", 0.9),))
+    wait = Mode("wait", lambda x, p: {"x": 0 * x.x, "z": x.x}, ends=(until_one("move", 1.0),))
+    orbit = find_cycle(System("moves and waits", ("x", "z"), {"p": 0.5}, (move, wait)), "move", x=0.5, z=0.0)
+    end = follow(orbit, "p", to=-1.0).end
+    assert end.kind == "comes to rest" and abs(end.value + np.log(0.9)) <= end.error < 1e-9
+    assert (end.exponent, end.period_exponent) == pytest.approx((1.0, -1.0), abs=0.01)
+    last = smallest(orbit, "p")
+    assert isinstance(last, Vanishing) and abs(last.value + np.log(0.9)) <= last.absolute_error < 1e-9
