@@ -200,7 +200,7 @@ def law_of(values: Sequence[float], b: Sequence[float] | Array) -> PowerLaw | No
 def polynomial_law(values: Sequence[float], b: Array) -> PowerLaw:
     """The law of a parameter that goes like a polynomial of what tends to zero, from values (m,) and b (m,).
 
-    Next to a stop all is linear but for what friction adds, by v: known better, and sooner, than by any power.
+    Next to a stop all is linear but for terms of higher order: known better, and sooner, than by any power.
     """
 
     def at_zero(lam: Array, b: Array) -> float:
