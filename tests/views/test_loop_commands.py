@@ -228,6 +228,7 @@ REFUSED = [
     (("orbit", "--gain", 1, "--full"), "full: must be left out"),
     (("orbit", "--gain", 1, "--branch", "lopsided"), "branch of a loop 'lopsided'"),
     (("orbit", "--gain", -1), "gain = -1"),
+    (("orbit", "--gain", 1, "--set", "gain=2"), "--gain and --set gain=: both give the gain"),
     (("orbit", "--gain", 1, "--set", "dead_bnd=1"), "unknown parameter 'dead_bnd'; did you mean 'dead_band'?"),
     (("orbit", "--gain", 1, "--set", "dead_band"), "must have the form name=value"),
     (("orbit", "--gain", 1, "--set", "dead_band=-1"), "dead_band = -1: must be at least 0 (dead band)"),

@@ -318,6 +318,8 @@ class Asked(argparse.Namespace):
         loop = loop_of_tables(tables, f"loop file {self.servo_file!r}")
         given = [text for text in self.set if not text.strip().startswith(OF_DRIVE)]
         texts = assigned(given, "parameter", [n for part in loop.parts for n in part.parameters], "name=value")
+        if "gain" in texts and getattr(self, "gain", None) is not None:
+            raise InputError("--gain and --set gain=: both give the gain; leave one of them out")
         if gain is None and not isinstance(getattr(self, "gain", None), list | None):  # of records there is a list
             gain = self.at_gain()
         loop = loop.replace(**numbers_of(texts, loop.units) | ({} if gain is None else {"gain": gain}))
