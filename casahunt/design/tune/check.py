@@ -25,6 +25,7 @@ import numpy as np
 
 from ... import effort
 from ...axis_units import quantity
+from ...continuation import Vanishing
 from ...errors import ComesToRest, NoOrbit
 from ...results import Result
 from ...servo.event_map.fixed_points import fixed_points
@@ -168,8 +169,9 @@ def verified(answer: Answer, given: Given) -> Verification:
     tell("verifying: the event map")
     sentence, seen = scanned(worst, model, gain, tell)
     loops, corners, number, missed = _loops(answer, given)
-    span = PERIODS * (fold.orbit.period if fold is not None else 5.0)
-    amplitude = 2 * fold.orbit.amplitude if fold is not None else gives_way_at(servo, gain)
+    swings = None if fold is None or isinstance(fold, Vanishing) else fold.orbit
+    span = PERIODS * (5.0 if swings is None else swings.period)
+    amplitude = gives_way_at(servo, gain) if swings is None else 2 * swings.amplitude
     tasks, missing = _simulated(answer, given, span, amplitude)
     unverified += missing
     against = [] if kept else [f"the gain is only {100 * margin:.4g} % above the largest fold gain, {largest:.8g}"]
