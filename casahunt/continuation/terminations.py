@@ -272,7 +272,9 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
             law = polynomial_law(values, b)
         if kind == REST_KIND and law is None and last <= NOT_SMALLER:
             return End(kind, AS_GOOD_AS_REST.format(name=vary, value=f"{values[-1]:.6g}", part=f"{last:.1g}"))
-        if law is None or not (stuck or law.error <= WELL_KNOWN * unit or b[-1] <= NOT_SMALLER):
+        unknown = max((orbit.parameter_error for orbit in four), default=math.inf) * abs(unit)
+        enough = max(WELL_KNOWN * unit, unknown if kind == REST_KIND else 0.0)
+        if law is None or not (stuck or law.error <= enough or b[-1] <= NOT_SMALLER):
             continue
         away = np.abs(np.array(values) - law.value)
         of_period = float(np.log(four[-1].period / four[-2].period) / np.log(away[-1] / away[-2]))
@@ -281,7 +283,7 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
         value = _shown(law.value, law.error, unit)
         distance = {"0": vary}.get(value, f"{vary} + {value[1:]}" if value.startswith("-") else f"{vary} - {value}")
         sentence = words.format(name=vary, value=value, away=distance, size=f"{size:.3g}", period=tends)
-        error = law.error + max(orbit.parameter_error for orbit in four) * abs(unit)
+        error = law.error + unknown
         return End(kind, sentence, law.value, error, size, 0.0 if abs(of_period) < LEAST_CHANGE else of_period)
     return None
 

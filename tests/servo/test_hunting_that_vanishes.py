@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from casahunt import find_fold, find_orbit
+from casahunt import find_fold, find_orbit, remedies
 from casahunt.continuation import Vanishing, follow
 from casahunt.errors import NoOrbit
 from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, WITH_EXPONENT, Loop
@@ -77,3 +77,9 @@ def test_a_state_that_passes_zero_is_no_rest():
     """The fold of the exponent 2, which swings a millionth of a radian at its border, is one."""
     assert not isinstance(find_fold(falling(2.0)), Vanishing)
     assert np.isfinite(find_fold(falling(1.1)).value)
+
+
+@pytest.mark.slow
+def test_the_gain_as_a_remedy():
+    (gain,) = remedies(falling(), only=["gain"]).cures
+    assert gain.kind == "comes to rest" and abs(gain.size - ends_at(falling())) <= gain.size_error < 1e-6

@@ -6,7 +6,7 @@
     a scan beyond: where motions hunt there, on other cycles, once more from those
 
     fold         a stable and an unstable cycle merge (continuation's `largest`, `smallest`), located and confirmed
-    Hopf         the cycle shrinks to a point
+    Hopf, comes to rest    the cycle shrinks to a point, or to a stop that lasts ever longer
     grazing      the cycle meets an event of the remedy with no speed, or for the first time, and no cycle follows
     instability  the cycle loses its stability and does not win it back, and no motion beyond hunts on another one
     motions      cycles could not be followed: simulated motions hunt up to there, and none does beyond
@@ -37,8 +37,10 @@ from .handed_on import FIRST_MORE, EndOfMotions, end_of_motions
 from .scan import scan
 from .sizes import more_of, scale_of, sized
 
-Kind = Literal["fold", "grazing", "Hopf", "instability", "motions", "none", "not found"]
-BORDERS = ("fold", "grazing", "Hopf", "instability", "motions")
+Kind = Literal["fold", "grazing", "Hopf", "comes to rest", "instability", "motions", "none", "not found"]
+ENDS = ("grazing", "Hopf", "comes to rest")
+"""Ends of a branch at which hunting ends."""
+BORDERS = ("fold", *ENDS, "instability", "motions")
 """Kinds of a border."""
 LOSSES = ("symmetry breaking", "flip", "Neimark-Sacker")
 """Special points at which cycles lose their stability and go on."""
@@ -307,7 +309,7 @@ def _followed_to_its_end(cycle: SystemOrbit, remedy: Remedy, last: float, option
         return _behind(losses, math.nan, remedy, last, options)
     if branch.orbits[-1].problem.value(remedy.size) == last and branch.orbits[-1].seen_stable:
         return Border("none", last, swing=Swing.of(branch.orbits[-1]))
-    if branch.end.kind not in ("grazing", "Hopf"):
+    if branch.end.kind not in ENDS or not math.isfinite(branch.end.value):
         raise NoOrbit(str(branch.end), Status.NOT_FOUND)
     end = branch.end
     error = max(end.error, 10 * FINER_FOR_GRAZINGS * options.tol * abs(end.value))

@@ -35,10 +35,10 @@ class Cure(Result):
     Attributes
     ----------
     name, unit : what it is called, and the unit of its size.
-    kind : how hunting ends: "fold", "grazing", "Hopf", "instability" (border.py): up to `size` there are stable cycles;
-        "motions": up to `size` simulated motions hunt, cycles could not be followed so far; "none" where hunting goes
-        on up to the last size that was looked at, "not found" where nobody knows, "does not fit" where it does not go
-        with the loop's parts.
+    kind : how hunting ends: "fold", "grazing", "Hopf", "comes to rest", "instability" (border.py): up to `size` there
+        are stable cycles; "motions": up to `size` simulated motions hunt, cycles could not be followed so far; "none"
+        where hunting goes on up to the last size that was looked at, "not found" where nobody knows, "does not fit"
+        where it does not go with the loop's parts.
     size, size_error : the smallest size that ends hunting, and its estimated error, in `unit`; nan where there is none.
     recommended : more of it by the margin; of the worst servo's size where one was asked for, and found.
     rests : the set of rest positions at the recommended size, or at the last one that was looked at: corners (x1 [rad],
