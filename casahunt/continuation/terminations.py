@@ -57,8 +57,6 @@ Array = np.ndarray
 
 MUCH_SMALLER = 1e-2
 """A cycle is next to an end when its size, or one over it, is less than this part of what it was ..."""
-NEARLY_ONE = 0.1
-"""A power that differs from one by less than this is one where that is expected."""
 BARELY_SHRUNK = 0.3
 """... or less than this where no step leads on."""
 SHRUNK_TO = 1e-3
@@ -71,8 +69,8 @@ AGREE = 0.1
 """Two fits agree when their lambda_0 differ by less than this part of the way that is left."""
 POWERS = (0.02, 50.0)
 """Powers p that are looked for."""
-LEAST_CHANGE = 0.03
-"""Between orbits that differ by less than this part of their b no power is told."""
+LEAST_CHANGE, NEARLY_ONE = 0.03, 0.1
+"""Between orbits that differ by less than this part of their b no power is told; one so near to one is one."""
 STANDS_STILL, AT_AN_EQUILIBRIUM = 1e-7, 1e-4
 """A parameter that has changed by less than this, in lambda; a cycle that somewhere moves by less than this part of its
 range in a period."""
@@ -198,10 +196,7 @@ def law_of(values: Sequence[float], b: Sequence[float] | Array) -> PowerLaw | No
 
 
 def polynomial_law(values: Sequence[float], b: Array) -> PowerLaw:
-    """The law of a parameter that goes like a polynomial of what tends to zero, from values (m,) and b (m,).
-
-    Next to a stop all is linear but for terms of higher order: known better, and sooner, than by any power.
-    """
+    """The law of a parameter that is a polynomial of what tends to zero: known better, and sooner, than by a power."""
 
     def at_zero(lam: Array, b: Array) -> float:
         others = ~np.eye(b.size, dtype=bool)
@@ -248,16 +243,13 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
     first = ranges(orbits[0])
     moves = first > 0
 
-    def largest(orbit: Orbit) -> float:
-        return float(np.max(ranges(orbit)[moves] / first[moves], initial=0.0))
-
-    def smallest(orbit: Orbit) -> float:
-        return float(np.min(ranges(orbit)[moves] / first[moves], initial=1.0))
+    def by(extreme: Any) -> Callable[[Orbit], float]:
+        return lambda orbit: float(extreme(ranges(orbit)[moves] / first[moves])) if moves.any() else 0.0
 
     unit = orbits[-1].problem.unit(vary)
     for size_of, sign, kind, words in (
-        (largest, 1, POINT_KIND, POINT), (largest, -1, "grows without bound", UNBOUNDED),
-        (smallest, 1, REST_KIND, TO_REST),
+        (by(np.max), 1, POINT_KIND, POINT), (by(np.max), -1, "grows without bound", UNBOUNDED),
+        (by(np.min), 1, REST_KIND, TO_REST),
     ):  # fmt: skip
         last = size_of(orbits[-1])
         if not last > 0 or last**sign > (BARELY_SHRUNK if stuck else MUCH_SMALLER):
@@ -268,10 +260,10 @@ def _scaled(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | None:
         if kind == REST_KIND and not (len(four) == 4 and four[-1].period > (1 + SPACED) * four[0].period):
             continue  # one state passes zero
         law = law_of(values, b) if len(four) == 4 else None
-        if kind == REST_KIND and law is not None and abs(law.power - 1) < NEARLY_ONE:
-            law = polynomial_law(values, b)
         if kind == REST_KIND and law is None and last <= NOT_SMALLER:
             return End(kind, AS_GOOD_AS_REST.format(name=vary, value=f"{values[-1]:.6g}", part=f"{last:.1g}"))
+        if kind == REST_KIND and law is not None and abs(law.power - 1) < NEARLY_ONE:
+            law = polynomial_law(values, b)
         unknown = max((orbit.parameter_error for orbit in four), default=math.inf) * abs(unit)
         enough = max(WELL_KNOWN * unit, unknown if kind == REST_KIND else 0.0)
         if law is None or not (stuck or law.error <= enough or b[-1] <= NOT_SMALLER):
@@ -329,9 +321,8 @@ def _takes_for_ever(orbits: Sequence[Orbit], vary: str, stuck: bool) -> End | No
     """The end at which the period tends to infinity, the cycle coming up to an equilibrium."""
     before, last = orbits[-2:]
     value = parameter_value(last, vary)
-    if abs(before.problem.distance(vary, value)) > (NEARLY_STILL if stuck else STANDS_STILL):
-        return None
-    if not last.period > before.period:
+    moved = abs(before.problem.distance(vary, value))
+    if moved > (NEARLY_STILL if stuck else STANDS_STILL) or not last.period > before.period:
         return None
     slowest, mode, event = _slowest(last)
     if not slowest < (NEXT_TO_ONE if stuck else AT_AN_EQUILIBRIUM):

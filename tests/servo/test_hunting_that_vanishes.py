@@ -81,5 +81,5 @@ def test_a_state_that_passes_zero_is_no_rest():
 
 @pytest.mark.slow
 def test_the_gain_as_a_remedy():
-    (gain,) = remedies(falling(), only=["gain"]).cures
+    (gain,) = remedies(falling(), only=["gain"]).remedies
     assert gain.kind == "comes to rest" and abs(gain.size - ends_at(falling())) <= gain.size_error < 1e-6
