@@ -48,7 +48,7 @@ def test_the_gain_at_which_hunting_shrinks_to_nothing(values):
     loop = falling(**values)
     end, truth = find_fold(loop), ends_at(loop)
     assert isinstance(end, Vanishing)
-    assert abs(end.value - truth) <= end.absolute_error < 1e-8
+    assert abs(end.value - truth) <= end.absolute_error < 1e-9
     assert stable_ranges(end, loop)[-1][1] == end.value
 
 
@@ -64,7 +64,7 @@ def test_what_that_gain_hangs_on():
 def test_a_branch_that_comes_to_rest():
     branch = follow(find_orbit(falling()), "gain", to=3.0)
     assert branch.end.kind == "comes to rest" and not branch.special and not branch.missed
-    assert abs(branch.end.value - ends_at(falling())) <= branch.end.error < 1e-8
+    assert abs(branch.end.value - ends_at(falling())) <= branch.end.error < 1e-9
     assert (branch.end.exponent, branch.end.period_exponent) == pytest.approx((1.0, -1.0), abs=0.01)
 
 
