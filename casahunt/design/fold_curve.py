@@ -19,7 +19,7 @@ import numpy as np
 
 from ..axis_units import in_its_units
 from ..checks import choice_of, require, shown
-from ..continuation import Axis, SpecialOrbit, special_walk
+from ..continuation import Axis, SpecialOrbit, Vanishing, special_walk
 from ..errors import InputError, NoOrbit, Status
 from ..export import Columns, columns_from
 from ..orbits import Options
@@ -276,7 +276,11 @@ class _FoldCurveTask:
         there: Any = self.at(c)
         if self.axis.vary not in there.names:
             raise NoOrbit(f"there is no such part of {there.name}", Status.NOT_FOUND)
-        return find_fold(there, cast(Any, self.model), vary=self.fold_in, options=self.options).orbit
+        fold = find_fold(there, cast(Any, self.model), vary=self.fold_in, options=self.options)
+        if isinstance(fold, Vanishing):
+            what = f"hunting of the {there.name} ends at {self.fold_in} = {fold.value:.6g} without a fold"
+            raise NoOrbit(f"{what}, its swings shrink to nothing: there is no curve of folds", Status.NOT_FOUND)
+        return fold.orbit
 
     def along(self, orbit: Any, sense: float) -> Specials:
         """The folds from one on, itself the first; that raises NoOrbit where there is no way on."""

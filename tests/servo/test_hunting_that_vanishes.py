@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from casahunt import find_fold, find_orbit, remedies
+from casahunt import find_fold, find_orbit, fold_curve, remedies
 from casahunt.continuation import Vanishing, follow
 from casahunt.errors import NoOrbit
 from casahunt.servo.parts import INERTIA, INTEGRATOR, PID_BY_TIMES, WITH_EXPONENT, Loop
@@ -40,7 +40,7 @@ def stops_at(loop, gain):
 
 
 def ends_at(loop):
-    return brentq(lambda gain: stops_at(loop, gain) - 1, 0.5, 1.4, xtol=1e-13)
+    return brentq(lambda gain: stops_at(loop, gain) - 1, 0.5, 1.6, xtol=1e-13)
 
 
 @pytest.mark.parametrize("values", [{}, {"viscous": 0.6}, {"static": 0.5, "stribeck_velocity": 0.015}])
@@ -83,3 +83,8 @@ def test_a_state_that_passes_zero_is_no_rest():
 def test_the_gain_as_a_remedy():
     (gain,) = remedies(falling(), only=["gain"]).remedies
     assert gain.kind == "comes to rest" and abs(gain.size - ends_at(falling())) <= gain.size_error < 1e-6
+
+
+def test_there_is_no_curve_of_folds():
+    with pytest.raises(NoOrbit, match="without a fold, its swings shrink to nothing"):
+        fold_curve(falling(), None, vary="viscous", start=0.1, end=0.2)
